@@ -1,0 +1,41 @@
+"""eig3: explicit integration of second-order systems u'' = f(t, u, u') in compiled loops."""
+
+import importlib
+from typing import Any
+
+from ._version import __version__
+from .callbacks import jit
+from .integrate import IntegrationError, integrate
+from .methods import AB2, AB3, EIG3, METHODS, RK2, RK3, RK4, CentralDifference, Method
+from .problem import Problem
+from .solution import Solution, Status
+from .stepper import Stepper
+
+__all__ = [
+    "AB2",
+    "AB3",
+    "EIG3",
+    "METHODS",
+    "RK2",
+    "RK3",
+    "RK4",
+    "CentralDifference",
+    "IntegrationError",
+    "Method",
+    "Problem",
+    "Solution",
+    "Status",
+    "Stepper",
+    "__version__",
+    "integrate",
+    "jit",
+    "problems",
+    "stability",
+]
+
+
+def __getattr__(name: str) -> Any:
+    # Loaded when first asked for, so that importing eig3 stays quick.
+    if name in ("problems", "stability"):
+        return importlib.import_module(f"eig3.{name}")
+    raise AttributeError(f"module 'eig3' has no attribute {name!r}")

@@ -1,0 +1,88 @@
+"""The user's compiled functions: the decorator for them, and the checks before a kernel sees one."""
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaError
+
+from .kernels.jit import OPTIONS, SCALAR, VECTOR, Form
+
+#: ``numba.njit`` with the options of the kernels: multiply-adds fused, division by zero gives infinity, no GIL.
+#: Right-hand sides decorated with plain ``numba.njit`` work too, a little slower. Takes njit's other options.
+jit = functools.partial(numba.njit, **OPTIONS)
+
+_ARGUMENTS = {
+    ("rhs", SCALAR): "(t, u, v, p) -> a",
+    ("rhs", VECTOR): "(t, u, v, p, a), writing a",
+    ("jacobian", SCALAR): "(t, u, v, p) -> df/dv",
+    ("jacobian", VECTOR): "(t, u, v, p, J), writing J",
+}
+_INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
+
+
+def check_callback(function: Any, kind: str, form: Form, name: str | None = None) -> Any:
+    """Return `function` compiled for the fixed signature of its kind, or say in a sentence what is wrong with it.
+
+    Parameters
+    ----------
+    function
+        What the user gave.
+    kind : {"rhs", "jacobian", "invariant"}
+    form : Form
+    name : str, optional
+        What to call it in errors; `kind` if not given.
+
+    Raises
+    ------
+    TypeError
+    """
+    name = name or kind
+    wanted = _ARGUMENTS.get((kind, form), _INVARIANT_ARGUMENTS)
+    signature = getattr(form, kind)
+    if not isinstance(function, Dispatcher):
+        if callable(function):
+            raise TypeError(f"{name} must be compiled: decorate it with @numba.njit.")
+        raise TypeError(f"{name} must be a function decorated with @numba.njit, not {type(function).__name__}.")
+    _check_arguments(function.py_func, name, kind, form, wanted, len(signature.args))
+    try:
+        function.compile(signature.args)
+        returned = function.overloads[signature.args].signature.return_type
+    except (NumbaError, KeyError, RuntimeError) as error:
+        raise TypeError(f"{name} does not compile for the arguments {wanted}: {_gist(error)}") from error
+    if returned != signature.return_type:
+        raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
+    return function
+
+
+def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:
+    given = len(inspect.signature(function).parameters)
+    if given == count:
+        return
+    other = SCALAR if form is VECTOR else VECTOR
+    if kind == "rhs" and given == len(other.rhs.args):
+        u0 = "a number" if form is SCALAR else "an array"
+        raise TypeError(
+            f"rhs has the {other.name} form {_ARGUMENTS[kind, other]}, but u0 is {u0}; give u0 as "
+            f"{'an array' if form is SCALAR else 'a number'}, or write rhs as {wanted}."
+        )
+    raise TypeError(f"{name} takes {given} arguments, but must take {count}: {wanted}.")
+
+
+def _described(returned: Any) -> str:
+    if isinstance(returned, numba.types.NoneType):
+        return "nothing"
+    hint = "; return a float such as 0.0" if isinstance(returned, numba.types.Integer | numba.types.Literal) else ""
+    return f"{returned}{hint}"
+
+
+def _gist(error: Exception) -> str:
+    """Numba's reason without the pages around it, which stay in the chained exception."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    for line in lines:
+        if not line.startswith(("Failed in", "No implementation of function Function(<built-in", "[1]")):
+            return line
+    return lines[0] if lines else type(error).__name__

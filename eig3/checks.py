@@ -1,0 +1,84 @@
+"""What a run is given, checked before anything runs: each error names the argument and what it should be."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .kernels.jit import SCALAR, VECTOR, Form
+from .methods import METHODS, Method
+
+
+def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
+    """u0 and v0 as two floats or two new arrays, and the form of right-hand side that goes with them."""
+    u, v = _reals(u0, "u0"), _reals(v0, "v0")
+    if u.ndim > 1:
+        raise ValueError(f"u0 must be a number or a 1-D array, not an array of shape {u.shape}.")
+    if u.shape != v.shape:
+        raise ValueError(f"u0 and v0 must have the same shape, not {u.shape} and {v.shape}.")
+    if u.size == 0:
+        raise ValueError("u0 must hold at least one degree of freedom, but it is empty.")
+    for name, array in (("u0", u), ("v0", v)):
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite, but it holds {array[~np.isfinite(array)].flat[0]}.")
+    return (float(u), float(v), SCALAR) if u.ndim == 0 else (u, v, VECTOR)
+
+
+def check_params(params: ArrayLike) -> np.ndarray:
+    """The parameters as a new 1-D array."""
+    p = np.atleast_1d(_reals(params, "params"))
+    if p.ndim > 1:
+        raise ValueError(f"params must be a number or a 1-D sequence, not an array of shape {p.shape}.")
+    return p
+
+
+def check_span(t_span: Sequence[float]) -> tuple[float, float]:
+    """The two ends of the time span."""
+    ends = _reals(t_span, "t_span")
+    if ends.shape != (2,):
+        raise ValueError(f"t_span must be the two times (t0, t1), not {t_span!r}.")
+    t0, t1 = ends.tolist()
+    if not (math.isfinite(t0) and math.isfinite(t1)):
+        raise ValueError(f"t_span must be finite, not ({t0}, {t1}).")
+    if not t1 > t0:
+        raise ValueError(f"t_span must end after it starts, but it is ({t0}, {t1}).")
+    return t0, t1
+
+
+def check_h(h: float) -> float:
+    """The step as a float."""
+    step = _reals(h, "h")
+    if step.ndim != 0 or not (math.isfinite(step) and step > 0):
+        raise ValueError(f"h must be a positive, finite number of time units, not {h!r}.")
+    return float(step)
+
+
+def check_count(value: Any, name: str) -> int:
+    """A whole number of at least 1."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise ValueError(f"{name} must be a whole number of at least 1, not {value!r}.")
+    return int(value)
+
+
+def check_method(method: str | Method) -> Method:
+    """The record of a method given by name or as a record."""
+    if isinstance(method, Method):
+        return method
+    if isinstance(method, type) and issubclass(method, Method):
+        return method()
+    if isinstance(method, str) and method.lower() in METHODS:
+        return METHODS[method.lower()]()
+    raise ValueError(f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {method!r}.")
+
+
+def _reals(value: Any, name: str) -> np.ndarray:
+    """A new contiguous array of float64."""
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "buif":
+            raise TypeError
+        return np.array(array, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be made of real numbers, not {value!r}.") from None

@@ -1,0 +1,277 @@
+"""The run of a whole time history: native chunks under a Python loop that watches them."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .callbacks import check_callback
+from .checks import check_count, check_h, check_method, check_span, check_state
+from .history import History
+from .interrupt import deferred_interrupt
+from .kernels import invariant as invariant_loops
+from .kernels.jit import invariant_kernel
+from .methods import Method
+from .solution import Solution, Status
+from .stepper import Stepper
+
+_CHUNK_SECONDS = 0.1  # between looks at Ctrl-C and for divergence
+_CHUNK_GROWTH = 16
+_SCRATCH_VALUES = 2**19  # of one array of states on which only invariants are evaluated: 4 MB, to stay in cache
+
+
+class IntegrationError(RuntimeError):
+    """A run that did not complete, raised on request; `solution` holds what was computed."""
+
+    def __init__(self, solution: Solution) -> None:
+        super().__init__(solution.message)
+        self.solution = solution
+
+
+def integrate(
+    rhs: Any,
+    t_span: Sequence[float],
+    u0: ArrayLike,
+    v0: ArrayLike,
+    *,
+    h: float,
+    params: ArrayLike = (),
+    method: str | Method = "eig3",
+    save_every: int | None = 1,
+    invariants: Mapping[str, Any] | None = None,
+    inline: bool = False,
+    progress: bool = False,
+    raise_on_failure: bool = False,
+) -> Solution:
+    """Integrate u'' = f(t, u, v) at a fixed step, the whole time history in compiled code.
+
+    Parameters
+    ----------
+    rhs : jitted function
+        The acceleration: ``f(t, u, v, p) -> a`` for one degree of freedom, ``f(t, u, v, p, a)`` writing every a[j] for
+        n. Decorate it with ``@eig3.jit`` or ``@numba.njit``. It must not change u, v or p.
+    t_span : (float, float)
+        First and last time.
+    u0, v0 : float or array_like, shape (n,)
+        Displacement and velocity at the first time. A float picks the first form of rhs, an array the second.
+    h : float
+        The step. One that does not divide the span is shrunk so that the last step lands on its end.
+    params : float or array_like
+        What rhs gets as p, a float64 array of one dimension.
+    method : str or Method
+        "eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3", or a record such as ``EIG3(alpha=1.2)``.
+    save_every : int or None
+        Keep every so many-th state and the last; None keeps the two ends.
+    invariants : dict of str to jitted function, optional
+        ``e(t, u, v, p) -> float``, evaluated natively at every step, whatever is saved.
+    inline : bool
+        Compile the loop anew with rhs inlined: for long runs; costs about a second of compiling in each process.
+    progress : bool
+        Show a progress bar (needs tqdm).
+    raise_on_failure : bool
+        Raise `IntegrationError` where the run does not complete.
+
+    Returns
+    -------
+    Solution
+        A run that becomes non-finite ends as DIVERGED and keeps its finite part; one whose implicit solve fails ends as
+        NOT_CONVERGED; Ctrl-C ends it as INTERRUPTED, with what was computed.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For bad arguments, before anything runs.
+    MemoryError
+        When the history would not fit in memory.
+    IntegrationError
+        With `raise_on_failure`.
+
+    Notes
+    -----
+    An exception raised by rhs comes through, with the part of the run before it as its attribute `solution`.
+    """
+    t0, t1 = check_span(t_span)
+    n_steps, h = divide(t1 - t0, check_h(h))
+    u, v, form = check_state(u0, v0)
+    method = check_method(method)
+    every = n_steps if save_every is None else min(check_count(save_every, "save_every"), n_steps)
+    bar = _progress_bar(progress, n_steps)
+    history = History(n_steps, every, u, v)
+    stepper = Stepper(rhs, u, v, h=h, t0=t0, params=params, method=method, inline=inline)
+    watches = [_Watch(name, function, stepper) for name, function in (invariants or {}).items()]
+    solution = _run(stepper, n_steps, history, watches, bar)
+    if solution.success:
+        solution.t[-1] = t1  # which t0 + n h meets to round-off only
+    elif raise_on_failure:
+        raise IntegrationError(solution)
+    return solution
+
+
+def divide(span: float, h: float) -> tuple[int, float]:
+    """The number of steps of at most `h` that fill `span`, and their length."""
+    ratio = span / h
+    if not ratio < 2**53:
+        raise ValueError(f"h must be at least {span / 2**53:.3g} for this t_span, so that steps can be counted, not {h}.")
+    # a step that divides the span but for round-off must not take one more step
+    n_steps = max(1, math.ceil(ratio * (1 - 1e-12)))
+    return n_steps, span / n_steps
+
+
+def _run(stepper: Stepper, n_steps: int, history: History, watches: list["_Watch"], bar: Any) -> Solution:
+    status, message = Status.COMPLETED, "The run reached the end of its span."
+    count = 1
+    with deferred_interrupt() as interrupt, bar:
+        while stepper.index < n_steps:
+            count = min(count, n_steps - stepper.index)
+            if watches and history.every > 1:
+                count = min(count, max(1, _SCRATCH_VALUES // np.size(stepper.u)))
+            before = stepper.fork()
+            try:
+                taken = _advance(stepper, count, history, watches)
+            except Exception as error:
+                message = f"The right-hand side raised {type(error).__name__} after t = {before.t:g}."
+                error.solution = _finish(before, history, watches, Status.INTERRUPTED, message)  # type: ignore[attr-defined]
+                raise
+            if not stepper.is_finite:
+                stepper, message = _before_divergence(before, stepper)
+                status = Status.DIVERGED
+            elif taken < count:
+                status, message = _failed_solve(stepper)
+            elif interrupt.raised and stepper.index < n_steps:
+                status, message = Status.INTERRUPTED, f"The run was interrupted at t = {stepper.t:g}."
+            bar.update(stepper.index - before.index)
+            if status is not Status.COMPLETED:
+                break
+            count = _next_count(count, stepper.seconds - before.seconds)
+    return _finish(stepper, history, watches, status, message)
+
+
+def _advance(stepper: Stepper, count: int, history: History, watches: list["_Watch"]) -> int:
+    """Take `count` steps, keep the rows asked for, and follow the invariants over every one."""
+    first = stepper.index
+    u_rows, v_rows = history.window(first, count)
+    if not watches:
+        return stepper.advance(count, history.every, u_rows, v_rows)
+    if history.every == 1:
+        u_all, v_all = u_rows, v_rows
+    else:
+        u_all, v_all = (np.empty((count, *u_rows.shape[1:])) for _ in range(2))
+    taken = stepper.advance(count, 1, u_all, v_all)
+    if history.every > 1:
+        kept = slice(history.every - 1 - first % history.every, taken, history.every)
+        u_rows[: len(u_all[kept])], v_rows[: len(v_all[kept])] = u_all[kept], v_all[kept]
+    finite = taken if stepper.is_finite else _count_finite(u_all[:taken], v_all[:taken])
+    for watch in watches:
+        watch.follow(first + 1, u_all[:finite], v_all[:finite])
+    return taken
+
+
+def _count_finite(u_rows: np.ndarray, v_rows: np.ndarray) -> int:
+    finite = np.isfinite(u_rows) & np.isfinite(v_rows)
+    return int(np.argmin(finite.reshape(len(finite), -1).all(axis=1)))
+
+
+def _next_count(count: int, seconds: float) -> int:
+    if seconds * _CHUNK_GROWTH <= _CHUNK_SECONDS:
+        return count * _CHUNK_GROWTH
+    return max(1, int(count * _CHUNK_SECONDS / seconds))
+
+
+def _before_divergence(before: Stepper, after: Stepper) -> tuple[Stepper, str]:
+    """Bisect for the last finite state between two steppers; chunks agree bit for bit, so the search is exact."""
+    good, good_index, bad_index = before, before.index, after.index
+    while bad_index - good_index > 1:
+        middle = good.fork()
+        middle.advance((bad_index - good_index) // 2)
+        if middle.is_finite:
+            good, good_index = middle, middle.index
+        else:
+            bad_index = middle.index
+    bad = good.fork()
+    bad.advance(1)
+    good.seconds = after.seconds
+    finite = np.isfinite(bad.u) & np.isfinite(bad.v)
+    return good, _divergence_message(good, int(np.argmin(np.atleast_1d(finite))))
+
+
+def _divergence_message(stepper: Stepper, degree: int) -> str:
+    from .stability import limit
+
+    what = f"The run became non-finite at t = {stepper.t + stepper.h:g}, in degree of freedom {degree}, with h = {stepper.h:g}"
+    bound = limit(stepper.method)
+    if bound == 0:
+        return f"{what}; {stepper.method!r} is unstable for undamped oscillations at every step."
+    return (
+        f"{what}; {stepper.method!r} is stable for undamped oscillations up to omega h = {bound:.4g}, "
+        f"here omega = {bound / stepper.h:.4g}: a smaller h may hold."
+    )
+
+
+def _failed_solve(stepper: Stepper) -> tuple[Status, str]:
+    t = stepper.t + stepper.h
+    if not math.isfinite(stepper.residual):
+        return Status.DIVERGED, _divergence_message(stepper, 0)
+    return Status.NOT_CONVERGED, (
+        f"The solve for the velocity did not converge at t = {t:g}: its residual is {stepper.residual:.3g} after "
+        f"max_iterations; a smaller h, a looser tol or solver='newton' may help."
+    )
+
+
+def _finish(
+    stepper: Stepper, history: History, watches: list["_Watch"], status: Status, message: str
+) -> Solution:
+    t, u, v = history.close(stepper)
+    return Solution(
+        t=t,
+        u=u,
+        v=v,
+        h=stepper.h,
+        n_steps=stepper.index,
+        n_rhs=stepper.n_rhs,
+        n_newton=stepper.n_iterations,
+        status=status,
+        message=message,
+        kernel_seconds=stepper.seconds,
+        method=stepper.method,
+        drift={watch.name: watch.drift for watch in watches},
+    )
+
+
+class _Watch:
+    """An invariant followed along a run."""
+
+    def __init__(self, name: str, function: Any, stepper: Stepper) -> None:
+        self.name = name
+        self.drift = 0.0
+        self._function = check_callback(function, "invariant", stepper.form, f"invariants[{name!r}]")
+        self._kernel = invariant_kernel(getattr(invariant_loops, stepper.form.name), stepper.form)
+        self._start = self._function(stepper.t0, stepper.u, stepper.v, stepper.params)
+        self._context = (stepper.t0, stepper.h, stepper.params)
+
+    def follow(self, first: int, u_rows: np.ndarray, v_rows: np.ndarray) -> None:
+        """Take in the states of the step indices from `first`."""
+        worst = self._kernel(self._function, self._start, *self._context, first, u_rows, v_rows)
+        self.drift = float(np.maximum(self.drift, worst))  # np.maximum keeps a NaN
+
+
+class _NoBar:
+    def __enter__(self) -> "_NoBar":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def update(self, steps: int) -> None:
+        pass
+
+
+def _progress_bar(progress: bool, n_steps: int) -> Any:
+    if not progress:
+        return _NoBar()
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+        raise ImportError("progress=True needs tqdm: pip install tqdm.") from None
+    return tqdm(total=n_steps, unit="step", unit_scale=True)

@@ -1,0 +1,203 @@
+"""The methods as records: what each is called, costs and promises, and which kernel runs it."""
+
+import importlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, ClassVar
+
+from .kernels.jit import Form
+
+
+class Method:
+    """What every method's record tells.
+
+    Attributes
+    ----------
+    name : str
+        The short name that stands for the record's defaults in `eig3.integrate`.
+    label : str
+        The name in tables and pictures.
+    order : int
+        The order of convergence.
+    evaluations : int or None
+        Right-hand-side evaluations a step; None where an iteration decides.
+    kernel : str
+        The file of `eig3.kernels` that holds the method.
+    """
+
+    name: ClassVar[str]
+    label: ClassVar[str]
+    order: int
+    evaluations: int | None = 1
+    kernel: str
+    jacobian: Callable | None = None
+    ignores_velocity: bool = False
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """The numbers the kernel needs of the record."""
+        return ()
+
+    @property
+    def module(self) -> ModuleType:
+        """The module of the kernel, imported when first asked for."""
+        return importlib.import_module(f"eig3.kernels.{self.kernel}")
+
+    def function(self, form: Form) -> Callable:
+        """The kernel for a form of right-hand side, as plain Python."""
+        return getattr(self.module, form.name + ("" if self.jacobian is None else "_jacobian"))
+
+
+@dataclass(frozen=True)
+class EIG3(Method):
+    """Explicit integration of grade 3: one evaluation a step, explicit for every force.
+
+    Parameters
+    ----------
+    alpha, beta : float
+        Weights of a_n - a_{n-1} in the displacement and in the velocity. The order is 2 for beta = 1/2 and else 1.
+        (1, 1/2) has no numerical damping and the largest stable step among the sets of second order, omega h < 2 undamped; with beta = 1/2 a larger
+        alpha damps the high frequencies, and a smaller one is unstable for every step.
+    """
+
+    alpha: float = 1.0
+    beta: float = 0.5
+    name: ClassVar[str] = "eig3"
+    label: ClassVar[str] = "EIG-3"
+    kernel: ClassVar[str] = "eig3"
+
+    def __post_init__(self) -> None:
+        for name, value in (("alpha", self.alpha), ("beta", self.beta)):
+            if not math.isfinite(value):
+                raise ValueError(f"{name} must be a finite number, not {value}.")
+
+    @property
+    def order(self) -> int:  # type: ignore[override]
+        return 2 if self.beta == 0.5 else 1
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        return float(self.alpha), float(self.beta)
+
+
+@dataclass(frozen=True)
+class CentralDifference(Method):
+    """Central difference: the classical explicit method of structural dynamics, implicit where f depends on velocity.
+
+    Parameters
+    ----------
+    velocity : {"implicit", "none", "lagged"}
+        "implicit" solves v = w + h/2 f(t, u, v) at every step: second order for every force. "none" is for a force
+        without velocity: one evaluation and no solve. "lagged" gives f the velocity of half a step before: explicit, but
+        of first order only, and there to be shown rather than preferred.
+    solver : {"newton", "fixed-point"}
+        How "implicit" solves. Newton's method converges also where h df/dv is large; fixed-point iteration is cheaper
+        where it is small.
+    jacobian : jitted function, optional
+        df/dv for Newton's method: ``jacobian(t, u, v, p, J)``, writing the entries of the n x n array J, which come
+        zeroed; or ``jacobian(t, u, v, p) -> float`` for one degree of freedom. Without it, differences of f.
+    tol : float
+        The iteration ends when the residual of v is below tol (|v| + |w|), in the maximum norm.
+    max_iterations : int
+        Iterations in one step before the run ends as NOT_CONVERGED.
+    """
+
+    velocity: str = "implicit"
+    solver: str = "newton"
+    jacobian: Callable | None = None
+    tol: float = 1e-12
+    max_iterations: int = 50
+    name: ClassVar[str] = "cd"
+    label: ClassVar[str] = "CD"
+
+    def __post_init__(self) -> None:
+        if self.velocity not in ("implicit", "none", "lagged"):
+            raise ValueError(f"velocity must be 'implicit', 'none' or 'lagged', not {self.velocity!r}.")
+        if self.solver not in ("newton", "fixed-point"):
+            raise ValueError(f"solver must be 'newton' or 'fixed-point', not {self.solver!r}.")
+        if self.jacobian is not None and self.kernel != "cd_newton":
+            raise ValueError("jacobian is used by velocity='implicit' with solver='newton' only; leave it out.")
+        if not 0 < self.tol < 1:
+            raise ValueError(f"tol must be between 0 and 1, not {self.tol}.")
+        if not self.max_iterations >= 1:
+            raise ValueError(f"max_iterations must be at least 1, not {self.max_iterations}.")
+
+    @property
+    def kernel(self) -> str:  # type: ignore[override]
+        if self.velocity != "implicit":
+            return "cd"
+        return "cd_newton" if self.solver == "newton" else "cd_fixed_point"
+
+    @property
+    def order(self) -> int:  # type: ignore[override]
+        return 1 if self.velocity == "lagged" else 2
+
+    @property
+    def evaluations(self) -> int | None:  # type: ignore[override]
+        return None if self.velocity == "implicit" else 1
+
+    @property
+    def ignores_velocity(self) -> bool:  # type: ignore[override]
+        return self.velocity == "none"
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        return float(self.tol), float(self.max_iterations)
+
+
+@dataclass(frozen=True)
+class RK2(Method):
+    """Heun's method, the Runge-Kutta method of the article: two evaluations a step, unstable without damping."""
+
+    name: ClassVar[str] = "rk2"
+    label: ClassVar[str] = "RK2"
+    kernel: ClassVar[str] = "rk2"
+    order: ClassVar[int] = 2
+    evaluations: ClassVar[int] = 2
+
+
+@dataclass(frozen=True)
+class RK3(Method):
+    """Kutta's third-order method: three evaluations a step, stable undamped up to omega h = sqrt 3."""
+
+    name: ClassVar[str] = "rk3"
+    label: ClassVar[str] = "RK3"
+    kernel: ClassVar[str] = "rk3"
+    order: ClassVar[int] = 3
+    evaluations: ClassVar[int] = 3
+
+
+@dataclass(frozen=True)
+class RK4(Method):
+    """The classical Runge-Kutta method: four evaluations a step, stable undamped up to omega h = 2 sqrt 2."""
+
+    name: ClassVar[str] = "rk4"
+    label: ClassVar[str] = "RK4"
+    kernel: ClassVar[str] = "rk4"
+    order: ClassVar[int] = 4
+    evaluations: ClassVar[int] = 4
+
+
+@dataclass(frozen=True)
+class AB2(Method):
+    """Adams-Bashforth of second order: one evaluation a step, unstable without damping."""
+
+    name: ClassVar[str] = "ab2"
+    label: ClassVar[str] = "AB2"
+    kernel: ClassVar[str] = "ab2"
+    order: ClassVar[int] = 2
+
+
+@dataclass(frozen=True)
+class AB3(Method):
+    """Adams-Bashforth of third order: one evaluation a step, stable undamped up to omega h = 0.7236."""
+
+    name: ClassVar[str] = "ab3"
+    label: ClassVar[str] = "AB3"
+    kernel: ClassVar[str] = "ab3"
+    order: ClassVar[int] = 3
+
+
+METHODS: dict[str, Any] = {record.name: record for record in (EIG3, CentralDifference, RK2, RK3, RK4, AB2, AB3)}

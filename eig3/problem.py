@@ -1,0 +1,69 @@
+"""A second-order initial value problem with what is known of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from .checks import check_method
+from .integrate import integrate
+from .methods import CentralDifference, Method
+from .solution import Solution
+from .stepper import Stepper
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A second-order initial value problem with what is known of it.
+
+    Attributes
+    ----------
+    name : str
+    rhs : jitted function
+        The acceleration, in one of the two forms of `eig3.integrate`.
+    u0, v0 : float or array_like, shape (n,)
+        Displacement and velocity at ``t_span[0]``.
+    params : array_like
+        What rhs and energy get as p.
+    t_span : (float, float)
+    energy : jitted function, optional
+        ``energy(t, u, v, p) -> float``, constant along the exact solution: the invariant "energy" of `integrate`.
+    exact : callable, optional
+        ``exact(t) -> (u, v)`` for an array of times.
+    uses_velocity : bool
+        Whether rhs reads v. Where it does not, the method "cd" takes its form of one evaluation a step.
+    source : str
+        Where the problem comes from.
+    """
+
+    name: str
+    rhs: Any
+    u0: ArrayLike
+    v0: ArrayLike
+    params: ArrayLike
+    t_span: tuple[float, float]
+    energy: Any = None
+    exact: Callable | None = None
+    uses_velocity: bool = True
+    source: str = ""
+
+    def integrate(
+        self, *, h: float, method: str | Method = "eig3", t_end: float | None = None, **options: Any
+    ) -> Solution:
+        """Run the problem; `options` are those of `eig3.integrate`, and `invariants` replaces the energy."""
+        options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
+        span = (self.t_span[0], self.t_span[1] if t_end is None else t_end)
+        method = self.method(method)
+        return integrate(self.rhs, span, self.u0, self.v0, h=h, params=self.params, method=method, **options)
+
+    def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False) -> Stepper:
+        """The problem at its start, prepared to advance."""
+        options: dict[str, Any] = {"t0": self.t_span[0], "params": self.params, "inline": inline}
+        return Stepper(self.rhs, self.u0, self.v0, h=h, method=self.method(method), **options)
+
+    def method(self, method: str | Method) -> Method:
+        """The record for this problem: "cd" by name takes its explicit form where rhs does not read v."""
+        if isinstance(method, str) and method.lower() == CentralDifference.name and not self.uses_velocity:
+            return CentralDifference(velocity="none")
+        return check_method(method)

@@ -1,0 +1,117 @@
+"""What a run returns."""
+
+import enum
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .methods import Method
+
+
+class Status(enum.Enum):
+    """How a run ended."""
+
+    COMPLETED = "completed"
+    DIVERGED = "diverged"
+    NOT_CONVERGED = "not converged"
+    INTERRUPTED = "interrupted"
+
+
+@dataclass(repr=False, eq=False)
+class Solution:
+    """The history of a run, and what it cost.
+
+    Attributes
+    ----------
+    t : ndarray, shape (m,)
+        Times of the saved states.
+    u, v : ndarray, shape (m,) or (m, n)
+        Displacements and velocities.
+    h : float
+        The step used: that asked for, shrunk where it does not divide the span.
+    n_steps : int
+        Steps taken.
+    n_rhs : int
+        Evaluations of the right-hand side, with the one at the start.
+    n_newton : int
+        Iterations of CD's solver.
+    status : Status
+    message : str
+        What happened, in a sentence.
+    drift : dict of str to float
+        For each invariant, max |e_n - e_0| over every step.
+    kernel_seconds : float
+        Time inside the stepping kernel: no compiling, no invariants.
+    method : Method
+    """
+
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    h: float
+    n_steps: int
+    n_rhs: int
+    n_newton: int
+    status: Status
+    message: str
+    kernel_seconds: float
+    method: Method
+    drift: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def success(self) -> bool:
+        """Whether the run reached the end of its span."""
+        return self.status is Status.COMPLETED
+
+    def at(self, t: ArrayLike) -> tuple[Any, Any]:
+        """Interpolate between the saved states by cubic Hermite polynomials.
+
+        Parameters
+        ----------
+        t : float or array_like
+            Times within the span that was integrated.
+
+        Returns
+        -------
+        u, v : float or ndarray
+            Displacement and velocity, of shape ``t.shape`` or ``t.shape + (n,)``. The error of u is of fourth order in
+            the distance of the saved states, that of v, the derivative of the polynomial, of third.
+
+        Raises
+        ------
+        ValueError
+            For times outside the span.
+        """
+        times = np.asarray(t, dtype=np.float64)
+        if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
+            raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
+        if len(self.t) == 1:
+            u, v = np.broadcast_to(self.u[0], times.shape + self.u.shape[1:]).copy(), self.v[0] + 0 * times
+            return (u, v) if times.ndim or self.u.ndim > 1 else (float(u), float(v))
+        left = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
+        length = self.t[left + 1] - self.t[left]
+        s = (times - self.t[left]) / length
+        if self.u.ndim > 1:
+            s, length = s[..., None], length[..., None]
+        u0, u1 = self.u[left], self.u[left + 1]
+        v0, v1 = self.v[left], self.v[left + 1]
+        rise = u1 - u0
+        u = u0 + s * (length * v0 + s * (3 * rise - length * (2 * v0 + v1) + s * (length * (v0 + v1) - 2 * rise)))
+        v = v0 + s * (2 * (3 * rise / length - 2 * v0 - v1) + s * 3 * (v0 + v1 - 2 * rise / length))
+        return u, v
+
+    def __repr__(self) -> str:
+        per_step = 1e9 * self.kernel_seconds / self.n_steps if self.n_steps else 0.0
+        dof = "1 degree" if self.u.ndim == 1 else f"{self.u.shape[1]} degree{'s' * (self.u.shape[1] > 1)}"
+        lines = [
+            f"Solution by {self.method!r}: {self.status.value}",
+            f"  {dof} of freedom, t = {self.t[0]:g} to {self.t[-1]:g}, {self.n_steps} steps of h = {self.h:.6g}, "
+            f"{len(self.t)} states saved",
+            f"  {self.n_rhs} evaluations{f', {self.n_newton} iterations' * (self.n_newton > 0)}, "
+            f"{self.kernel_seconds:.3g} s in the kernel ({per_step:.3g} ns a step)",
+        ]
+        lines += [f"  drift of {name}: {value:.4g}" for name, value in self.drift.items()]
+        lines += [f"  {self.message}"] * (not self.success)
+        return "\n".join(lines)

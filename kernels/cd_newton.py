@@ -1,0 +1,177 @@
+"""CD, the central difference method, for a force that depends on velocity: v_n by Newton's method.
+
+    w_{n+1} = 2 v_n - w_n        u_{n+1} = u_n + h w_{n+1}        solve  v = w + h/2 f(t, u, v)  for v_{n+1}
+
+with w_n = (u_n - u_{n-1}) / h, so that u_{n+1} = u_{n-1} + 2 h v_n. Newton starts from the last step's v and factorises
+I - h/2 df/dv by LDU with rook pivoting, as the article does. df/dv is the caller's `jacobian`, or differences of f. The
+residual that passes the tolerance is put to use: the last factors correct v once more, at no evaluation. Without it the
+errors below the tolerance, all of one sign, add up over 1e7 steps.
+
+`tally` counts evaluations and iterations, and holds the last residual: not finite where the run has diverged.
+"""
+
+import math
+
+import numpy as np
+
+from . import ldu
+from .jit import element
+from .march import march_scalar, march_vector
+
+SCRATCH = 6
+RELATIVE_INCREMENT = 2.0**-26  # the square root of the machine epsilon: balances truncation against round-off
+
+
+@element
+def move(u, v, w, h):
+    w = 2 * v - w
+    return u + h * w, w
+
+
+@element
+def increment(v, scale):
+    size = RELATIVE_INCREMENT * max(abs(v), scale)
+    return size if size > 0 else RELATIVE_INCREMENT
+
+
+@element
+def solve_scalar(f, jacobian, t, u, v, w, tolerance, limit, tally, h, p):
+    iteration = 0
+    slope = 0.0
+    while True:
+        a = f(t, u, v, p)
+        tally[0] += 1
+        residual = v - w - h / 2 * a
+        scale = abs(v) + abs(w)
+        tally[2] = abs(residual)
+        if iteration > 0 and abs(residual) <= tolerance * scale:
+            return v - residual / (1 - h / 2 * slope), True
+        if iteration >= limit or not math.isfinite(residual):
+            return v, False
+        if jacobian is None:
+            dv = increment(v, scale)
+            slope = (f(t, u, v + dv, p) - a) / dv
+            tally[0] += 1
+        else:
+            slope = jacobian(t, u, v, p)
+        v -= residual / (1 - h / 2 * slope)
+        iteration += 1
+        tally[1] += 1
+
+
+@element
+def solve_vector(f, jacobian, t, u, v, w, a, perturbed, residual, c, h, p):
+    tolerance, limit, tally, matrix, row_swaps, column_swaps = c[1:]
+    n = u.size
+    iteration = 0
+    while True:
+        f(t, u, v, p, a)
+        tally[0] += 1
+        norm_v = norm_w = norm_residual = total = 0.0
+        for j in range(n):
+            residual[j] = v[j] - w[j] - h / 2 * a[j]
+            norm_v, norm_w = max(norm_v, abs(v[j])), max(norm_w, abs(w[j]))
+            norm_residual = max(norm_residual, abs(residual[j]))
+            total += residual[j]
+        scale = norm_v + norm_w
+        tally[2] = norm_residual if math.isfinite(total) else math.nan  # max() may pass over a NaN
+        if iteration > 0 and tally[2] <= tolerance * scale:
+            correct(v, residual, matrix, row_swaps, column_swaps)
+            return True
+        if iteration >= limit or not math.isfinite(tally[2]):
+            return False
+        if jacobian is None:
+            differences(f, t, u, v, a, perturbed, scale, matrix, p)
+            tally[0] += n
+        else:
+            matrix[:] = 0.0
+            jacobian(t, u, v, p, matrix)
+        for i in range(n):
+            for j in range(n):
+                matrix[i, j] *= -h / 2
+            matrix[i, i] += 1
+        if not ldu.factorise(matrix, row_swaps, column_swaps):
+            return False
+        correct(v, residual, matrix, row_swaps, column_swaps)
+        iteration += 1
+        tally[1] += 1
+
+
+@element
+def correct(v, residual, matrix, row_swaps, column_swaps):
+    ldu.solve(matrix, row_swaps, column_swaps, residual)
+    for j in range(v.size):
+        v[j] -= residual[j]
+
+
+@element
+def differences(f, t, u, v, a, perturbed, scale, matrix, p):
+    for j in range(u.size):
+        kept = v[j]
+        v[j] += increment(kept, scale)
+        dv = v[j] - kept
+        f(t, u, v, p, perturbed)
+        v[j] = kept
+        for i in range(u.size):
+            matrix[i, j] = (perturbed[i] - a[i]) / dv
+
+
+@element
+def step_scalar(f, t, y, c, h, p):
+    u, v, w = y
+    jacobian, tolerance, limit, tally = c
+    u, w = move(u, v, w, h)
+    v, success = solve_scalar(f, jacobian, t + h, u, v, w, tolerance, limit, tally, h, p)
+    return (u, v, w), success
+
+
+@element
+def step_vector(f, t, y, c, h, p):
+    # The step is tried on copies: where Newton fails, the state stays what the last good step left.
+    u, v, w, u_next, v_next, w_next, a, perturbed, residual = y
+    for j in range(u.size):
+        u_next[j], w_next[j] = move(u[j], v[j], w[j], h)
+        v_next[j] = v[j]
+    if not solve_vector(f, c[0], t + h, u_next, v_next, w_next, a, perturbed, residual, c, h, p):
+        return False
+    for j in range(u.size):
+        u[j], v[j], w[j] = u_next[j], v_next[j], w_next[j]
+    return True
+
+
+def start(u, v, a, h):
+    return (v - h / 2 * a,)
+
+
+@element
+def run_scalar(f, jacobian, state, settings, tally, run):
+    y = state[0], state[1], state[2]
+    y, taken = march_scalar(step_scalar, f, y, (jacobian, settings[0], settings[1], tally), run)
+    state[0], state[1], state[2] = y
+    return taken
+
+
+@element
+def run_vector(f, jacobian, state, settings, tally, workspace, run):
+    y = state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8]
+    return march_vector(step_vector, f, y, (jacobian, settings[0], settings[1], tally, *workspace), run)
+
+
+def scalar(f, state, settings, tally, run):
+    return run_scalar(f, None, state, settings, tally, run)
+
+
+def scalar_jacobian(f, jacobian, state, settings, tally, run):
+    return run_scalar(f, jacobian, state, settings, tally, run)
+
+
+def vector(f, state, settings, tally, run):
+    n = state.shape[1]
+    workspace = np.empty((n, n)), np.empty(n, np.int64), np.empty(n, np.int64)
+    return run_vector(f, None, state, settings, tally, workspace, run)
+
+
+def vector_jacobian(f, jacobian, state, settings, tally, run):
+    n = state.shape[1]
+    workspace = np.empty((n, n)), np.empty(n, np.int64), np.empty(n, np.int64)
+    return run_vector(f, jacobian, state, settings, tally, workspace, run)

@@ -1,0 +1,107 @@
+"""Compiler options and the fixed signatures: the only place that knows either.
+
+A kernel is compiled in one of two modes. In pointer mode the right-hand side is an argument of a first-class function
+type, so that one compiled kernel, kept on disk, serves every right-hand side. In inline mode the same Python function is
+specialised for one right-hand side, which LLVM then inlines: the fastest loop, but compiled anew in every process.
+"""
+
+import functools
+import pathlib
+import types
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+from numba.types import Array, FunctionType, Tuple, float64, int64, none
+
+# "contract" lets LLVM fuse a*b + c; "nsz" ignores the sign of zero. Full fastmath would delete tests for NaN and infinity.
+# The NumPy error model makes 1/0 infinite: Python's raises, and the check for it keeps loops from being vectorised.
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+
+# What a kernel is built of. Without NRT no reference count is touched: counting the array arguments around a call
+# through a pointer, which LLVM cannot prune, triples the time of a step. It also makes allocation a compile error, and
+# forbids to return an array: the caller would give back a reference that was never taken.
+element = numba.njit(forceinline=True, _nrt=False, **OPTIONS)
+
+_vector, _matrix = Array(float64, 1, "C"), Array(float64, 2, "C")
+
+
+@dataclass(frozen=True)
+class Form:
+    """The types of one form of right-hand side: one degree of freedom, or n."""
+
+    name: str
+    rhs: Any
+    jacobian: Any
+    invariant: Any
+    state: Any
+    rows: Any
+
+
+SCALAR = Form(
+    name="scalar",
+    rhs=float64(float64, float64, float64, _vector),
+    jacobian=float64(float64, float64, float64, _vector),
+    invariant=float64(float64, float64, float64, _vector),
+    state=_vector,
+    rows=_vector,
+)
+VECTOR = Form(
+    name="vector",
+    rhs=none(float64, _vector, _vector, _vector, _vector),
+    jacobian=none(float64, _vector, _vector, _vector, _matrix),
+    invariant=float64(float64, _vector, _vector, _vector),
+    state=_matrix,
+    rows=_matrix,
+)
+
+
+@functools.cache
+def pointer_kernel(function: Callable, form: Form, takes_jacobian: bool = False) -> Any:
+    """Compile a method's kernel, or load it from disk, with its callbacks as function pointers.
+
+    The kernel is called as ``kernel(rhs, [jacobian,] state, settings, tally, h, t0, p, first, count, every, u_rows,
+    v_rows)`` and returns how many of the `count` steps it took.
+    """
+    callbacks = [FunctionType(form.rhs)] + [FunctionType(form.jacobian)] * takes_jacobian
+    run = Tuple((float64, float64, _vector, int64, int64, int64, form.rows, form.rows))
+    return _compile(function, int64(*callbacks, form.state, _vector, _vector, run))
+
+
+@functools.cache
+def inline_kernel(function: Callable) -> Any:
+    """The same kernel, specialised for each right-hand side it is called with."""
+    return numba.njit(**OPTIONS)(function)
+
+
+@functools.cache
+def invariant_kernel(function: Callable, form: Form) -> Any:
+    """Compile the loop that follows an invariant, called as ``kernel(invariant, e0, t0, h, p, first, u_rows, v_rows)``."""
+    return _compile(
+        function,
+        float64(FunctionType(form.invariant), float64, float64, float64, _vector, int64, form.rows, form.rows),
+    )
+
+
+def _compile(function: Callable, signature: Any) -> Any:
+    # Numba's cache notices a change of the file a kernel is in, but not of the files that it calls into; a name that
+    # holds a fingerprint of them all does.
+    named = types.FunctionType(function.__code__, function.__globals__, function.__name__)
+    named.__module__ = function.__module__
+    named.__qualname__ = f"{function.__name__}_{_fingerprint()}"
+    try:
+        return numba.njit(signature, cache=True, **OPTIONS)(named)
+    except RuntimeError as error:
+        if "cannot cache" not in str(error):
+            raise
+        return numba.njit(signature, **OPTIONS)(named)  # nowhere to write: compile in every process
+
+
+@functools.cache
+def _fingerprint() -> str:
+    checksum = 0
+    for path in sorted(pathlib.Path(__file__).parent.glob("*.py")):
+        checksum = zlib.crc32(path.read_bytes(), checksum)
+    return f"{checksum:08x}"

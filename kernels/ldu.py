@@ -1,0 +1,82 @@
+"""P A Q = L D U with rook pivoting, in place and without allocation, for the small systems of `cd_newton`.
+
+A rook pivot is the largest entry in absolute value of both its row and its column: nearly as safe as complete pivoting
+at about the cost of partial pivoting (Poole & Neal, "The rook's pivoting strategy", J. Comput. Appl. Math. 123, 2000).
+"""
+
+from .jit import element
+
+
+@element
+def largest_in_column(a, column, first):
+    row = first
+    for i in range(first + 1, a.shape[0]):
+        if abs(a[i, column]) > abs(a[row, column]):
+            row = i
+    return row
+
+
+@element
+def largest_in_row(a, row, first):
+    column = first
+    for j in range(first + 1, a.shape[0]):
+        if abs(a[row, j]) > abs(a[row, column]):
+            column = j
+    return column
+
+
+@element
+def rook_pivot(a, k):
+    """The entry reached by going to the largest of a column, then of a row, in turns until neither moves."""
+    column = k
+    row = largest_in_column(a, column, k)
+    while True:
+        next_column = largest_in_row(a, row, k)
+        if abs(a[row, next_column]) <= abs(a[row, column]):
+            return row, column
+        column = next_column
+        next_row = largest_in_column(a, column, k)
+        if abs(a[next_row, column]) <= abs(a[row, column]):
+            return row, column
+        row = next_row
+
+
+@element
+def factorise(a, row_swaps, column_swaps):
+    """Overwrite `a` with the unit triangles L and U and, on the diagonal, D; return False where `a` is singular."""
+    n = a.shape[0]
+    for k in range(n):
+        row, column = rook_pivot(a, k)
+        row_swaps[k], column_swaps[k] = row, column
+        for j in range(n):
+            a[k, j], a[row, j] = a[row, j], a[k, j]
+        for i in range(n):
+            a[i, k], a[i, column] = a[i, column], a[i, k]
+        pivot = a[k, k]
+        if pivot == 0:
+            return False
+        for i in range(k + 1, n):
+            a[i, k] /= pivot
+            for j in range(k + 1, n):
+                a[i, j] -= a[i, k] * a[k, j]
+        for j in range(k + 1, n):
+            a[k, j] /= pivot
+    return True
+
+
+@element
+def solve(a, row_swaps, column_swaps, b):
+    """Overwrite `b` with the solution of the system that `factorise` left in `a`."""
+    n = a.shape[0]
+    for k in range(n):
+        b[k], b[row_swaps[k]] = b[row_swaps[k]], b[k]
+    for i in range(n):
+        for j in range(i):
+            b[i] -= a[i, j] * b[j]
+    for i in range(n):
+        b[i] /= a[i, i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            b[i] -= a[i, j] * b[j]
+    for k in range(n - 1, -1, -1):
+        b[k], b[column_swaps[k]] = b[column_swaps[k]], b[k]

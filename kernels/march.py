@@ -1,0 +1,47 @@
+"""The two loops every method runs in: from step `first`, take `count` steps and write every `every`-th state.
+
+`step` returns whether it succeeded; LLVM drops the test for the methods that cannot fail. Time is t0 + i h from the step
+index i: a sum of steps would drift, and a chunk could not start in the middle.
+"""
+
+from .jit import element
+
+
+@element
+def march_scalar(step, f, y, c, run):
+    """March the tuple `y` (u, v, history ...); return it and the number of steps taken."""
+    h, t0, p, first, count, every, u_rows, v_rows = run
+    row = 0
+    left = every - first % every
+    for i in range(first, first + count):
+        y_next, success = step(f, t0 + i * h, y, c, h, p)
+        if not success:
+            return y, i - first
+        y = y_next
+        left -= 1
+        if left == 0:
+            u_rows[row] = y[0]
+            v_rows[row] = y[1]
+            row += 1
+            left = every
+    return y, count
+
+
+@element
+def march_vector(step, f, y, c, run):
+    """March the tuple `y` of arrays (u, v, history ..., scratch ...) in place; return the number of steps taken."""
+    h, t0, p, first, count, every, u_rows, v_rows = run
+    u, v = y[0], y[1]
+    row = 0
+    left = every - first % every
+    for i in range(first, first + count):
+        if not step(f, t0 + i * h, y, c, h, p):
+            return i - first
+        left -= 1
+        if left == 0:
+            for j in range(u.size):
+                u_rows[row, j] = u[j]
+                v_rows[row, j] = v[j]
+            row += 1
+            left = every
+    return count

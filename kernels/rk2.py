@@ -1,0 +1,62 @@
+"""RK2, Heun's method (the explicit trapezoid), with the stage velocities eliminated.
+
+    a_1 = f(t, u, v)                        u_{n+1} = u + h v + h^2/2 a_1
+    a_2 = f(t + h, u + h v, v + h a_1)      v_{n+1} = v + h/2 (a_1 + a_2)
+
+The midpoint rule, the other well-known method of two stages, does not give the article's tables.
+"""
+
+from .jit import element
+from .march import march_scalar, march_vector
+
+SCRATCH = 4
+
+
+@element
+def stage(u, v, a1, h):
+    return u + h * v, v + h * a1
+
+
+@element
+def update(u, v, a1, a2, h):
+    return u + h * v + h * h / 2 * a1, v + h / 2 * a1 + h / 2 * a2
+
+
+@element
+def step_scalar(f, t, y, c, h, p):
+    u, v = y
+    a1 = f(t, u, v, p)
+    u2, v2 = stage(u, v, a1, h)
+    a2 = f(t + h, u2, v2, p)
+    return update(u, v, a1, a2, h), True
+
+
+@element
+def step_vector(f, t, y, c, h, p):
+    u, v, u2, v2, a1, a2 = y
+    f(t, u, v, p, a1)
+    for j in range(u.size):
+        u2[j], v2[j] = stage(u[j], v[j], a1[j], h)
+    f(t + h, u2, v2, p, a2)
+    for j in range(u.size):
+        u[j], v[j] = update(u[j], v[j], a1[j], a2[j], h)
+    return True
+
+
+def start(u, v, a, h):
+    return ()
+
+
+def scalar(f, state, settings, tally, run):
+    y = state[0], state[1]
+    y, taken = march_scalar(step_scalar, f, y, (), run)
+    state[0], state[1] = y
+    tally[0] += 2 * taken
+    return taken
+
+
+def vector(f, state, settings, tally, run):
+    y = state[0], state[1], state[2], state[3], state[4], state[5]
+    taken = march_vector(step_vector, f, y, (), run)
+    tally[0] += 2 * taken
+    return taken

@@ -1,0 +1,118 @@
+"""u'' + 2 xi omega u' + omega^2 u = F cos(omega_f t): the oscillator, compiled with the terms its constants call for."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from eig3.callbacks import jit
+from eig3.problem import Problem
+
+
+@jit(cache=True)
+def undamped(t, u, v, p):
+    return -p[0] * p[0] * u
+
+
+@jit(cache=True)
+def damped(t, u, v, p):
+    return -p[0] * (p[0] * u + 2 * p[1] * v)
+
+
+@jit(cache=True)
+def forced(t, u, v, p):
+    return p[2] * np.cos(p[3] * t) - p[0] * p[0] * u
+
+
+@jit(cache=True)
+def damped_forced(t, u, v, p):
+    return p[2] * np.cos(p[3] * t) - p[0] * (p[0] * u + 2 * p[1] * v)
+
+
+@jit(cache=True)
+def energy(t, u, v, p):
+    return (v * v + p[0] * p[0] * u * u) / 2
+
+
+def single_dof(
+    omega: float = 4.0,
+    xi: float = 0.0,
+    force: float = 0.0,
+    force_omega: float = 0.0,
+    u0: float = 1.0,
+    v0: float = 0.0,
+    t_end: float = 1000.0,
+) -> Problem:
+    """The single degree of freedom of the article, section 4.1.
+
+    Parameters
+    ----------
+    omega : float
+        Natural frequency, rad/s.
+    xi : float
+        Damping ratio.
+    force, force_omega : float
+        Amplitude by mass (m/s^2) and frequency (rad/s) of the harmonic force.
+    u0, v0 : float
+        Displacement (m) and velocity (m/s) at t = 0.
+    t_end : float
+        Duration, s.
+
+    Raises
+    ------
+    ValueError
+        For omega that is not positive.
+    """
+    if not omega > 0:
+        raise ValueError(f"omega must be positive, not {omega}.")
+    is_damped, is_forced = xi != 0, force != 0
+    right_hand_sides = {
+        (False, False): undamped,
+        (True, False): damped,
+        (False, True): forced,
+        (True, True): damped_forced,
+    }
+    return Problem(
+        name="single_dof",
+        rhs=right_hand_sides[is_damped, is_forced],
+        u0=u0,
+        v0=v0,
+        params=(omega, xi, force, force_omega),
+        t_span=(0.0, t_end),
+        energy=None if is_damped or is_forced else energy,
+        exact=exact_solution(omega, xi, force, force_omega, u0, v0),
+        uses_velocity=is_damped,
+        source="EIG-3 article, section 4.1",
+    )
+
+
+def exact_solution(omega: float, xi: float, force: float, force_omega: float, u0: float, v0: float) -> Callable:
+    """``exact(t) -> (u, v)`` of the oscillator: a particular solution and two free ones."""
+    root = np.sqrt(complex(xi * xi - 1))
+    fast, slow = omega * (-xi - root), omega * (-xi + root)
+    resonant = xi == 0 and force_omega == omega
+    response = 0.0 if resonant else force / (omega**2 - force_omega**2 + 2j * xi * omega * force_omega)
+    u_rest, v_rest = u0 - np.real(response), v0 - np.real(1j * force_omega * response)
+
+    def particular(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if resonant:
+            c = force / (2 * omega)
+            return c * t * np.sin(omega * t), c * (np.sin(omega * t) + omega * t * np.cos(omega * t))
+        wave = response * np.exp(1j * force_omega * t)
+        return wave.real, (1j * force_omega * wave).real
+
+    def free(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if xi == 1:
+            rate = v_rest + omega * u_rest
+            decay = np.exp(-omega * t)
+            return (u_rest + rate * t) * decay, (v_rest - omega * rate * t) * decay
+        a = (v_rest - slow * u_rest) / (fast - slow)
+        b = u_rest - a
+        one, two = a * np.exp(fast * t), b * np.exp(slow * t)
+        return (one + two).real, (fast * one + slow * two).real
+
+    def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        t = np.asarray(t, dtype=np.float64)
+        (u_forced, v_forced), (u_free, v_free) = particular(t), free(t)
+        return u_forced + u_free, v_forced + v_free
+
+    return exact

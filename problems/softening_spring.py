@@ -1,0 +1,42 @@
+"""u'' + S tanh u = 0: a spring that softens as it is stretched."""
+
+import math
+
+from eig3.callbacks import jit
+from eig3.problem import Problem
+
+
+@jit(cache=True)
+def rhs(t, u, v, p):
+    return -p[0] * math.tanh(u)
+
+
+@jit(cache=True)
+def energy(t, u, v, p):
+    # ln cosh u, written so that cosh cannot overflow
+    return v * v / 2 + p[0] * (abs(u) + math.log1p(math.exp(-2 * abs(u))) - math.log(2.0))
+
+
+def softening_spring(S: float = 100.0, u0: float = 4.0, v0: float = 0.0, t_end: float = 140.0) -> Problem:
+    """The elastic softening spring of the article, section 4.3.
+
+    Parameters
+    ----------
+    S : float
+        Largest spring force by mass, m/s^2.
+    u0, v0 : float
+        Displacement (m) and velocity (m/s) at t = 0. With the defaults the period is 1.1418763 s.
+    t_end : float
+        Duration, s.
+    """
+    return Problem(
+        name="softening_spring",
+        rhs=rhs,
+        u0=u0,
+        v0=v0,
+        params=(S,),
+        t_span=(0.0, t_end),
+        energy=energy,
+        uses_velocity=False,
+        source="EIG-3 article, section 4.3, after Xie",
+    )

@@ -1,0 +1,61 @@
+"""A point mass on a linear spring that swings in a plane: the velocities enter the accelerations."""
+
+import math
+
+from eig3.callbacks import jit
+from eig3.problem import Problem
+
+
+@jit(cache=True)
+def rhs(t, u, v, p, a):
+    m, l0, k, g = p[0], p[1], p[2], p[3]
+    r, theta = u[0], u[1]
+    a[0] = r * v[1] * v[1] - k / m * (r - l0) + g * math.cos(theta)
+    a[1] = -(2 * v[0] * v[1] + g * math.sin(theta)) / r
+
+
+@jit(cache=True)
+def energy(t, u, v, p):
+    m, l0, k, g = p[0], p[1], p[2], p[3]
+    r, theta = u[0], u[1]
+    kinetic = m / 2 * (v[0] * v[0] + r * r * v[1] * v[1])
+    return kinetic + k / 2 * (r - l0) ** 2 - m * g * r * math.cos(theta)
+
+
+def spring_pendulum(
+    m: float = 1.0,
+    l0: float = 0.5,
+    k: float = 98.1,
+    g: float = 9.81,
+    r0: float = 0.75,
+    theta0: float = math.pi / 2,
+    t_end: float = 100.0,
+) -> Problem:
+    """The spring pendulum of the article, section 4.4, let go at rest; u is (r, theta).
+
+    Parameters
+    ----------
+    m : float
+        Mass, kg.
+    l0 : float
+        Natural length of the spring, m.
+    k : float
+        Stiffness, N/m.
+    g : float
+        Gravity, m/s^2.
+    r0, theta0 : float
+        Length (m) and angle from the vertical (rad) at t = 0.
+    t_end : float
+        Duration, s.
+    """
+    return Problem(
+        name="spring_pendulum",
+        rhs=rhs,
+        u0=(r0, theta0),
+        v0=(0.0, 0.0),
+        params=(m, l0, k, g),
+        t_span=(0.0, t_end),
+        energy=energy,
+        uses_velocity=True,
+        source="EIG-3 article, section 4.4",
+    )
