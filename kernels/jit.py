@@ -8,12 +8,14 @@ specialised for one right-hand side, which LLVM then inlines: the fastest loop, 
 import functools
 import pathlib
 import types
+import warnings
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numba
+from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.types import Array, FunctionType, Tuple, float64, int64, none
 
 # "contract" lets LLVM fuse a*b + c; "nsz" ignores the sign of zero. Full fastmath would delete tests for NaN and infinity.
@@ -91,12 +93,14 @@ def _compile(function: Callable, signature: Any) -> Any:
     named = types.FunctionType(function.__code__, function.__globals__, function.__name__)
     named.__module__ = function.__module__
     named.__qualname__ = f"{function.__name__}_{_fingerprint()}"
-    try:
-        return numba.njit(signature, cache=True, **OPTIONS)(named)
-    except RuntimeError as error:
-        if "cannot cache" not in str(error):
-            raise
-        return numba.njit(signature, **OPTIONS)(named)  # nowhere to write: compile in every process
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # first-class functions, since 2019
+        try:
+            return numba.njit(signature, cache=True, **OPTIONS)(named)
+        except RuntimeError as error:
+            if "cannot cache" not in str(error):
+                raise
+            return numba.njit(signature, **OPTIONS)(named)  # nowhere to write: compile in every process
 
 
 @functools.cache

@@ -43,24 +43,27 @@ def rook_pivot(a, k):
 
 @element
 def factorise(a, row_swaps, column_swaps):
-    """Overwrite `a` with the unit triangles L and U and, on the diagonal, D; return False where `a` is singular."""
+    """Overwrite `a` with the unit triangles L and U and, on the diagonal, 1/D; return False where `a` is singular."""
     n = a.shape[0]
     for k in range(n):
         row, column = rook_pivot(a, k)
         row_swaps[k], column_swaps[k] = row, column
-        for j in range(n):
-            a[k, j], a[row, j] = a[row, j], a[k, j]
-        for i in range(n):
-            a[i, k], a[i, column] = a[i, column], a[i, k]
-        pivot = a[k, k]
-        if pivot == 0:
+        if row != k:
+            for j in range(n):
+                a[k, j], a[row, j] = a[row, j], a[k, j]
+        if column != k:
+            for i in range(n):
+                a[i, k], a[i, column] = a[i, column], a[i, k]
+        if a[k, k] == 0:
             return False
+        inverse = 1 / a[k, k]
+        a[k, k] = inverse
         for i in range(k + 1, n):
-            a[i, k] /= pivot
+            a[i, k] *= inverse
             for j in range(k + 1, n):
                 a[i, j] -= a[i, k] * a[k, j]
         for j in range(k + 1, n):
-            a[k, j] /= pivot
+            a[k, j] *= inverse
     return True
 
 
@@ -69,14 +72,18 @@ def solve(a, row_swaps, column_swaps, b):
     """Overwrite `b` with the solution of the system that `factorise` left in `a`."""
     n = a.shape[0]
     for k in range(n):
-        b[k], b[row_swaps[k]] = b[row_swaps[k]], b[k]
+        row = row_swaps[k]
+        if row != k:
+            b[k], b[row] = b[row], b[k]
     for i in range(n):
         for j in range(i):
             b[i] -= a[i, j] * b[j]
     for i in range(n):
-        b[i] /= a[i, i]
+        b[i] *= a[i, i]
     for i in range(n - 1, -1, -1):
         for j in range(i + 1, n):
             b[i] -= a[i, j] * b[j]
     for k in range(n - 1, -1, -1):
-        b[k], b[column_swaps[k]] = b[column_swaps[k]], b[k]
+        column = column_swaps[k]
+        if column != k:
+            b[k], b[column] = b[column], b[k]

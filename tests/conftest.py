@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+
+import eig3
+
+ALL_METHODS = [
+    eig3.EIG3(),
+    eig3.EIG3(alpha=1.2),
+    eig3.CentralDifference(),
+    eig3.CentralDifference(solver="fixed-point"),
+    eig3.CentralDifference(velocity="lagged"),
+    eig3.RK2(),
+    eig3.RK3(),
+    eig3.RK4(),
+    eig3.AB2(),
+    eig3.AB3(),
+]
+
+
+@eig3.jit
+def oscillator(t, u, v, p):
+    return -p[0] * p[0] * u - 2 * p[1] * p[0] * v
+
+
+@eig3.jit
+def oscillator_vector(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -p[0] * p[0] * u[j] - 2 * p[1] * p[0] * v[j]
+
+
+@eig3.jit
+def gyroscope(t, u, v, p, a):
+    a[0] = -p[0] * v[1]
+    a[1] = p[0] * v[0]
+
+
+@eig3.jit
+def coupled(t, u, v, p, a):
+    """Three masses in a row between walls, with dampers and a force: linear, not symmetric in any trivial way."""
+    for j in range(3):
+        left = u[j - 1] if j > 0 else 0.0
+        right = u[j + 1] if j < 2 else 0.0
+        a[j] = p[j] * (left - 2 * u[j] + right) - 0.1 * (j + 1) * v[j] + np.sin(t)
+
+
+@pytest.fixture(params=ALL_METHODS, ids=lambda method: repr(method).partition(", jacobian")[0])
+def method(request):
+    return request.param

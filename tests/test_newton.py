@@ -1,0 +1,128 @@
+"""The linear solve and the Newton iteration of CD."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import eig3
+from eig3.kernels import ldu
+
+from .conftest import oscillator
+
+
+@eig3.jit
+def solve(matrix, b):
+    n = b.size
+    row_swaps, column_swaps = np.empty(n, np.int64), np.empty(n, np.int64)
+    if not ldu.factorise(matrix, row_swaps, column_swaps):
+        return False
+    ldu.solve(matrix, row_swaps, column_swaps, b)
+    return True
+
+
+@settings(deadline=None)
+@given(st.integers(1, 8).flatmap(lambda n: arrays(np.float64, (n, n + 1), elements=st.floats(-1, 1).map(lambda x: round(x, 3)))))
+def test_ldu_solves(system):
+    matrix, b = system[:, :-1].copy(), system[:, -1].copy()
+    condition = np.linalg.cond(matrix)
+    assume(condition < 1e6)
+    x = b.copy()
+    assert solve(matrix.copy(), x)
+    # backward stable: the forward error is the condition times a modest multiple of the round-off
+    assert np.abs(x - np.linalg.solve(matrix, b)).max() <= 1e-14 * condition * max(np.abs(x).max(), 1e-300)
+
+
+def test_ldu_needs_both_permutations():
+    matrix = np.array([[0.0, 1e-3, 5.0], [0.0, 0.0, 1.0], [2.0, 0.0, 0.0]])
+    b = np.array([1.0, 2.0, 3.0])
+    x = b.copy()
+    assert solve(matrix.copy(), x)
+    np.testing.assert_allclose(matrix @ x, b, rtol=1e-14)
+
+
+@pytest.mark.parametrize("matrix", [np.zeros((2, 2)), np.ones((3, 3)), np.diag([1.0, 0.0, 2.0])])
+def test_ldu_tells_a_singular_matrix(matrix):
+    assert not solve(matrix.copy(), np.ones(len(matrix)))
+
+
+@eig3.jit
+def drag(t, u, v, p, a):
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1])
+    a[0] = -u[0] - p[0] * speed * v[0]
+    a[1] = -2 * u[1] - p[0] * speed * v[1]
+
+
+@eig3.jit
+def drag_jacobian(t, u, v, p, J):
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1])
+    if speed > 0:
+        for i in range(2):
+            for j in range(2):
+                J[i, j] = -p[0] * v[i] * v[j] / speed
+            J[i, i] -= p[0] * speed
+
+
+@eig3.jit
+def cubic(t, u, v, p):
+    return -u - p[0] * v * v * v
+
+
+@eig3.jit
+def cubic_jacobian(t, u, v, p):
+    return -3 * p[0] * v * v
+
+
+@pytest.mark.parametrize(
+    ("rhs", "jacobian", "u0", "v0"),
+    [(drag, drag_jacobian, [1.0, 0.0], [0.0, 1.0]), (cubic, cubic_jacobian, 1.0, 2.0)],
+)
+def test_jacobian_gives_the_same_run_for_fewer_evaluations(rhs, jacobian, u0, v0):
+    runs = [
+        eig3.integrate(rhs, (0, 10), u0, v0, h=0.01, params=3.0, method=eig3.CentralDifference(jacobian=given))
+        for given in (None, jacobian)
+    ]
+    np.testing.assert_allclose(runs[0].u, runs[1].u, rtol=0, atol=1e-11)
+    assert runs[1].n_rhs < runs[0].n_rhs
+
+
+def test_newton_holds_where_fixed_point_fails():
+    """h xi omega = 5: the fixed point repels, Newton does not mind."""
+    options = {"h": 0.1, "params": (1.0, 50.0)}
+    newton = eig3.integrate(oscillator, (0, 10), 1.0, 0.0, method=eig3.CentralDifference(), **options)
+    assert newton.success
+    method = eig3.CentralDifference(solver="fixed-point")
+    fixed_point = eig3.integrate(oscillator, (0, 10), 1.0, 0.0, method=method, **options)
+    assert fixed_point.status is not eig3.Status.COMPLETED
+
+
+@eig3.jit
+def rough(t, u, v, p):
+    """No root for Newton past t = 1: the sign of the residual's slope flips at every iterate."""
+    return 0.0 if t < 1 else 1e6 * np.sin(1e9 * v)
+
+
+def test_not_converged_tells_time_and_residual():
+    method = eig3.CentralDifference(max_iterations=5)
+    run = eig3.integrate(rough, (0, 2), 1.0, 1.0, h=0.01, method=method)
+    assert run.status is eig3.Status.NOT_CONVERGED
+    assert run.t[-1] == pytest.approx(0.99)
+    assert "t = 1" in run.message
+    assert "residual" in run.message
+    assert np.isfinite(run.u).all()
+    with pytest.raises(eig3.IntegrationError) as caught:
+        eig3.integrate(rough, (0, 2), 1.0, 1.0, h=0.01, method=method, raise_on_failure=True)
+    assert caught.value.solution.n_steps == run.n_steps
+
+
+@eig3.jit
+def singular_jacobian(t, u, v, p, J):
+    J[0, 0] = J[1, 1] = 200.0  # I - h/2 J = 0 for h = 0.01
+
+
+def test_singular_jacobian_is_told():
+    run = eig3.integrate(
+        drag, (0, 1), [1.0, 0.0], [0.0, 1.0], h=0.01, params=1.0, method=eig3.CentralDifference(jacobian=singular_jacobian)
+    )
+    assert run.status is eig3.Status.NOT_CONVERGED
