@@ -1,0 +1,1 @@
+"""Benchmarks: the article's tables, and the speed of the loops."""

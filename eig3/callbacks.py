@@ -2,12 +2,12 @@
 
 import functools
 import inspect
+import re
 from collections.abc import Callable
 from typing import Any
 
 import numba
 from numba.core.dispatcher import Dispatcher
-from numba.core.errors import NumbaError
 
 from .kernels.jit import OPTIONS, SCALAR, VECTOR, Form
 
@@ -51,8 +51,8 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     try:
         function.compile(signature.args)
         returned = function.overloads[signature.args].signature.return_type
-    except (NumbaError, KeyError, RuntimeError) as error:
-        raise TypeError(f"{name} does not compile for the arguments {wanted}: {_gist(error)}") from error
+    except Exception as error:  # Numba lets errors of Python's own through too
+        raise TypeError(f"{name} does not compile for the arguments {wanted}: {_gist(error)}.") from error
     if returned != signature.return_type:
         raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
     return function
@@ -81,8 +81,11 @@ def _described(returned: Any) -> str:
 
 def _gist(error: Exception) -> str:
     """Numba's reason without the pages around it, which stay in the chained exception."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    for line in lines:
-        if not line.startswith(("Failed in", "No implementation of function Function(<built-in", "[1]")):
-            return line
-    return lines[0] if lines else type(error).__name__
+    text = str(error)
+    if text == "compilation disabled":
+        return "its decorator must not list signatures"
+    missing = re.search(r">>> (.*)", text)
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
+    where = re.search(r'File "[^"]*", line \d+', text)
+    reason = f"Numba cannot do {missing[1]}" if missing else (lines or [type(error).__name__])[0].rstrip(".")
+    return f"{reason} ({where[0]})" if where else reason

@@ -1,11 +1,10 @@
-"""The rows a run keeps, and the refusal of more rows than memory holds."""
+"""The rows a run keeps."""
 
-import math
-import os
 from typing import Any
 
 import numpy as np
 
+from .memory import check_history, n_rows
 from .stepper import Stepper
 
 
@@ -19,9 +18,8 @@ class History:
     """
 
     def __init__(self, n_steps: int, every: int, u0: Any, v0: Any) -> None:
-        rows = n_rows(n_steps, every)
-        check_memory(n_steps, every, np.size(u0))
-        shape = (rows, *np.shape(u0))
+        check_history(n_steps, every, np.size(u0))
+        shape = (n_rows(n_steps, every), *np.shape(u0))
         self.every = every
         self.u, self.v = np.empty(shape), np.empty(shape)
         self.u[0], self.v[0] = u0, v0
@@ -38,36 +36,3 @@ class History:
             steps = np.append(steps, stepper.index)
             self.u[len(steps) - 1], self.v[len(steps) - 1] = stepper.u, stepper.v
         return stepper.t0 + steps * stepper.h, self.u[: len(steps)], self.v[: len(steps)]
-
-
-def n_rows(n_steps: int, every: int) -> int:
-    """States kept: the first, every `every`-th and the last."""
-    return n_steps // every + 1 + (n_steps % every > 0)
-
-
-def check_memory(n_steps: int, every: int, n: int) -> None:
-    """Refuse a history that would not fit in what memory is free, as `History` says."""
-    row = 8 * (2 * n + 1)  # u, v and t
-    needed, free = row * n_rows(n_steps, every), available_memory()
-    if needed <= free:
-        return
-    most = int(free // row) - 2
-    remedy = f"save_every={math.ceil(n_steps / most)}" if most > 0 else "save_every=None and fewer degrees of freedom"
-    raise MemoryError(
-        f"the history needs {needed:.3g} bytes and {free:.3g} are free; {remedy} would fit."
-    )
-
-
-def available_memory() -> float:
-    """Bytes of memory free for use; infinite where the system does not tell."""
-    try:
-        with open("/proc/meminfo") as lines:
-            for line in lines:
-                if line.startswith("MemAvailable:"):
-                    return 1024.0 * int(line.split()[1])
-    except OSError:
-        pass
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, ValueError, OSError):
-        return math.inf  # Windows does not overcommit: there NumPy raises the MemoryError

@@ -40,6 +40,10 @@ class Method:
         """The numbers the kernel needs of the record."""
         return ()
 
+    def workspace_bytes(self, n: int) -> int:
+        """What the kernel allocates for n degrees of freedom, beyond a few vectors."""
+        return 0
+
     @property
     def module(self) -> ModuleType:
         """The module of the kernel, imported when first asked for."""
@@ -58,8 +62,8 @@ class EIG3(Method):
     ----------
     alpha, beta : float
         Weights of a_n - a_{n-1} in the displacement and in the velocity. The order is 2 for beta = 1/2 and else 1.
-        (1, 1/2) has no numerical damping and the largest stable step among the sets of second order, omega h < 2 undamped; with beta = 1/2 a larger
-        alpha damps the high frequencies, and a smaller one is unstable for every step.
+        (1, 1/2) has no numerical damping and the largest stable step of the second-order sets, omega h < 2 undamped;
+        with beta = 1/2 a larger alpha damps the high frequencies, and a smaller one is unstable for every step.
     """
 
     alpha: float = 1.0
@@ -141,6 +145,9 @@ class CentralDifference(Method):
     @property
     def ignores_velocity(self) -> bool:  # type: ignore[override]
         return self.velocity == "none"
+
+    def workspace_bytes(self, n: int) -> int:
+        return 8 * n * n if self.kernel == "cd_newton" and n > 1 else 0
 
     @property
     def settings(self) -> tuple[float, ...]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from .callbacks import check_callback
 from .checks import check_h, check_method, check_params, check_span, check_state
 from .kernels.jit import SCALAR, inline_kernel, pointer_kernel
+from .memory import check_workspace
 from .methods import Method
 
 _NEVER = 2**62
@@ -59,6 +60,7 @@ class Stepper:
         u, v, self.form = check_state(u0, v0)
         self.params = check_params(params)
         self.method = check_method(method)
+        check_workspace(self.method, np.size(u))
         self.inline = inline
         self.index = 0
         self.seconds = 0.0

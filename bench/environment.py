@@ -1,0 +1,40 @@
+"""What a benchmark ran on."""
+
+import os
+import platform
+from pathlib import Path
+
+import numba
+import numpy
+
+from eig3 import __version__
+
+
+def environment() -> dict[str, str | int]:
+    """Machine and versions."""
+    return {
+        "cpu": _cpu(),
+        "cores": os.cpu_count() or 1,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "numba": numba.__version__,
+        "numpy": numpy.__version__,
+        "eig3": __version__,
+    }
+
+
+def in_words() -> str:
+    """The environment on one line."""
+    e = environment()
+    versions = ", ".join(f"{name} {e[name]}" for name in ("python", "numba", "numpy", "eig3"))
+    return f"{e['cpu']}, {e['cores']} cores, {e['system']}; {versions}"
+
+
+def _cpu() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

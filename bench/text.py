@@ -1,0 +1,27 @@
+"""Tables that read well in a terminal and in Markdown, and a line that tells how far a benchmark is."""
+
+import sys
+from collections.abc import Sequence
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """An aligned Markdown table: the first column to the left, the others to the right."""
+    widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
+
+    def line(cells: Sequence[str]) -> str:
+        padded = (cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(cells, widths, strict=True)))
+        return f"| {' | '.join(padded)} |"
+
+    rule = (("-" * w if i == 0 else "-" * (w - 1) + ":") for i, w in enumerate(widths))
+    return "\n".join([line(header), f"| {' | '.join(rule)} |", *map(line, rows)])
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number to so many digits; a dash for one that is not there."""
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def status(text: str) -> None:
+    """Overwrite the line that tells what is running, where a person looks on; an empty text clears it."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,73 @@
+"""The `eig3` command."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ._version import __version__
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    arguments = _parser().parse_args(argv)
+    try:
+        return arguments.run(arguments)
+    except KeyboardInterrupt:
+        print("\nInterrupted.", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="eig3", description="Compiled explicit integrators for second-order systems u'' = f(t, u, u')."
+    )
+    parser.add_argument("--version", action="version", version=f"eig3 {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="command")
+
+    bench = commands.add_parser(
+        "bench", help="run a benchmark", description="Run a benchmark; alone, `eig3 bench` is `eig3 bench paper --quick`."
+    )
+    bench.set_defaults(run=_paper, table=None, repeats=None, quick=True, out=None)
+    benchmarks = bench.add_subparsers(metavar="benchmark")
+
+    paper = benchmarks.add_parser("paper", help="the article's five tables", description="The article's five tables.")
+    paper.add_argument("--table", type=int, choices=range(1, 6), help="only this one")
+    paper.add_argument("--repeats", type=_count, help="runs each time is the mean of (10, or 3 with --quick)")
+    paper.add_argument(
+        "--quick", action="store_true", help="fewer repeats, without the smallest steps of Tables 1-3 and 5"
+    )
+    paper.add_argument("--out", type=Path, metavar="DIR", help="write results.json, tables.md and pictures there")
+    paper.set_defaults(run=_paper)
+
+    speed = benchmarks.add_parser(
+        "speed",
+        help="ns/step beside loops written by hand",
+        description="ns/step of every method on the article's problems, beside the same loop written by hand.",
+    )
+    speed.add_argument("--method", dest="methods", action="append", help="only this method; may be repeated")
+    speed.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
+    speed.set_defaults(run=_speed)
+    return parser
+
+
+def _paper(arguments: argparse.Namespace) -> int:
+    from .bench import paper
+
+    repeats = arguments.repeats or (paper.QUICK_REPEATS if arguments.quick else 10)
+    paper.run(only=arguments.table, repeats=repeats, quick=arguments.quick, out=arguments.out)
+    return 0
+
+
+def _speed(arguments: argparse.Namespace) -> int:
+    from .bench import speed
+
+    speed.run(methods=arguments.methods, repeats=arguments.repeats)
+    return 0
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1, not {text}")
+    return value

@@ -1,0 +1,47 @@
+"""Refuse what would not fit in memory before anything runs; Linux would promise it and then kill the process."""
+
+import math
+import os
+
+from .methods import Method
+
+
+def n_rows(n_steps: int, every: int) -> int:
+    """States kept: the first, every `every`-th and the last."""
+    return n_steps // every + 1 + (n_steps % every > 0)
+
+
+def check_history(n_steps: int, every: int, n: int) -> None:
+    """Raise a MemoryError, naming the save_every that would fit, where the history of n degrees of freedom does not."""
+    row = 8 * (2 * n + 1)  # u, v and t
+    needed, free = row * n_rows(n_steps, every), available_memory()
+    if needed <= free:
+        return
+    most = int(free // row) - 2
+    remedy = f"save_every={math.ceil(n_steps / most)}" if most > 0 else "save_every=None and fewer degrees of freedom"
+    raise MemoryError(f"the history needs {needed:.3g} bytes and {free:.3g} are free; {remedy} would fit.")
+
+
+def check_workspace(method: Method, n: int) -> None:
+    """Raise a MemoryError where the matrix of an implicit method does not fit."""
+    needed, free = method.workspace_bytes(n), available_memory()
+    if needed > free:
+        raise MemoryError(
+            f"the {n} x {n} matrix of Newton's method needs {needed:.3g} bytes and {free:.3g} are free; "
+            "CentralDifference(solver='fixed-point') needs none."
+        )
+
+
+def available_memory() -> float:
+    """Bytes of memory free for use; infinite where the system does not tell."""
+    try:
+        with open("/proc/meminfo") as lines:
+            for line in lines:
+                if line.startswith("MemAvailable:"):
+                    return 1024.0 * int(line.split()[1])
+    except OSError:
+        pass
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):
+        return math.inf  # Windows does not overcommit: there NumPy raises the MemoryError

@@ -1,0 +1,441 @@
+"""eig3.integrate: what is saved, followed, told and refused."""
+
+import os
+import signal
+import sys
+import threading
+import time
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import eig3
+from eig3 import integrate, memory
+from eig3.integrate import divide
+
+from .conftest import coupled, oscillator, oscillator_vector
+
+PARAMS = (3.0, 0.0)
+
+
+def oscillate(t_end=10.0, **options):
+    options = {"h": 0.01, "params": PARAMS, **options}
+    return integrate(oscillator, (0, t_end), 1.0, 0.0, **options)
+
+
+@eig3.jit
+def oscillator_energy(t, u, v, p):
+    return v * v / 2 + p[0] * p[0] * u * u / 2
+
+
+@eig3.jit
+def position(t, u, v, p):
+    return u
+
+
+@eig3.jit
+def first_position(t, u, v, p):
+    return u[0]
+
+
+# What is saved -------------------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None)
+@given(n=st.integers(1, 300), every=st.integers(1, 400))
+def test_save_every_keeps_every_kth_state_and_the_last(n, every):
+    whole = oscillate(t_end=n * 0.01)
+    some = oscillate(t_end=n * 0.01, save_every=every)
+    kept = sorted({*range(0, n + 1, every), n})
+    np.testing.assert_array_equal(some.u, whole.u[kept])
+    np.testing.assert_array_equal(some.v, whole.v[kept])
+    np.testing.assert_array_equal(some.t, whole.t[kept])
+    assert whole.n_steps == some.n_steps == n
+
+
+def test_save_every_none_keeps_the_ends():
+    run = integrate(coupled, (0, 5), [1.0, 2.0, 3.0], [0.0] * 3, h=0.01, params=(1, 2, 3), save_every=None)
+    assert run.u.shape == run.v.shape == (2, 3)
+    assert run.t.tolist() == [0, 5]
+
+
+def test_history_starts_with_the_given_state():
+    run = integrate(coupled, (2, 5), [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], h=0.01, params=(1, 2, 3))
+    assert run.u[0].tolist() == [1, 2, 3]
+    assert run.v[0].tolist() == [4, 5, 6]
+    assert (run.t[0], run.t[-1]) == (2, 5)
+
+
+@given(span=st.floats(1e-3, 1e6), h=st.floats(1e-4, 1e7))
+def test_steps_fill_the_span_and_are_no_longer_than_asked(span, h):
+    n, step = divide(span, h)
+    assert n >= 1
+    assert step <= h * (1 + 2e-12)
+    assert n * step == pytest.approx(span, rel=1e-15)
+    assert n == 1 or span / (n - 1) > h  # no step more than needed
+
+
+@pytest.mark.parametrize(("span", "h", "n"), [(1000, 1e-4, 10**7), (100, 1e-6, 10**8), (0.3, 0.1, 3), (1.0, 0.3, 4)])
+def test_a_step_that_divides_the_span_is_kept(span, h, n):
+    assert divide(span, h)[0] == n
+
+
+def test_step_is_shrunk_to_land_on_the_end():
+    run = oscillate(t_end=1.0, h=0.3)
+    assert run.h == 0.25
+    assert run.t.tolist() == [0, 0.25, 0.5, 0.75, 1]
+
+
+# What is followed ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("save_every", [1, 7, 100000, None])
+def test_drift_is_that_of_every_step(save_every):
+    run = oscillate(t_end=300, save_every=save_every, invariants={"energy": oscillator_energy, "position": position})
+    every = oscillate(t_end=300)
+    energy = every.v**2 / 2 + 4.5 * every.u**2
+    assert run.drift["energy"] == pytest.approx(np.abs(energy - energy[0]).max(), rel=1e-12)
+    assert run.drift["position"] == pytest.approx(np.abs(every.u - 1).max(), rel=1e-12)
+    np.testing.assert_array_equal(run.u[-1], every.u[-1])
+
+
+def test_drift_of_a_vector_run_over_many_chunks(monkeypatch):
+    monkeypatch.setattr(sys.modules["eig3.integrate"], "_SCRATCH_VALUES", 300)
+    options = {"h": 0.01, "params": (1, 2, 3), "invariants": {"first": first_position}}
+    run = integrate(coupled, (0, 50), [1.0, 2.0, 3.0], [0.0] * 3, save_every=13, **options)
+    every = integrate(coupled, (0, 50), [1.0, 2.0, 3.0], [0.0] * 3, **options)
+    assert run.drift["first"] == every.drift["first"] == pytest.approx(np.abs(every.u[:, 0] - 1).max(), rel=1e-12)
+    np.testing.assert_array_equal(run.u[:-1], every.u[::13][: len(run.u) - 1])
+
+
+@eig3.jit
+def undefined_later(t, u, v, p):
+    return np.nan if 1 < t < 2 else 0.0
+
+
+def test_invariant_that_is_not_a_number_is_told():
+    assert np.isnan(oscillate(invariants={"e": undefined_later}, save_every=3).drift["e"])
+
+
+def test_kernel_seconds_hold_neither_compiling_nor_invariants():
+    @eig3.jit
+    def fresh(t, u, v, p):
+        return -u
+
+    begin = time.perf_counter()
+    run = integrate(fresh, (0, 1), 1.0, 0.0, h=0.01, inline=True)
+    assert 0 < run.kernel_seconds < (time.perf_counter() - begin) / 2
+
+
+# How it ends ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("save_every", [1, 7, None])
+def test_divergence_keeps_the_finite_part(save_every):
+    run = oscillate(t_end=7e3, h=0.7, save_every=save_every, invariants={"energy": oscillator_energy})
+    assert run.status is eig3.Status.DIVERGED
+    assert not run.success
+    assert np.isfinite(run.u).all()
+    assert np.isfinite(run.v).all()
+    assert run.t[-1] == pytest.approx(run.n_steps * run.h)
+    for word in ("non-finite at t =", "degree of freedom 0", "h = 0.7", "omega h = 2"):
+        assert word in run.message
+    step = eig3.Stepper(oscillator, 1.0, 0.0, h=run.h, params=PARAMS)
+    step.advance(run.n_steps)
+    assert step.is_finite
+    assert step.u == run.u[-1]
+    step.advance(1)
+    assert not step.is_finite
+
+
+def test_divergence_names_the_degree_of_freedom():
+    @eig3.jit
+    def one_of_three(t, u, v, p, a):
+        a[0] = a[1] = 0.0
+        a[2] = np.inf if t > 0.5 else 0.0
+
+    run = integrate(one_of_three, (0, 1), np.zeros(3), np.zeros(3), h=0.01)
+    assert run.status is eig3.Status.DIVERGED
+    assert "degree of freedom 2" in run.message
+    assert run.t[-1] == pytest.approx(0.51)
+
+
+@pytest.mark.parametrize("solver", ["newton", "fixed-point"])
+@pytest.mark.parametrize("rhs_u0", [(oscillator, 1.0), (oscillator_vector, [1.0])], ids=["scalar", "vector"])
+def test_divergence_inside_a_solve_is_divergence(solver, rhs_u0):
+    rhs, u0 = rhs_u0
+    method = eig3.CentralDifference(solver=solver)
+    run = integrate(rhs, (0, 1e4), u0, np.zeros_like(u0), h=0.7, params=(3.0, 0.01), method=method)
+    assert run.status is eig3.Status.DIVERGED
+    assert np.isfinite(run.u).all()
+
+
+def test_divergence_of_a_method_without_a_stable_step_says_so():
+    run = oscillate(t_end=1e5, h=0.5, method="rk2")
+    assert run.status is eig3.Status.DIVERGED
+    assert "unstable" in run.message
+
+
+def test_raise_on_failure_carries_the_solution():
+    with pytest.raises(eig3.IntegrationError, match="non-finite") as caught:
+        oscillate(t_end=1e4, h=0.7, raise_on_failure=True)
+    assert caught.value.solution.status is eig3.Status.DIVERGED
+    assert len(caught.value.solution.t) > 100
+
+
+@pytest.mark.parametrize("invariants", [None, {"energy": oscillator_energy}])
+def test_interrupt_returns_what_was_computed(invariants):
+    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    run = oscillate(t_end=1e9, save_every=10**7, invariants=invariants)
+    assert run.status is eig3.Status.INTERRUPTED
+    assert 0 < run.n_steps < 1e11
+    assert run.t[-1] == pytest.approx(run.n_steps * run.h)
+    assert "interrupted" in run.message
+    again = oscillate(t_end=run.t[-1], h=run.h, save_every=None)
+    assert again.u[-1] == run.u[-1]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_thread_can_integrate():
+    runs = []
+    thread = threading.Thread(target=lambda: runs.append(oscillate()))
+    thread.start()
+    thread.join()
+    assert runs[0].success
+
+
+def test_exception_from_rhs_comes_through_with_the_part_before_it():
+    @eig3.jit
+    def fails(t, u, v, p):
+        if t > 5:
+            raise ValueError("past the end of the record")
+        return -u
+
+    with pytest.raises(ValueError, match="past the end of the record") as caught:
+        integrate(fails, (0, 10), 1.0, 0.0, h=1e-3)
+    partial = caught.value.solution
+    assert 0 < partial.t[-1] <= 5.01
+    whole = integrate(fails, (0, 5), 1.0, 0.0, h=1e-3)
+    np.testing.assert_allclose(partial.u, whole.u[: len(partial.u)], rtol=0, atol=1e-12)
+
+
+def test_progress_bar_counts_the_steps(capsys):
+    oscillate(progress=True)
+    assert "1.00k/1.00k" in capsys.readouterr().err
+
+
+def test_without_tqdm_progress_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    with pytest.raises(ImportError, match="pip install tqdm"):
+        oscillate(progress=True)
+
+
+# The solution --------------------------------------------------------------------------------------------------------
+
+
+def test_interpolation_is_of_fourth_and_third_order():
+    problem = eig3.problems.single_dof(omega=2.0, t_end=10.0)
+
+    def errors(save_every):
+        run = problem.integrate(h=1 / 1024, method="rk4", save_every=save_every)
+        t = np.linspace(0, 10, 1237)
+        u, v = problem.exact(t)
+        return np.array([np.abs(run.at(t)[0] - u).max(), np.abs(run.at(t)[1] - v).max()])
+
+    order = np.log2(errors(256) / errors(128))
+    np.testing.assert_allclose(order, [4, 3], atol=0.15)
+
+
+def test_interpolation_meets_the_saved_states_and_keeps_shapes():
+    run = integrate(coupled, (0, 5), [1.0, 2.0, 3.0], [0.0] * 3, h=0.01, params=(1, 2, 3), save_every=7)
+    u, v = run.at(run.t)
+    np.testing.assert_allclose(u, run.u, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(v, run.v, rtol=0, atol=1e-12)  # a difference of positions over a step
+    assert run.at(2.5)[0].shape == (3,)
+    assert run.at([[1.0, 2.0]])[1].shape == (1, 2, 3)
+    assert np.ndim(oscillate().at(0.123)[0]) == 0
+    for t in (-0.1, 5.1, np.nan):
+        with pytest.raises(ValueError, match="within the span"):
+            run.at(t)
+
+
+def test_repr_is_a_summary():
+    text = repr(oscillate(invariants={"energy": oscillator_energy}))
+    for word in ("EIG3(alpha=1.0, beta=0.5)", "completed", "1000 steps", "1001 evaluations", "drift of energy", "ns a step"):
+        assert word in text
+    assert "non-finite" in repr(oscillate(t_end=1e4, h=0.7))
+    assert "iterations" in repr(oscillate(method=eig3.CentralDifference()))
+
+
+# What is refused -----------------------------------------------------------------------------------------------------
+
+
+def plain(t, u, v, p):
+    return -u
+
+
+@numba.njit
+def three_arguments(t, u, v):
+    return -u
+
+
+@numba.njit
+def returns_nothing(t, u, v, p):
+    pass
+
+
+@numba.njit
+def returns_an_integer(t, u, v, p):
+    return 0
+
+
+@numba.njit
+def returns_an_array(t, u, v, p, a):
+    return u * 2.0
+
+
+@numba.njit
+def does_not_type(t, u, v, p):
+    return u + "a"
+
+
+@numba.njit("float64(float64, float64, float64, float64[:])")
+def explicit(t, u, v, p):
+    return -u
+
+
+@numba.njit
+def half_written(t, u, v, p, a):
+    a[0] = 0.0
+
+
+@numba.njit
+def changes_u(t, u, v, p, a):
+    u[0] += 1
+    a[:] = 0.0
+
+
+@numba.njit
+def not_finite(t, u, v, p):
+    return 1.0 / u if u != 0 else np.nan
+
+
+GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "params": PARAMS}
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"rhs": plain}, TypeError, "rhs must be compiled: decorate it with @numba.njit."),
+        ({"rhs": 3}, TypeError, "rhs must be a function decorated with @numba.njit, not int."),
+        ({"rhs": three_arguments}, TypeError, "rhs takes 3 arguments, but must take 4: (t, u, v, p) -> a."),
+        ({"rhs": oscillator_vector}, TypeError, "rhs has the vector form (t, u, v, p, a), writing a, but u0 is a number"),
+        ({"u0": [1.0], "v0": [0.0]}, TypeError, "rhs has the scalar form (t, u, v, p) -> a, but u0 is an array"),
+        ({"rhs": returns_nothing}, TypeError, "but it returns nothing."),
+        ({"rhs": returns_an_integer}, TypeError, "return a float such as 0.0"),
+        ({"rhs": returns_an_array, "u0": [1.0], "v0": [0.0]}, TypeError, "(t, u, v, p, a), writing a, but it returns array"),
+        ({"rhs": does_not_type}, TypeError, "rhs does not compile for the arguments (t, u, v, p) -> a: "),
+        ({"rhs": half_written, "u0": [1.0, 1.0], "v0": [0.0, 0.0]}, ValueError, "rhs gives nan for degree of freedom 1"),
+        ({"rhs": changes_u, "u0": [1.0], "v0": [0.0]}, ValueError, "rhs changes u or v"),
+        ({"rhs": not_finite, "u0": 0.0}, ValueError, "rhs gives nan for degree of freedom 0 at the start"),
+        ({"rhs": explicit}, TypeError, "its decorator must not list signatures"),
+        ({"u0": [1.0, 2.0]}, ValueError, "u0 and v0 must have the same shape, not (2,) and ()."),
+        ({"u0": [[1.0]], "v0": [[0.0]]}, ValueError, "u0 must be a number or a 1-D array, not an array of shape (1, 1)."),
+        ({"u0": [], "v0": []}, ValueError, "u0 must hold at least one degree of freedom, but it is empty."),
+        ({"u0": np.nan}, ValueError, "u0 must be finite, but it holds nan."),
+        ({"v0": np.inf}, ValueError, "v0 must be finite, but it holds inf."),
+        ({"u0": 1j}, TypeError, "u0 must be made of real numbers, not 1j."),
+        ({"u0": "a"}, TypeError, "u0 must be made of real numbers, not 'a'."),
+        ({"h": 0}, ValueError, "h must be a positive, finite number of time units, not 0."),
+        ({"h": -0.1}, ValueError, "h must be a positive, finite number of time units, not -0.1."),
+        ({"h": np.nan}, ValueError, "h must be a positive, finite number of time units, not nan."),
+        ({"h": np.inf}, ValueError, "h must be a positive, finite number of time units, not inf."),
+        ({"h": 1e-17}, ValueError, "h must be at least 1.11e-16 for this t_span"),
+        ({"h": "small"}, TypeError, "h must be made of real numbers, not 'small'."),
+        ({"t_span": (0, 0)}, ValueError, "t_span must end after it starts, but it is (0.0, 0.0)."),
+        ({"t_span": (1, 0)}, ValueError, "t_span must end after it starts, but it is (1.0, 0.0)."),
+        ({"t_span": (0, np.inf)}, ValueError, "t_span must be finite, not (0.0, inf)."),
+        ({"t_span": 5.0}, ValueError, "t_span must be the two times (t0, t1), not 5.0."),
+        ({"params": [[1.0]]}, ValueError, "params must be a number or a 1-D sequence, not an array of shape (1, 1)."),
+        ({"params": "k"}, TypeError, "params must be made of real numbers, not 'k'."),
+        ({"method": "euler"}, ValueError, "method must be one of 'eig3', 'cd', 'rk2', 'rk3', 'rk4', 'ab2', 'ab3'"),
+        ({"save_every": 0}, ValueError, "save_every must be a whole number of at least 1, not 0."),
+        ({"save_every": 1.5}, ValueError, "save_every must be a whole number of at least 1, not 1.5."),
+        ({"invariants": {"energy": plain}}, TypeError, "invariants['energy'] must be compiled"),
+        ({"invariants": {"energy": three_arguments}}, TypeError, "invariants['energy'] takes 3 arguments"),
+        ({"method": eig3.CentralDifference(jacobian=plain)}, TypeError, "jacobian must be compiled"),
+        (
+            {"method": eig3.CentralDifference(velocity="none"), "params": (3.0, 0.1)},
+            ValueError,
+            "velocity='none' needs a rhs that ignores v",
+        ),
+    ],
+)
+def test_bad_input_is_told_in_a_sentence(change, error, message):
+    with pytest.raises(error) as caught:
+        integrate(**{**GOOD, **change})
+    text = str(caught.value)
+    assert message in text
+    assert "\n" not in text
+    assert text.endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: eig3.EIG3(alpha=np.nan), "alpha must be a finite number"),
+        (lambda: eig3.EIG3(beta=np.inf), "beta must be a finite number"),
+        (lambda: eig3.CentralDifference(velocity="explicit"), "velocity must be 'implicit', 'none' or 'lagged'"),
+        (lambda: eig3.CentralDifference(solver="broyden"), "solver must be 'newton' or 'fixed-point'"),
+        (lambda: eig3.CentralDifference(tol=0), "tol must be between 0 and 1"),
+        (lambda: eig3.CentralDifference(max_iterations=0), "max_iterations must be at least 1"),
+        (lambda: eig3.CentralDifference(velocity="lagged", jacobian=plain), "jacobian is used by"),
+    ],
+)
+def test_bad_records_are_refused(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()
+
+
+def test_history_that_does_not_fit_is_refused_with_the_save_every_that_would(monkeypatch):
+    monkeypatch.setattr(memory, "available_memory", lambda: 24e6)
+    with pytest.raises(MemoryError, match=r"needs 2\.4e\+08 bytes and 2\.4e\+07 are free; save_every=(\d+) would fit") as caught:
+        oscillate(t_end=1e5)
+    every = int(str(caught.value).partition("save_every=")[2].split()[0])
+    assert every == 11
+    run = oscillate(t_end=1e5, save_every=every)
+    assert run.success
+    assert 24 * len(run.t) <= 24e6
+
+
+def test_memory_available_is_told():
+    assert 1e6 < memory.available_memory() < 1e15
+
+
+def test_newton_matrix_that_does_not_fit_is_refused(monkeypatch):
+    monkeypatch.setattr(memory, "available_memory", lambda: 1e6)
+    u0 = np.zeros(1000)
+    with pytest.raises(MemoryError, match="solver='fixed-point'"):
+        integrate(oscillator_vector, (0, 1), u0, u0, h=0.1, params=PARAMS, method="cd", save_every=None)
+
+
+def test_caller_keeps_its_arrays():
+    u0, v0, p = np.ones(3), np.zeros(3), np.array([1.0, 2.0, 3.0])
+    run = integrate(coupled, (0, 1), u0, v0, h=0.01, params=p)
+    assert (u0 == 1).all()
+    assert (v0 == 0).all()
+    assert p.tolist() == [1, 2, 3]
+    assert run.u[0].tolist() == [1, 1, 1]
+
+
+def test_stepper_refuses_rows_that_do_not_fit():
+    stepper = eig3.Stepper(oscillator, 1.0, 0.0, h=0.1, params=PARAMS)
+    with pytest.raises(ValueError, match="shape"):
+        stepper.advance(10, 1, np.empty(9), np.empty(10))
+    with pytest.raises(ValueError, match="float64"):
+        stepper.advance(10, 1, np.empty(10), np.empty(10, np.float32))
+    assert stepper.index == 0
