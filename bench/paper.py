@@ -5,6 +5,7 @@ import json
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from .timing import Storage, interleave, time_run
 QUICK_REPEATS = 3
 _QUICK_LEAVES_OUT_SMALLEST = (1, 2, 3, 5)
 _ERROR_BLOCK = 2**18
+_CLAIM_TOLERANCE = 0.15  # of the ratio a claim names: what compilers and processors may differ in
 
 # Table 4 shows CD at its best too: fixed-point iteration in place of the article's Newton.
 EXTRA = {4: {"cd fixed-point": CentralDifference(solver="fixed-point")}}
@@ -83,7 +85,11 @@ def run(
 ) -> list[Result]:
     """Measure, print each table when it is done, and keep everything in `out` as soon as it is there."""
     settings = {"table": only, "repeats": repeats, "quick": quick, "mode": "right-hand side through a pointer"}
-    heading = f"Machine: {in_words()}\nTimes: mean of {repeats} interleaved runs of the kernel alone, whole history stored."
+    heading = (
+        f"Machine: {in_words()}\n"
+        f"Times: mean of {repeats} interleaved runs of the kernel alone, whole history stored; each holds one call "
+        "from Python, some 20 microseconds, which shows at the largest steps."
+    )
     write(heading)
     pages, results = [heading], []
     for table in TABLES:
@@ -115,11 +121,9 @@ def measure(table: Table, steps: tuple[float, ...], repeats: int) -> Result:
     storage = Storage.for_runs(problem, steps)
     cells = []
     for i, h in enumerate(steps):
-        runs = {
-            name: (lambda method=method: time_run(problem, h, method, storage)[0]) for name, method in methods.items()
-        }
+        runs = {name: partial(time_run, problem, h, method, storage) for name, method in methods.items()}
         where = f"table {table.number}, h = {h:g}"
-        seconds = interleave(runs, repeats, lambda what, where=where: text.status(f"{where}, {what}"))
+        seconds = interleave(runs, repeats, partial(_tell, where))
         for name, method in methods.items():
             text.status(f"{where}, {name}: error over every step")
             solution, error = error_of(problem, h, method)
@@ -129,6 +133,10 @@ def measure(table: Table, steps: tuple[float, ...], repeats: int) -> Result:
             )
     text.status("")
     return Result(table, cells)
+
+
+def _tell(where: str, what: str) -> None:
+    text.status(f"{where}, {what}")
 
 
 def error_of(problem: Problem, h: float, method: str | Method):
@@ -161,9 +169,9 @@ def render(result: Result) -> str:
                     text.number(cell.mean),
                     text.number(1e9 * cell.mean / cell.n_steps),
                     text.number(cell.error, 4),
-                    text.number(entry and entry.seconds),
-                    text.number(entry and entry.error),
-                    text.number(entry and cell.error / entry.error) + mark,
+                    text.number(entry.seconds if entry else None),
+                    text.number(entry.error if entry else None),
+                    text.number(cell.error / entry.error if entry else None) + mark,
                 ]
             )
     table = result.table
@@ -178,8 +186,8 @@ def render_footnotes(results: list[Result]) -> str:
     unmarked = [abs(cell.error / entry.recomputed - 1) for cell, entry in entries if not entry.mark]
     if unmarked:
         lines.append(
-            f"The {len(unmarked)} unmarked errors differ from those recomputed from the article's definitions by at most "
-            f"{100 * max(unmarked):.1f} %; the article prints two or three digits and truncates some."
+            f"The {len(unmarked)} unmarked errors differ from those recomputed from the article's definitions by at "
+            f"most {100 * max(unmarked):.1f} %; the article prints two or three digits and truncates some."
         )
     return "\n\n".join(lines)
 
@@ -201,7 +209,8 @@ def render_relative(results: list[Result]) -> str:
     if not rows:
         return "Times relative to EIG-3: no table with other methods was run."
     header = ["time / EIG-3's"] + [f"{label(name)}{where}" for name in others for where in ("", ", article")]
-    return f"Times relative to EIG-3 in the same run; a dash where the article's clock shows 0.0\n\n{text.table(header, rows)}"
+    title = "Times relative to EIG-3 in the same run; a dash where the article's clock shows 0.0"
+    return f"{title}\n\n{text.table(header, rows)}"
 
 
 def _printed_ratio(entry: Entry | None, base: Entry | None) -> float | None:
@@ -210,7 +219,10 @@ def _printed_ratio(entry: Entry | None, base: Entry | None) -> float | None:
 
 def render_claims(results: list[Result]) -> str:
     by_number = {result.table.number: result for result in results}
-    lines = ["The article's claims, each at the smallest step run:"]
+    lines = [
+        "The article's claims, each at the smallest step run; a ratio holds when it is within "
+        f"{100 * _CLAIM_TOLERANCE:.0f} % of the one claimed:"
+    ]
     for i, (claim, verdict) in enumerate(CLAIMS, start=1):
         try:
             holds, numbers = verdict(by_number)
@@ -225,43 +237,49 @@ def _ratios(results: dict[int, Result], numbers: tuple[int, ...], method: str) -
     return {n: results[n].cell(method).mean / results[n].cell("eig3").mean for n in numbers}
 
 
+def _near(ratio: float, claimed: float) -> bool:
+    return abs(ratio / claimed - 1) <= _CLAIM_TOLERANCE
+
+
 def _in_words(ratios: dict[int, float]) -> str:
     return ", ".join(f"{ratio:.2f} in Table {n}" for n, ratio in ratios.items())
 
 
 def _same_cost(results):
     ratios = _ratios(results, (1, 2, 3), "cd")
-    return all(0.9 <= ratio <= 1.1 for ratio in ratios.values()), f"CD / EIG-3 is {_in_words(ratios)}"
+    return all(_near(ratio, 1.0) for ratio in ratios.values()), f"CD / EIG-3 is {_in_words(ratios)}"
 
 
 def _rk2_twice(results):
     ratios = _ratios(results, (1, 2, 3, 4), "rk2")
-    return all(1.75 <= ratio <= 2.25 for ratio in ratios.values()), f"RK2 / EIG-3 is {_in_words(ratios)}"
+    return all(_near(ratio, 2.0) for ratio in ratios.values()), f"RK2 / EIG-3 is {_in_words(ratios)}"
 
 
 def _newton_cost(results):
     newton, fixed_point = (_ratios(results, (4,), method)[4] for method in ("cd", "cd fixed-point"))
-    return 4.8 <= newton <= 6.4, (
-        f"CD / EIG-3 is {newton:.2f} with Newton's method, and {fixed_point:.2f} with fixed-point iteration, of the same error"
+    by_step = ", ".join(
+        f"{results[4].cell('cd', h).mean / results[4].cell('eig3', h).mean:.2f} at h = {h:g}" for h in results[4].steps
+    )
+    return _near(newton, 5.6), (
+        f"CD / EIG-3 is {by_step} with Newton's method, and {fixed_point:.2f} at the smallest step with fixed-point "
+        "iteration"
     )
 
 
 def _beats_cd(results):
-    fine, newton, fixed_point = (
-        results[5].cell("eig3", 2e-6),
-        results[4].cell("cd", 1e-5),
-        results[4].cell("cd fixed-point", 1e-5),
-    )
+    fine = results[5].cell("eig3", 2e-6)
+    newton, fixed_point = (results[4].cell(method, 1e-5) for method in ("cd", "cd fixed-point"))
     return fine.mean < newton.mean and fine.error < newton.error, (
         f"EIG-3 takes {fine.mean / newton.mean:.2f} of the time of CD with Newton's method and "
-        f"{fine.mean / fixed_point.mean:.2f} of that with fixed-point iteration, for {fine.error / newton.error:.2f} of the drift"
+        f"{fine.mean / fixed_point.mean:.2f} of that with fixed-point iteration, for {fine.error / newton.error:.2f} "
+        "of the drift"
     )
 
 
 CLAIMS = (
-    ("EIG-3 and CD cost the same where f has no velocity (ratio within 0.9 to 1.1)", _same_cost),
-    ("RK2 takes about twice EIG-3 (ratio within 1.75 to 2.25)", _rk2_twice),
-    ("With velocity terms CD takes 5.6 times EIG-3 (ratio within 4.8 to 6.4)", _newton_cost),
+    ("EIG-3 and CD cost the same where f has no velocity", _same_cost),
+    ("RK2 takes about twice EIG-3", _rk2_twice),
+    ("With velocity terms CD takes 5.6 times EIG-3", _newton_cost),
     ("On the pendulum EIG-3 at h = 2e-6 beats CD at h = 1e-5 in both time and drift", _beats_cd),
 )
 

@@ -34,9 +34,15 @@ def work_precision(result: Result, path: Path) -> None:
         axes.loglog(times, errors, color=color, marker=marker, label=cells[0].label, alpha=0.85)
     for cell in (cell for cell in result.cells if cell.method == "eig3" and cell.error < _BLOWN_UP):
         axes.annotate(
-            f"h = {cell.h:g} s", (cell.mean, cell.error), xytext=(7, 5), textcoords="offset points", fontsize=8, color="C3"
+            f"h = {cell.h:g} s",
+            (cell.mean, cell.error),
+            xytext=(9, 6),
+            textcoords="offset points",
+            fontsize=8,
+            color="C3",
+            bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
         )
-    axes.margins(x=0.12)
+    axes.margins(x=0.17)
     axes.set_xlabel("time in the kernel (s), mean of the runs")
     axes.set_ylabel(f"error: {result.table.metric}")
     axes.set_title(f"Table {result.table.number}: {result.table.title}", fontsize=11)

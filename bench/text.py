@@ -9,7 +9,9 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
 
     def line(cells: Sequence[str]) -> str:
-        padded = (cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(cells, widths, strict=True)))
+        padded = (
+            cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(cells, widths, strict=True))
+        )
         return f"| {' | '.join(padded)} |"
 
     rule = (("-" * w if i == 0 else "-" * (w - 1) + ":") for i, w in enumerate(widths))
@@ -17,8 +19,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number to so many digits; a dash for one that is not there."""
-    return "-" if value is None else f"{value:.{digits}g}"
+    """A number to so many digits, with its zeros; a dash for one that is not there."""
+    if value is None:
+        return "-"
+    return "0.0" if value == 0 else f"{value:#.{digits}g}".removesuffix(".")
 
 
 def status(text: str) -> None:

@@ -1,6 +1,6 @@
 """Timing as the article did it: the kernel alone, on storage allocated and touched before, compiling left out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -28,21 +28,19 @@ class Storage:
         return cls(shape[0] if shape else None, divide(problem.t_span[1] - problem.t_span[0], min(steps))[0])
 
 
-def time_run(
-    problem: Problem, h: float, method: str | Method, storage: Storage, *, inline: bool = False
-) -> tuple[float, int]:
-    """Seconds in the kernel for the whole span with every state stored, and the number of steps."""
+def time_run(problem: Problem, h: float, method: str | Method, storage: Storage) -> float:
+    """Seconds in the kernel for the whole span with every state stored."""
     n_steps, h = divide(problem.t_span[1] - problem.t_span[0], h)
-    stepper = problem.stepper(h=h, method=method, inline=inline)
+    stepper = problem.stepper(h=h, method=method)
     while stepper.index < n_steps:
         count = min(n_steps - stepper.index, len(storage.u))
         if stepper.advance(count, 1, storage.u[:count], storage.v[:count]) < count:
             break
-    return stepper.seconds, n_steps
+    return stepper.seconds
 
 
 def interleave(
-    runs: dict[str, Callable[[], float]], repeats: int, progress: Callable[[str], None] = lambda text: None
+    runs: Mapping[str, Callable[[], float]], repeats: int, progress: Callable[[str], None] = lambda text: None
 ) -> dict[str, list[float]]:
     """Call every run once in each of `repeats` rounds, after a round that warms up; return the seconds of each."""
     seconds: dict[str, list[float]] = {name: [] for name in runs}

@@ -70,7 +70,9 @@ def check_method(method: str | Method) -> Method:
         return method()
     if isinstance(method, str) and method.lower() in METHODS:
         return METHODS[method.lower()]()
-    raise ValueError(f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {method!r}.")
+    raise ValueError(
+        f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {method!r}."
+    )
 
 
 def _reals(value: Any, name: str) -> np.ndarray:

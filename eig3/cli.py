@@ -26,7 +26,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="command")
 
     bench = commands.add_parser(
-        "bench", help="run a benchmark", description="Run a benchmark; alone, `eig3 bench` is `eig3 bench paper --quick`."
+        "bench",
+        help="run a benchmark",
+        description="Run a benchmark; alone, `eig3 bench` is `eig3 bench paper --quick`.",
     )
     bench.set_defaults(run=_paper, table=None, repeats=None, quick=True, out=None)
     benchmarks = bench.add_subparsers(metavar="benchmark")

@@ -94,7 +94,7 @@ def integrate(
     """
     t0, t1 = check_span(t_span)
     n_steps, h = divide(t1 - t0, check_h(h))
-    u, v, form = check_state(u0, v0)
+    u, v, _ = check_state(u0, v0)
     method = check_method(method)
     every = n_steps if save_every is None else min(check_count(save_every, "save_every"), n_steps)
     bar = _progress_bar(progress, n_steps)
@@ -113,7 +113,9 @@ def divide(span: float, h: float) -> tuple[int, float]:
     """The number of steps of at most `h` that fill `span`, and their length."""
     ratio = span / h
     if not ratio < 2**53:
-        raise ValueError(f"h must be at least {span / 2**53:.3g} for this t_span, so that steps can be counted, not {h}.")
+        raise ValueError(
+            f"h must be at least {span / 2**53:.3g} for this t_span, so that steps can be counted, not {h}."
+        )
     # a step that divides the span but for round-off must not take one more step
     n_steps = max(1, math.ceil(ratio * (1 - 1e-12)))
     return n_steps, span / n_steps
@@ -199,13 +201,15 @@ def _before_divergence(before: Stepper, after: Stepper) -> tuple[Stepper, str]:
 def _divergence_message(stepper: Stepper, degree: int) -> str:
     from .stability import limit
 
-    what = f"The run became non-finite at t = {stepper.t + stepper.h:g}, in degree of freedom {degree}, with h = {stepper.h:g}"
+    what = f"The run became non-finite at t = {stepper.t + stepper.h:g} in degree of freedom {degree}"
     bound = limit(stepper.method)
     if bound == 0:
-        return f"{what}; {stepper.method!r} is unstable for undamped oscillations at every step."
+        return (
+            f"{what}: {stepper.method!r} is unstable for undamped oscillations at every step, here h = {stepper.h:g}."
+        )
     return (
-        f"{what}; {stepper.method!r} is stable for undamped oscillations up to omega h = {bound:.4g}, "
-        f"here omega = {bound / stepper.h:.4g}: a smaller h may hold."
+        f"{what}: at h = {stepper.h:g}, {stepper.method!r} is unstable for undamped frequencies above "
+        f"{bound / stepper.h:.4g} (omega h = {bound:.4g}); a smaller h may hold."
     )
 
 
@@ -219,9 +223,7 @@ def _failed_solve(stepper: Stepper) -> tuple[Status, str]:
     )
 
 
-def _finish(
-    stepper: Stepper, history: History, watches: list["_Watch"], status: Status, message: str
-) -> Solution:
+def _finish(stepper: Stepper, history: History, watches: list["_Watch"], status: Status, message: str) -> Solution:
     t, u, v = history.close(stepper)
     return Solution(
         t=t,

@@ -2,6 +2,7 @@
 
 import math
 import os
+from pathlib import Path
 
 from .methods import Method
 
@@ -35,7 +36,7 @@ def check_workspace(method: Method, n: int) -> None:
 def available_memory() -> float:
     """Bytes of memory free for use; infinite where the system does not tell."""
     try:
-        with open("/proc/meminfo") as lines:
+        with Path("/proc/meminfo").open() as lines:
             for line in lines:
                 if line.startswith("MemAvailable:"):
                     return 1024.0 * int(line.split()[1])

@@ -9,9 +9,12 @@ from typing import Any, ClassVar
 
 from .kernels.jit import Form
 
+#: Every method by its short name; a record enters itself.
+METHODS: dict[str, Any] = {}
+
 
 class Method:
-    """What every method's record tells.
+    """What every method's record tells. A subclass with a `name` is known to `eig3.integrate` by it.
 
     Attributes
     ----------
@@ -24,16 +27,19 @@ class Method:
     evaluations : int or None
         Right-hand-side evaluations a step; None where an iteration decides.
     kernel : str
-        The file of `eig3.kernels` that holds the method.
+        The module that holds the kernel, as `eig3.kernels` describes it.
     """
 
     name: ClassVar[str]
     label: ClassVar[str]
-    order: int
-    evaluations: int | None = 1
-    kernel: str
+    order: ClassVar[int]
+    evaluations: ClassVar[int | None] = 1
+    kernel: ClassVar[str]
+    ignores_velocity: ClassVar[bool] = False
     jacobian: Callable | None = None
-    ignores_velocity: bool = False
+
+    def __init_subclass__(cls) -> None:
+        METHODS[cls.name] = cls
 
     @property
     def settings(self) -> tuple[float, ...]:
@@ -47,7 +53,7 @@ class Method:
     @property
     def module(self) -> ModuleType:
         """The module of the kernel, imported when first asked for."""
-        return importlib.import_module(f"eig3.kernels.{self.kernel}")
+        return importlib.import_module(self.kernel)
 
     def function(self, form: Form) -> Callable:
         """The kernel for a form of right-hand side, as plain Python."""
@@ -70,7 +76,7 @@ class EIG3(Method):
     beta: float = 0.5
     name: ClassVar[str] = "eig3"
     label: ClassVar[str] = "EIG-3"
-    kernel: ClassVar[str] = "eig3"
+    kernel: ClassVar[str] = "eig3.kernels.eig3"
 
     def __post_init__(self) -> None:
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):
@@ -94,8 +100,8 @@ class CentralDifference(Method):
     ----------
     velocity : {"implicit", "none", "lagged"}
         "implicit" solves v = w + h/2 f(t, u, v) at every step: second order for every force. "none" is for a force
-        without velocity: one evaluation and no solve. "lagged" gives f the velocity of half a step before: explicit, but
-        of first order only, and there to be shown rather than preferred.
+        without velocity: one evaluation and no solve. "lagged" gives f the velocity of half a step before: explicit,
+        but of first order only, and there to be shown rather than preferred.
     solver : {"newton", "fixed-point"}
         How "implicit" solves. Newton's method converges also where h df/dv is large; fixed-point iteration is cheaper
         where it is small.
@@ -103,7 +109,7 @@ class CentralDifference(Method):
         df/dv for Newton's method: ``jacobian(t, u, v, p, J)``, writing the entries of the n x n array J, which come
         zeroed; or ``jacobian(t, u, v, p) -> float`` for one degree of freedom. Without it, differences of f.
     tol : float
-        The iteration ends when the residual of v is below tol (|v| + |w|), in the maximum norm.
+        The iteration ends when the residual of v is below tol (|v| + |w|), each summed over the degrees of freedom.
     max_iterations : int
         Iterations in one step before the run ends as NOT_CONVERGED.
     """
@@ -121,7 +127,7 @@ class CentralDifference(Method):
             raise ValueError(f"velocity must be 'implicit', 'none' or 'lagged', not {self.velocity!r}.")
         if self.solver not in ("newton", "fixed-point"):
             raise ValueError(f"solver must be 'newton' or 'fixed-point', not {self.solver!r}.")
-        if self.jacobian is not None and self.kernel != "cd_newton":
+        if self.jacobian is not None and self.kernel != "eig3.kernels.cd_newton":
             raise ValueError("jacobian is used by velocity='implicit' with solver='newton' only; leave it out.")
         if not 0 < self.tol < 1:
             raise ValueError(f"tol must be between 0 and 1, not {self.tol}.")
@@ -131,8 +137,8 @@ class CentralDifference(Method):
     @property
     def kernel(self) -> str:  # type: ignore[override]
         if self.velocity != "implicit":
-            return "cd"
-        return "cd_newton" if self.solver == "newton" else "cd_fixed_point"
+            return "eig3.kernels.cd"
+        return "eig3.kernels.cd_newton" if self.solver == "newton" else "eig3.kernels.cd_fixed_point"
 
     @property
     def order(self) -> int:  # type: ignore[override]
@@ -147,7 +153,7 @@ class CentralDifference(Method):
         return self.velocity == "none"
 
     def workspace_bytes(self, n: int) -> int:
-        return 8 * n * n if self.kernel == "cd_newton" and n > 1 else 0
+        return 8 * n * n if self.kernel == "eig3.kernels.cd_newton" and n > 1 else 0
 
     @property
     def settings(self) -> tuple[float, ...]:
@@ -160,7 +166,7 @@ class RK2(Method):
 
     name: ClassVar[str] = "rk2"
     label: ClassVar[str] = "RK2"
-    kernel: ClassVar[str] = "rk2"
+    kernel: ClassVar[str] = "eig3.kernels.rk2"
     order: ClassVar[int] = 2
     evaluations: ClassVar[int] = 2
 
@@ -171,7 +177,7 @@ class RK3(Method):
 
     name: ClassVar[str] = "rk3"
     label: ClassVar[str] = "RK3"
-    kernel: ClassVar[str] = "rk3"
+    kernel: ClassVar[str] = "eig3.kernels.rk3"
     order: ClassVar[int] = 3
     evaluations: ClassVar[int] = 3
 
@@ -182,7 +188,7 @@ class RK4(Method):
 
     name: ClassVar[str] = "rk4"
     label: ClassVar[str] = "RK4"
-    kernel: ClassVar[str] = "rk4"
+    kernel: ClassVar[str] = "eig3.kernels.rk4"
     order: ClassVar[int] = 4
     evaluations: ClassVar[int] = 4
 
@@ -193,7 +199,7 @@ class AB2(Method):
 
     name: ClassVar[str] = "ab2"
     label: ClassVar[str] = "AB2"
-    kernel: ClassVar[str] = "ab2"
+    kernel: ClassVar[str] = "eig3.kernels.ab2"
     order: ClassVar[int] = 2
 
 
@@ -203,8 +209,5 @@ class AB3(Method):
 
     name: ClassVar[str] = "ab3"
     label: ClassVar[str] = "AB3"
-    kernel: ClassVar[str] = "ab3"
+    kernel: ClassVar[str] = "eig3.kernels.ab3"
     order: ClassVar[int] = 3
-
-
-METHODS: dict[str, Any] = {record.name: record for record in (EIG3, CentralDifference, RK2, RK3, RK4, AB2, AB3)}

@@ -179,7 +179,9 @@ class Stepper:
         if rows is None:
             rows = self._nowhere
         if rows.shape[1:] != self._nowhere.shape[1:] or len(rows) < count:
-            raise ValueError(f"the rows must have shape {(count, *self._nowhere.shape[1:])} at least, not {rows.shape}.")
+            raise ValueError(
+                f"the rows must have shape {(count, *self._nowhere.shape[1:])} at least, not {rows.shape}."
+            )
         if rows.dtype != np.float64 or not rows.flags.c_contiguous:
             raise ValueError("the rows must be C-contiguous arrays of float64.")
         return rows

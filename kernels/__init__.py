@@ -1,6 +1,7 @@
 """The compiled loops, one method a file.
 
-Each method's file holds, in this order: what it computes and where that comes from; the update of one component, written
-once; a step for one degree of freedom and a step for n, which both use that update; `start`, which fills the history a
-multistep method needs; and `scalar` and `vector`, the kernels that `jit` compiles for the fixed signatures.
+Each method's file holds, in this order: what it computes and where that comes from; the update of one component,
+written once; a step for one degree of freedom and a step for n, which both use that update; `start`, which fills the
+history that a method carries beside u and v; and `scalar` and `vector`, the kernels that `jit` compiles for the fixed
+signatures. `SCRATCH` is the number of rows of n values that the vector form needs beside u, v and the history.
 """

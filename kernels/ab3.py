@@ -1,7 +1,7 @@
 """AB3, the third-order Adams-Bashforth method on (u, v); its first two steps are Kutta's, of the same order.
 
-    u_{n+1} = u_n + h/12 (23 v_n - 16 v_{n-1} + 5 v_{n-2})
-    v_{n+1} = v_n + h/12 (23 a_n - 16 a_{n-1} + 5 a_{n-2})
+u_{n+1} = u_n + h/12 (23 v_n - 16 v_{n-1} + 5 v_{n-2})
+v_{n+1} = v_n + h/12 (23 a_n - 16 a_{n-1} + 5 a_{n-2})
 """
 
 from . import rk3
@@ -35,7 +35,7 @@ def step_scalar(f, t, y, c, h, p):
 
 @element
 def start_vector(f, t, y, c, h, p):
-    u, v, v1, a1, v2, a2, a, u_stage, v_stage, b2, b3 = y
+    u, v, v1, a1, v2, a2, _, u_stage, v_stage, b2, b3 = y
     for j in range(u.size):
         v2[j], a2[j], v1[j] = v1[j], a1[j], v[j]
     rk3.step_vector(f, t, (u, v, u_stage, v_stage, a1, b2, b3), c, h, p)

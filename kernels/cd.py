@@ -6,8 +6,8 @@ run as increments of the velocity w_n = (u_n - u_{n-1}) / h of the half step bef
 
     w_{n+1} = w_n + h a_n        u_{n+1} = u_n + h w_{n+1}        v_n = w_n + h/2 a_n
 
-because the round-off of 2 u_n - u_{n-1} grows with the square of the number of steps. w stands in for the velocity in f:
-nothing is lost where f has none; where it has, the method is of first order only. The start is
+because 2 u_n - u_{n-1} loses digits as h shrinks: a rounding eps of u is one of eps/h in the velocity. w stands in for
+the velocity in f: nothing is lost where f has none; where it has, the method is of first order only. The start is
 u_{-1} = u_0 - h v_0 + h^2/2 a_0, which is w_0 = v_0 - h/2 a_0.
 """
 

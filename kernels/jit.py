@@ -1,8 +1,8 @@
 """Compiler options and the fixed signatures: the only place that knows either.
 
 A kernel is compiled in one of two modes. In pointer mode the right-hand side is an argument of a first-class function
-type, so that one compiled kernel, kept on disk, serves every right-hand side. In inline mode the same Python function is
-specialised for one right-hand side, which LLVM then inlines: the fastest loop, but compiled anew in every process.
+type, so that one compiled kernel, kept on disk, serves every right-hand side. In inline mode the same Python function
+is specialised for one right-hand side, which LLVM then inlines: the fastest loop, compiled anew in every process.
 """
 
 import functools
@@ -18,8 +18,8 @@ import numba
 from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.types import Array, FunctionType, Tuple, float64, int64, none
 
-# "contract" lets LLVM fuse a*b + c; "nsz" ignores the sign of zero. Full fastmath would delete tests for NaN and infinity.
-# The NumPy error model makes 1/0 infinite: Python's raises, and the check for it keeps loops from being vectorised.
+# "contract" lets LLVM fuse a*b + c; "nsz" ignores the sign of zero. Full fastmath would delete tests for NaN and
+# infinity. The NumPy error model makes 1/0 infinite: Python's raises, and its check keeps loops from being vectorised.
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
 # What a kernel is built of. Without NRT no reference count is touched: counting the array arguments around a call
@@ -80,7 +80,7 @@ def inline_kernel(function: Callable) -> Any:
 
 @functools.cache
 def invariant_kernel(function: Callable, form: Form) -> Any:
-    """Compile the loop that follows an invariant, called as ``kernel(invariant, e0, t0, h, p, first, u_rows, v_rows)``."""
+    """Compile the loop along an invariant, called as ``kernel(invariant, e0, t0, h, p, first, u_rows, v_rows)``."""
     return _compile(
         function,
         float64(FunctionType(form.invariant), float64, float64, float64, _vector, int64, form.rows, form.rows),

@@ -1,7 +1,7 @@
 """The two loops every method runs in: from step `first`, take `count` steps and write every `every`-th state.
 
-`step` returns whether it succeeded; LLVM drops the test for the methods that cannot fail. Time is t0 + i h from the step
-index i: a sum of steps would drift, and a chunk could not start in the middle.
+`step` returns whether it succeeded; LLVM drops the test for the methods that cannot fail. Time is t0 + i h from the
+step index i: a sum of steps would drift, and a chunk could not start in the middle.
 """
 
 from .jit import element

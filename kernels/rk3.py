@@ -1,10 +1,10 @@
 """RK3, Kutta's third-order method (c = 0, 1/2, 1; b = 1/6, 2/3, 1/6), with the stage velocities eliminated.
 
-    a_1 = f(t, u, v)
-    a_2 = f(t + h/2, u + h/2 v, v + h/2 a_1)
-    a_3 = f(t + h, u + h v + h^2 a_1, v + h (2 a_2 - a_1))
-    u_{n+1} = u + h v + h^2/6 (a_1 + 2 a_2)
-    v_{n+1} = v + h/6 (a_1 + 4 a_2 + a_3)
+a_1 = f(t, u, v)
+a_2 = f(t + h/2, u + h/2 v, v + h/2 a_1)
+a_3 = f(t + h, u + h v + h^2 a_1, v + h (2 a_2 - a_1))
+u_{n+1} = u + h v + h^2/6 (a_1 + 2 a_2)
+v_{n+1} = v + h/6 (a_1 + 4 a_2 + a_3)
 """
 
 from .jit import element

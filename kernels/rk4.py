@@ -1,11 +1,11 @@
 """RK4, the classical fourth-order Runge-Kutta method, with the stage velocities eliminated.
 
-    a_1 = f(t, u, v)
-    a_2 = f(t + h/2, u + h/2 v, v + h/2 a_1)
-    a_3 = f(t + h/2, u + h/2 v + h^2/4 a_1, v + h/2 a_2)
-    a_4 = f(t + h, u + h v + h^2/2 a_2, v + h a_3)
-    u_{n+1} = u + h v + h^2/6 (a_1 + a_2 + a_3)
-    v_{n+1} = v + h/6 (a_1 + 2 a_2 + 2 a_3 + a_4)
+a_1 = f(t, u, v)
+a_2 = f(t + h/2, u + h/2 v, v + h/2 a_1)
+a_3 = f(t + h/2, u + h/2 v + h^2/4 a_1, v + h/2 a_2)
+a_4 = f(t + h, u + h v + h^2/2 a_2, v + h a_3)
+u_{n+1} = u + h v + h^2/6 (a_1 + a_2 + a_3)
+v_{n+1} = v + h/6 (a_1 + 2 a_2 + 2 a_3 + a_4)
 """
 
 from .jit import element

@@ -1,4 +1,4 @@
-"""u'' + 2 xi omega u' + omega^2 u = F cos(omega_f t): the oscillator, compiled with the terms its constants call for."""
+"""u'' + 2 xi omega u' + omega^2 u = F cos(omega_f t): the oscillator, compiled with the terms its constants name."""
 
 from collections.abc import Callable
 

@@ -141,7 +141,7 @@ def test_divergence_keeps_the_finite_part(save_every):
     assert np.isfinite(run.u).all()
     assert np.isfinite(run.v).all()
     assert run.t[-1] == pytest.approx(run.n_steps * run.h)
-    for word in ("non-finite at t =", "degree of freedom 0", "h = 0.7", "omega h = 2"):
+    for word in ("non-finite at t =", "degree of freedom 0", "h = 0.7", "above 2.857", "omega h = 2"):
         assert word in run.message
     step = eig3.Stepper(oscillator, 1.0, 0.0, h=run.h, params=PARAMS)
     step.advance(run.n_steps)
@@ -265,7 +265,14 @@ def test_interpolation_meets_the_saved_states_and_keeps_shapes():
 
 def test_repr_is_a_summary():
     text = repr(oscillate(invariants={"energy": oscillator_energy}))
-    for word in ("EIG3(alpha=1.0, beta=0.5)", "completed", "1000 steps", "1001 evaluations", "drift of energy", "ns a step"):
+    for word in (
+        "EIG3(alpha=1.0, beta=0.5)",
+        "completed",
+        "1000 steps",
+        "1001 evaluations",
+        "drift of energy",
+        "ns a step",
+    ):
         assert word in text
     assert "non-finite" in repr(oscillate(t_end=1e4, h=0.7))
     assert "iterations" in repr(oscillate(method=eig3.CentralDifference()))
@@ -333,18 +340,34 @@ GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "pa
         ({"rhs": plain}, TypeError, "rhs must be compiled: decorate it with @numba.njit."),
         ({"rhs": 3}, TypeError, "rhs must be a function decorated with @numba.njit, not int."),
         ({"rhs": three_arguments}, TypeError, "rhs takes 3 arguments, but must take 4: (t, u, v, p) -> a."),
-        ({"rhs": oscillator_vector}, TypeError, "rhs has the vector form (t, u, v, p, a), writing a, but u0 is a number"),
+        (
+            {"rhs": oscillator_vector},
+            TypeError,
+            "rhs has the vector form (t, u, v, p, a), writing a, but u0 is a number",
+        ),
         ({"u0": [1.0], "v0": [0.0]}, TypeError, "rhs has the scalar form (t, u, v, p) -> a, but u0 is an array"),
         ({"rhs": returns_nothing}, TypeError, "but it returns nothing."),
         ({"rhs": returns_an_integer}, TypeError, "return a float such as 0.0"),
-        ({"rhs": returns_an_array, "u0": [1.0], "v0": [0.0]}, TypeError, "(t, u, v, p, a), writing a, but it returns array"),
+        (
+            {"rhs": returns_an_array, "u0": [1.0], "v0": [0.0]},
+            TypeError,
+            "(t, u, v, p, a), writing a, but it returns array",
+        ),
         ({"rhs": does_not_type}, TypeError, "rhs does not compile for the arguments (t, u, v, p) -> a: "),
-        ({"rhs": half_written, "u0": [1.0, 1.0], "v0": [0.0, 0.0]}, ValueError, "rhs gives nan for degree of freedom 1"),
+        (
+            {"rhs": half_written, "u0": [1.0, 1.0], "v0": [0.0, 0.0]},
+            ValueError,
+            "rhs gives nan for degree of freedom 1",
+        ),
         ({"rhs": changes_u, "u0": [1.0], "v0": [0.0]}, ValueError, "rhs changes u or v"),
         ({"rhs": not_finite, "u0": 0.0}, ValueError, "rhs gives nan for degree of freedom 0 at the start"),
         ({"rhs": explicit}, TypeError, "its decorator must not list signatures"),
         ({"u0": [1.0, 2.0]}, ValueError, "u0 and v0 must have the same shape, not (2,) and ()."),
-        ({"u0": [[1.0]], "v0": [[0.0]]}, ValueError, "u0 must be a number or a 1-D array, not an array of shape (1, 1)."),
+        (
+            {"u0": [[1.0]], "v0": [[0.0]]},
+            ValueError,
+            "u0 must be a number or a 1-D array, not an array of shape (1, 1).",
+        ),
         ({"u0": [], "v0": []}, ValueError, "u0 must hold at least one degree of freedom, but it is empty."),
         ({"u0": np.nan}, ValueError, "u0 must be finite, but it holds nan."),
         ({"v0": np.inf}, ValueError, "v0 must be finite, but it holds inf."),
@@ -403,7 +426,9 @@ def test_bad_records_are_refused(build, message):
 
 def test_history_that_does_not_fit_is_refused_with_the_save_every_that_would(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 24e6)
-    with pytest.raises(MemoryError, match=r"needs 2\.4e\+08 bytes and 2\.4e\+07 are free; save_every=(\d+) would fit") as caught:
+    with pytest.raises(
+        MemoryError, match=r"needs 2\.4e\+08 bytes and 2\.4e\+07 are free; save_every=(\d+) would fit"
+    ) as caught:
         oscillate(t_end=1e5)
     every = int(str(caught.value).partition("save_every=")[2].split()[0])
     assert every == 11

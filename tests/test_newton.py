@@ -23,7 +23,11 @@ def solve(matrix, b):
 
 
 @settings(deadline=None)
-@given(st.integers(1, 8).flatmap(lambda n: arrays(np.float64, (n, n + 1), elements=st.floats(-1, 1).map(lambda x: round(x, 3)))))
+@given(
+    st.integers(1, 8).flatmap(
+        lambda n: arrays(np.float64, (n, n + 1), elements=st.floats(-1, 1).map(lambda x: round(x, 3)))
+    )
+)
 def test_ldu_solves(system):
     matrix, b = system[:, :-1].copy(), system[:, -1].copy()
     condition = np.linalg.cond(matrix)
@@ -118,11 +122,24 @@ def test_not_converged_tells_time_and_residual():
 
 @eig3.jit
 def singular_jacobian(t, u, v, p, J):
-    J[0, 0] = J[1, 1] = 200.0  # I - h/2 J = 0 for h = 0.01
+    J[0, 0] = J[1, 1] = 256.0  # I - h/2 J is exactly 0 for h = 1/128
 
 
 def test_singular_jacobian_is_told():
-    run = eig3.integrate(
-        drag, (0, 1), [1.0, 0.0], [0.0, 1.0], h=0.01, params=1.0, method=eig3.CentralDifference(jacobian=singular_jacobian)
-    )
+    method = eig3.CentralDifference(jacobian=singular_jacobian)
+    run = eig3.integrate(drag, (0, 1), [1.0, 0.0], [0.0, 1.0], h=1 / 128, params=1.0, method=method)
     assert run.status is eig3.Status.NOT_CONVERGED
+    assert run.u.tolist() == [[1.0, 0.0]]
+    assert run.at(0.0)[1].tolist() == [0.0, 1.0]
+
+
+@eig3.jit
+def driving_jacobian(t, u, v, p, J):
+    J[0, 0] = J[1, 1] = 512.0  # the wrong sign: Newton steps away from the root
+
+
+def test_divergence_of_newton_with_a_jacobian_is_told():
+    method = eig3.CentralDifference(jacobian=driving_jacobian, max_iterations=10**6)
+    run = eig3.integrate(drag, (0, 1), [1.0, 0.0], [0.0, 1.0], h=1 / 128, params=1e9, method=method)
+    assert run.status is not eig3.Status.COMPLETED
+    assert np.isfinite(run.u).all()

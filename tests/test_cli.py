@@ -1,0 +1,166 @@
+"""The command line, and the benchmarks it runs."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+import eig3
+from eig3.bench import paper, speed, text
+from eig3.bench.article import TABLES, Table
+from eig3.cli import main
+
+
+def test_version_and_help(capsys):
+    for arguments, expected in ((["--version"], f"eig3 {eig3.__version__}"), (["--help"], "usage: eig3")):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 0
+        assert expected in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "required: command"),
+        (["integrate"], "invalid choice"),
+        (["bench", "paper", "--fast"], "unrecognized arguments: --fast"),
+        (["bench", "paper", "--table", "6"], "invalid choice"),
+        (["bench", "paper", "--repeats", "0"], "must be at least 1"),
+    ],
+)
+def test_wrong_usage_is_told(arguments, message, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_the_command_is_installed():
+    result = subprocess.run([sys.executable, "-m", "eig3", "--version"], capture_output=True, text=True, check=True)
+    assert result.stdout == f"eig3 {eig3.__version__}\n"
+
+
+def test_bench_alone_is_the_quick_paper(monkeypatch):
+    calls = []
+    monkeypatch.setattr(paper, "run", lambda **settings: calls.append(settings))
+    main(["bench"])
+    main(["bench", "paper", "--quick"])
+    main(["bench", "paper"])
+    main(["bench", "paper", "--quick", "--repeats", "5", "--table", "2"])
+    quick = {"only": None, "repeats": paper.QUICK_REPEATS, "quick": True, "out": None}
+    assert calls[:2] == [quick, quick]
+    assert calls[2] == {"only": None, "repeats": 10, "quick": False, "out": None}
+    assert calls[3] == {"only": 2, "repeats": 5, "quick": True, "out": None}
+
+
+@pytest.fixture
+def short_tables(monkeypatch):
+    """The article's tables without their two smallest steps."""
+    short = [
+        Table(t.number, t.title, t.metric, t.problem, t.steps[:2], {m: e[:2] for m, e in t.entries.items()})
+        for t in TABLES
+        if t.number < 5
+    ]
+    monkeypatch.setattr(paper, "TABLES", short)
+
+
+@pytest.mark.usefixtures("short_tables")
+def test_paper_prints_keeps_and_draws_everything(tmp_path, capsys):
+    out = tmp_path / "new" / "folder"
+    assert main(["bench", "paper", "--repeats", "2", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    for word in (
+        "Table 1",
+        "Table 4",
+        "ns/step",
+        "[a] printed 6.9e23",
+        "Times relative to EIG-3",
+        "does not hold here",
+    ):
+        assert word in printed
+    assert "4. On the pendulum EIG-3 at h = 2e-6 beats CD at h = 1e-5 in both time and drift: not judged" in printed
+
+    results = json.loads((out / "results.json").read_text())
+    assert {"cpu", "numba", "numpy", "python", "eig3"} <= set(results["environment"])
+    assert results["settings"]["repeats"] == 2
+    assert len(results["tables"]) == 4
+    for table in results["tables"]:
+        for cell in table["cells"]:
+            assert len(cell["seconds"]) == 2
+            assert cell["mean_seconds"] == pytest.approx(sum(cell["seconds"]) / 2)
+            assert cell["n_rhs"] >= cell["n_steps"]
+            if cell["entry"] and not cell["entry"]["mark"]:
+                assert cell["error"] == pytest.approx(cell["entry"]["recomputed"], rel=0.02)
+    assert (out / "tables.md").read_text().strip() in printed
+    for number in (1, 2, 3, 4):
+        assert (out / f"table{number}.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.usefixtures("short_tables")
+def test_without_matplotlib_the_pictures_are_skipped_with_a_word(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.delitem(sys.modules, "eig3.bench.pictures", raising=False)
+    main(["bench", "paper", "--repeats", "1", "--table", "2", "--out", str(tmp_path)])
+    assert "no pictures, since matplotlib is not installed" in capsys.readouterr().out
+    assert (tmp_path / "results.json").exists()
+
+
+@pytest.mark.usefixtures("short_tables")
+def test_an_interrupted_benchmark_keeps_the_tables_that_were_done(tmp_path, capsys, monkeypatch):
+    def interrupted_at_table_2(problem, h, method):
+        if problem.name == "hardening_spring":
+            raise KeyboardInterrupt
+        return error_of(problem, h, method)
+
+    error_of = paper.error_of
+    monkeypatch.setattr(paper, "error_of", interrupted_at_table_2)
+    assert main(["bench", "paper", "--repeats", "1", "--out", str(tmp_path)]) == 130
+    assert "Interrupted." in capsys.readouterr().err
+    assert [table["number"] for table in json.loads((tmp_path / "results.json").read_text())["tables"]] == [1]
+
+
+def test_a_history_that_does_not_fit_is_timed_in_chunks(monkeypatch):
+    from eig3.bench import timing
+
+    problem = eig3.problems.spring_pendulum(t_end=1.0)
+    monkeypatch.setattr(timing, "available_memory", lambda: 32.0 * 2 * 300)
+    storage = timing.Storage.for_runs(problem, [1e-3])
+    assert storage.u.shape == (300, 2)
+    assert timing.time_run(problem, 1e-3, "eig3", storage) > 0
+    whole = problem.integrate(h=1e-3)
+    assert (storage.u[:100] == whole.u[901:1001]).all()
+
+
+def test_speed_compares_every_kernel_with_a_loop_that_computes_the_same(capsys, monkeypatch):
+    monkeypatch.setattr(speed, "N_STEPS", 2000)
+    assert main(["bench", "speed", "--method", "eig3", "--method", "cd", "--repeats", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("| single_dof, ") == 2
+    assert "spring_pendulum, EIG-3, its equations in registers" in printed
+    with pytest.raises(SystemExit, match="must be one of"):
+        main(["bench", "speed", "--method", "euler"])
+
+
+@pytest.mark.parametrize("name", list(eig3.METHODS))
+@pytest.mark.parametrize("build", [eig3.problems.hardening_spring, eig3.problems.spring_pendulum])
+def test_loops_by_hand_compute_what_the_kernels_do(name, build, monkeypatch):
+    monkeypatch.setattr(speed, "N_STEPS", 1000)
+    problem, h = build(), 1e-4
+    storage = speed.Storage(2 if build is eig3.problems.spring_pendulum else None, 1000)
+    speed.ours(problem, h, name, storage, inline=False)()
+    kernel = storage.u.copy()
+    function = getattr(speed.handwritten, f"{name}_{'pair' if storage.u.ndim > 1 else 'scalar'}")
+    speed.theirs(problem, h, function, storage, inline=False)()
+    # AB3 by hand starts with a constant past, an error of h^2 a and h^2 times the third derivative
+    assert abs(storage.u - kernel).max() < (2e-2 if name == "ab3" else 1e-8)
+
+
+def test_table_is_aligned_markdown():
+    lines = text.table(["a", "bb"], [["long", "1"], ["c", "234"]]).splitlines()
+    assert lines == ["| a    |  bb |", "| ---- | --: |", "| long |   1 |", "| c    | 234 |"]
+
+
+def test_numbers_keep_their_zeros():
+    assert [text.number(x) for x in (None, 0.0, 1, 198.2, 2.66512e-5)] == ["-", "0.0", "1.00", "198", "2.67e-05"]

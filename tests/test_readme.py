@@ -1,0 +1,74 @@
+"""Every block of the README runs: Python as written with the output it shows, and the two commands as CI runs them."""
+
+import contextlib
+import importlib
+import io
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3.stability import limit
+
+ROOT = Path(__file__).parent.parent
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
+PYTHON = [code for language, code in BLOCKS if language == "python"]
+OUTPUT = [text for language, text in BLOCKS if language == "text"]
+
+
+def test_examples_print_what_they_show():
+    examples, method = PYTHON[:-1], PYTHON[-1]
+    assert len(examples) == len(OUTPUT) == 4
+    assert "SymplecticEuler" in method
+    namespace = {}
+    for code, expected in zip(examples, OUTPUT, strict=True):
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(code, "README.md", "exec"), namespace)
+        assert printed.getvalue() == expected
+
+
+@eig3.jit
+def spring(t, u, v, p):
+    return -u
+
+
+@eig3.jit
+def springs(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -u[j]
+
+
+@pytest.fixture
+def symplectic_euler(tmp_path, monkeypatch):
+    (tmp_path / "symplectic_euler.py").write_text(PYTHON[-1])
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("eig3.methods.METHODS", eig3.METHODS)
+    yield importlib.import_module("symplectic_euler").SymplecticEuler
+    del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]
+
+
+def test_the_method_of_the_readme_works(symplectic_euler):
+    errors = []
+    for h in (0.01, 0.005):
+        run = eig3.integrate(spring, (0, 10), 1.0, 0.0, h=h, method="symplectic-euler")
+        errors.append(np.abs(run.u - np.cos(run.t)).max())
+        vector = eig3.integrate(springs, (0, 10), [1.0, 2.0], [0.0, 0.0], h=h, method=symplectic_euler())
+        np.testing.assert_allclose(vector.u, run.u[:, None] * [1, 2], rtol=0, atol=1e-12)
+        assert run.n_rhs == run.n_steps + 1
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(1, abs=0.05)
+    assert limit(symplectic_euler()) == pytest.approx(2, abs=1e-8)
+
+
+def test_commands_are_those_ci_runs():
+    commands = [code for language, code in BLOCKS if language == "sh"]
+    assert len(commands) == 2
+    assert commands[0].endswith("eig3 bench\n")
+    assert commands[1].endswith("pytest -q\n")
+    assert {language for language, _ in BLOCKS} == {"sh", "python", "text"}
+    runner = (ROOT / ".ci" / "run").read_text()
+    assert "readme_command 1" in runner
+    assert "readme_command 2" in runner
