@@ -47,6 +47,14 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     return t0, t1
 
 
+def check_time(t: float, name: str) -> float:
+    """A finite time as a float."""
+    time = _reals(t, name)
+    if time.ndim != 0 or not math.isfinite(time):
+        raise ValueError(f"{name} must be a finite number, not {t!r}.")
+    return float(time)
+
+
 def check_h(h: float) -> float:
     """The step as a float."""
     step = _reals(h, "h")

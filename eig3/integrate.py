@@ -1,21 +1,22 @@
 """The run of a whole time history: native chunks under a Python loop that watches them."""
 
 import math
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .callbacks import check_callback
 from .checks import check_count, check_h, check_method, check_span, check_state
 from .history import History
 from .interrupt import deferred_interrupt
-from .kernels import invariant as invariant_loops
-from .kernels.jit import invariant_kernel
 from .methods import Method
+from .progress import check_progress, progress_bar
 from .solution import Solution, Status
+from .stability import limit
 from .stepper import Stepper
+from .watch import Watch, watches_of
 
 _CHUNK_SECONDS = 0.1  # between looks at Ctrl-C and for divergence
 _CHUNK_GROWTH = 16
@@ -97,11 +98,12 @@ def integrate(
     u, v, _ = check_state(u0, v0)
     method = check_method(method)
     every = n_steps if save_every is None else min(check_count(save_every, "save_every"), n_steps)
-    bar = _progress_bar(progress, n_steps)
+    check_progress(progress)
     history = History(n_steps, every, u, v)
     stepper = Stepper(rhs, u, v, h=h, t0=t0, params=params, method=method, inline=inline)
-    watches = [_Watch(name, function, stepper) for name, function in (invariants or {}).items()]
-    solution = _run(stepper, n_steps, history, watches, bar)
+    watches = watches_of(invariants, stepper)
+    with progress_bar(progress, n_steps) as advance_bar:
+        solution = _run(stepper, n_steps, history, watches, advance_bar)
     if solution.success:
         solution.t[-1] = t1  # which t0 + n h meets to round-off only
     elif raise_on_failure:
@@ -121,15 +123,21 @@ def divide(span: float, h: float) -> tuple[int, float]:
     return n_steps, span / n_steps
 
 
-def _run(stepper: Stepper, n_steps: int, history: History, watches: list["_Watch"], bar: Any) -> Solution:
+def _run(
+    stepper: Stepper,
+    n_steps: int,
+    history: History,
+    watches: dict[str, Watch],
+    tell: Callable[[int], object],
+) -> Solution:
     status, message = Status.COMPLETED, "The run reached the end of its span."
     count = 1
-    with deferred_interrupt() as interrupt, bar:
+    with deferred_interrupt() as interrupt:
         while stepper.index < n_steps:
             count = min(count, n_steps - stepper.index)
             if watches and history.every > 1:
                 count = min(count, max(1, _SCRATCH_VALUES // np.size(stepper.u)))
-            before = stepper.fork()
+            before, begin = stepper.fork(), time.perf_counter()
             try:
                 taken = _advance(stepper, count, history, watches)
             except Exception as error:
@@ -143,14 +151,14 @@ def _run(stepper: Stepper, n_steps: int, history: History, watches: list["_Watch
                 status, message = _failed_solve(stepper)
             elif interrupt.raised and stepper.index < n_steps:
                 status, message = Status.INTERRUPTED, f"The run was interrupted at t = {stepper.t:g}."
-            bar.update(stepper.index - before.index)
+            tell(stepper.index - before.index)
             if status is not Status.COMPLETED:
                 break
-            count = _next_count(count, stepper.seconds - before.seconds)
+            count = _next_count(count, time.perf_counter() - begin)
     return _finish(stepper, history, watches, status, message)
 
 
-def _advance(stepper: Stepper, count: int, history: History, watches: list["_Watch"]) -> int:
+def _advance(stepper: Stepper, count: int, history: History, watches: dict[str, Watch]) -> int:
     """Take `count` steps, keep the rows asked for, and follow the invariants over every one."""
     first = stepper.index
     u_rows, v_rows = history.window(first, count)
@@ -165,7 +173,7 @@ def _advance(stepper: Stepper, count: int, history: History, watches: list["_Wat
         kept = slice(history.every - 1 - first % history.every, taken, history.every)
         u_rows[: len(u_all[kept])], v_rows[: len(v_all[kept])] = u_all[kept], v_all[kept]
     finite = taken if stepper.is_finite else _count_finite(u_all[:taken], v_all[:taken])
-    for watch in watches:
+    for watch in watches.values():
         watch.follow(first + 1, u_all[:finite], v_all[:finite])
     return taken
 
@@ -195,13 +203,11 @@ def _before_divergence(before: Stepper, after: Stepper) -> tuple[Stepper, str]:
     bad.advance(1)
     good.seconds = after.seconds
     finite = np.isfinite(bad.u) & np.isfinite(bad.v)
-    return good, _divergence_message(good, int(np.argmin(np.atleast_1d(finite))))
+    return good, _divergence_message(good, f"in degree of freedom {np.argmin(np.atleast_1d(finite))}")
 
 
-def _divergence_message(stepper: Stepper, degree: int) -> str:
-    from .stability import limit
-
-    what = f"The run became non-finite at t = {stepper.t + stepper.h:g} in degree of freedom {degree}"
+def _divergence_message(stepper: Stepper, where: str) -> str:
+    what = f"The run became non-finite at t = {stepper.t + stepper.h:g} {where}"
     bound = limit(stepper.method)
     if bound == 0:
         return (
@@ -216,14 +222,14 @@ def _divergence_message(stepper: Stepper, degree: int) -> str:
 def _failed_solve(stepper: Stepper) -> tuple[Status, str]:
     t = stepper.t + stepper.h
     if not math.isfinite(stepper.residual):
-        return Status.DIVERGED, _divergence_message(stepper, 0)
+        return Status.DIVERGED, _divergence_message(stepper, "in the solve for the velocity")
     return Status.NOT_CONVERGED, (
-        f"The solve for the velocity did not converge at t = {t:g}: its residual is {stepper.residual:.3g} after "
-        f"max_iterations; a smaller h, a looser tol or solver='newton' may help."
+        f"The solve for the velocity did not converge at t = {t:g}, where its residual is {stepper.residual:.3g}; "
+        "a smaller h, more max_iterations, a larger tol or solver='newton' may help."
     )
 
 
-def _finish(stepper: Stepper, history: History, watches: list["_Watch"], status: Status, message: str) -> Solution:
+def _finish(stepper: Stepper, history: History, watches: dict[str, Watch], status: Status, message: str) -> Solution:
     t, u, v = history.close(stepper)
     return Solution(
         t=t,
@@ -237,43 +243,5 @@ def _finish(stepper: Stepper, history: History, watches: list["_Watch"], status:
         message=message,
         kernel_seconds=stepper.seconds,
         method=stepper.method,
-        drift={watch.name: watch.drift for watch in watches},
+        drift={name: watch.drift for name, watch in watches.items()},
     )
-
-
-class _Watch:
-    """An invariant followed along a run."""
-
-    def __init__(self, name: str, function: Any, stepper: Stepper) -> None:
-        self.name = name
-        self.drift = 0.0
-        self._function = check_callback(function, "invariant", stepper.form, f"invariants[{name!r}]")
-        self._kernel = invariant_kernel(getattr(invariant_loops, stepper.form.name), stepper.form)
-        self._start = self._function(stepper.t0, stepper.u, stepper.v, stepper.params)
-        self._context = (stepper.t0, stepper.h, stepper.params)
-
-    def follow(self, first: int, u_rows: np.ndarray, v_rows: np.ndarray) -> None:
-        """Take in the states of the step indices from `first`."""
-        worst = self._kernel(self._function, self._start, *self._context, first, u_rows, v_rows)
-        self.drift = float(np.maximum(self.drift, worst))  # np.maximum keeps a NaN
-
-
-class _NoBar:
-    def __enter__(self) -> "_NoBar":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        pass
-
-    def update(self, steps: int) -> None:
-        pass
-
-
-def _progress_bar(progress: bool, n_steps: int) -> Any:
-    if not progress:
-        return _NoBar()
-    try:
-        from tqdm.auto import tqdm
-    except ImportError:
-        raise ImportError("progress=True needs tqdm: pip install tqdm.") from None
-    return tqdm(total=n_steps, unit="step", unit_scale=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .callbacks import check_callback
-from .checks import check_h, check_method, check_params, check_span, check_state
+from .checks import check_h, check_method, check_params, check_state, check_time
 from .kernels.jit import SCALAR, inline_kernel, pointer_kernel
 from .memory import check_workspace
 from .methods import Method
@@ -56,7 +56,7 @@ class Stepper:
         inline: bool = False,
     ) -> None:
         self.h = check_h(h)
-        self.t0, _ = check_span((t0, t0 + 1 + abs(t0)))
+        self.t0 = check_time(t0, "t0")
         u, v, self.form = check_state(u0, v0)
         self.params = check_params(params)
         self.method = check_method(method)
@@ -141,8 +141,10 @@ class Stepper:
         Raises
         ------
         ValueError
-            When the rows cannot hold the states to be written.
+            For a negative count, and when the rows cannot hold the states to be written.
         """
+        if count < 0 or every < 1:
+            raise ValueError(f"count must not be negative and every be at least 1, not {count} and {every}.")
         rows = (self.index + count) // every - self.index // every
         u_rows, v_rows = self._check_rows(u_rows, rows), self._check_rows(v_rows, rows)
         arguments = self._arguments(count, every, u_rows, v_rows)

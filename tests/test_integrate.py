@@ -195,8 +195,9 @@ def test_interrupt_returns_what_was_computed(invariants):
     assert 0 < run.n_steps < 1e11
     assert run.t[-1] == pytest.approx(run.n_steps * run.h)
     assert "interrupted" in run.message
-    again = oscillate(t_end=run.t[-1], h=run.h, save_every=None)
-    assert again.u[-1] == run.u[-1]
+    again = eig3.Stepper(oscillator, 1.0, 0.0, h=run.h, params=PARAMS)
+    again.advance(run.n_steps)
+    assert again.u == run.u[-1]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
@@ -463,4 +464,6 @@ def test_stepper_refuses_rows_that_do_not_fit():
         stepper.advance(10, 1, np.empty(9), np.empty(10))
     with pytest.raises(ValueError, match="float64"):
         stepper.advance(10, 1, np.empty(10), np.empty(10, np.float32))
+    with pytest.raises(ValueError, match="count must not be negative"):
+        stepper.advance(-1)
     assert stepper.index == 0
