@@ -186,6 +186,15 @@ def test_raise_on_failure_carries_the_solution():
     assert len(caught.value.solution.t) > 100
 
 
+@pytest.fixture
+def interruptible():
+    """Python's own handler for SIGINT: a shell starts jobs in the background with the signal ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("invariants", [None, {"energy": oscillator_energy}])
 def test_interrupt_returns_what_was_computed(invariants):
     timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
