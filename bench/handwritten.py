@@ -104,7 +104,7 @@ def eig3_pair(f, u, v, p, h, n, u_rows, v_rows):
 
 def cd_pair(f, u, v, p, h, n, u_rows, v_rows):
     a, moved, residual, matrix = np.empty(2), np.empty(2), np.empty(2), np.empty((2, 2))
-    row_swaps, column_swaps = np.empty(2, np.int64), np.empty(2, np.int64)
+    row_swaps, column_swaps = np.empty(2), np.empty(2)
     f(0.0, u, v, p, a)
     w0, w1 = v[0] - h / 2 * a[0], v[1] - h / 2 * a[1]
     for i in range(n):
@@ -129,8 +129,8 @@ def cd_pair(f, u, v, p, h, n, u_rows, v_rows):
                     v[j] = kept
                     matrix[0, j], matrix[1, j] = -h / 2 * (moved[0] - a[0]) / dv, -h / 2 * (moved[1] - a[1]) / dv
                     matrix[j, j] += 1
-                ldu.factorise(matrix, row_swaps, column_swaps)
-            ldu.solve(matrix, row_swaps, column_swaps, residual)
+                ldu.factorise(matrix, 2, row_swaps, column_swaps)
+            ldu.solve(matrix, 2, row_swaps, column_swaps, residual)
             v[0] -= residual[0]
             v[1] -= residual[1]
             if converged:

@@ -286,7 +286,6 @@ CLAIMS = (
 
 def save(out: Path, results: list[Result], pages: list[str], settings: dict) -> None:
     """results.json and tables.md, whole after every table, so that an interrupted run loses nothing."""
-    out.mkdir(parents=True, exist_ok=True)
     tables = [
         {
             "number": result.table.number,

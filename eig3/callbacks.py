@@ -1,6 +1,5 @@
 """The user's compiled functions: the decorator for them, and the checks before a kernel sees one."""
 
-import functools
 import inspect
 import re
 from collections.abc import Callable
@@ -10,10 +9,20 @@ import numba
 from numba.core.dispatcher import Dispatcher
 
 from .kernels.jit import OPTIONS, SCALAR, VECTOR, Form
+from .kernels.jit import cached as cached_jit
 
-#: ``numba.njit`` with the options of the kernels: multiply-adds fused, division by zero gives infinity, no GIL.
-#: Right-hand sides decorated with plain ``numba.njit`` work too, a little slower. Takes njit's other options.
-jit = functools.partial(numba.njit, **OPTIONS)
+__all__ = ["cached_jit", "check_callback", "jit"]
+
+
+def jit(function: Callable | None = None, **options: Any) -> Any:
+    """Compile with ``numba.njit`` and the options of the kernels; other options of njit can be given.
+
+    Multiply-adds are fused, a division by zero gives infinity, and the GIL is released. Right-hand sides decorated with
+    plain ``numba.njit`` work too, some of them a little slower.
+    """
+    options = {**OPTIONS, **options}
+    return numba.njit(**options) if function is None else numba.njit(**options)(function)
+
 
 _ARGUMENTS = {
     ("rhs", SCALAR): "(t, u, v, p) -> a",
@@ -59,24 +68,32 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
 
 
 def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:
-    given = len(inspect.signature(function).parameters)
-    if given == count:
+    if _takes(function, count):
         return
     other = SCALAR if form is VECTOR else VECTOR
-    if kind == "rhs" and given == len(other.rhs.args):
-        u0 = "a number" if form is SCALAR else "an array"
+    if kind == "rhs" and _takes(function, len(other.rhs.args)):
+        u0, remedy = ("a number", "an array") if form is SCALAR else ("an array", "a number")
         raise TypeError(
-            f"rhs has the {other.name} form {_ARGUMENTS[kind, other]}, but u0 is {u0}; give u0 as "
-            f"{'an array' if form is SCALAR else 'a number'}, or write rhs as {wanted}."
+            f"rhs has the {other.name} form {_ARGUMENTS[kind, other]}, but u0 is {u0}; give u0 as {remedy}, "
+            f"or write rhs as {wanted}."
         )
+    given = len(inspect.signature(function).parameters)
     raise TypeError(f"{name} takes {given} arguments, but must take {count}: {wanted}.")
+
+
+def _takes(function: Callable, count: int) -> bool:
+    try:
+        inspect.signature(function).bind(*range(count))
+    except TypeError:
+        return False
+    return True
 
 
 def _described(returned: Any) -> str:
     if isinstance(returned, numba.types.NoneType):
         return "nothing"
-    hint = "; return a float such as 0.0" if isinstance(returned, numba.types.Integer | numba.types.Literal) else ""
-    return f"{returned}{hint}"
+    remedy = "; return float(...) of it, or 0.0 for 0" if isinstance(returned, numba.types.Number) else ""
+    return f"{returned}{remedy}"
 
 
 def _gist(error: Exception) -> str:

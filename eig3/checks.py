@@ -38,12 +38,14 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     """The two ends of the time span."""
     ends = _reals(t_span, "t_span")
     if ends.shape != (2,):
-        raise ValueError(f"t_span must be the two times (t0, t1), not {t_span!r}.")
+        raise ValueError(f"t_span must be the two times (t0, t1), not {_shown(t_span)}.")
     t0, t1 = ends.tolist()
     if not (math.isfinite(t0) and math.isfinite(t1)):
         raise ValueError(f"t_span must be finite, not ({t0}, {t1}).")
     if not t1 > t0:
         raise ValueError(f"t_span must end after it starts, but it is ({t0}, {t1}).")
+    if not math.isfinite(t1 - t0):
+        raise ValueError(f"t_span must have a finite length, but it is ({t0}, {t1}).")
     return t0, t1
 
 
@@ -51,7 +53,7 @@ def check_time(t: float, name: str) -> float:
     """A finite time as a float."""
     time = _reals(t, name)
     if time.ndim != 0 or not math.isfinite(time):
-        raise ValueError(f"{name} must be a finite number, not {t!r}.")
+        raise ValueError(f"{name} must be a finite number, not {_shown(t)}.")
     return float(time)
 
 
@@ -59,14 +61,21 @@ def check_h(h: float) -> float:
     """The step as a float."""
     step = _reals(h, "h")
     if step.ndim != 0 or not (math.isfinite(step) and step > 0):
-        raise ValueError(f"h must be a positive, finite number of time units, not {h!r}.")
+        raise ValueError(f"h must be a positive, finite number of time units, not {_shown(h)}.")
     return float(step)
+
+
+def check_resolution(h: float, t0: float, t1: float) -> None:
+    """Refuse a step that times of this size cannot resolve."""
+    least = 4 * np.spacing(max(abs(t0), abs(t1)))
+    if h < least:
+        raise ValueError(f"h must be at least {least:.3g} for floating-point times up to {max(t0, t1):g}, not {h:g}.")
 
 
 def check_count(value: Any, name: str) -> int:
     """A whole number of at least 1."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{name} must be a whole number of at least 1, not {value!r}.")
+        raise ValueError(f"{name} must be a whole number of at least 1, not {_shown(value)}.")
     return int(value)
 
 
@@ -79,7 +88,7 @@ def check_method(method: str | Method) -> Method:
     if isinstance(method, str) and method.lower() in METHODS:
         return METHODS[method.lower()]()
     raise ValueError(
-        f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {method!r}."
+        f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {_shown(method)}."
     )
 
 
@@ -91,4 +100,10 @@ def _reals(value: Any, name: str) -> np.ndarray:
             raise TypeError
         return np.array(array, dtype=np.float64, order="C")
     except (TypeError, ValueError):
-        raise TypeError(f"{name} must be made of real numbers, not {value!r}.") from None
+        raise TypeError(f"{name} must be made of real numbers, not {_shown(value)}.") from None
+
+
+def _shown(value: Any) -> str:
+    """A value short enough for one line."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."

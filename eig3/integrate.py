@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import check_count, check_h, check_method, check_span, check_state
+from .checks import check_count, check_h, check_resolution, check_span
 from .history import History
 from .interrupt import deferred_interrupt
+from .memory import check_history
 from .methods import Method
 from .progress import check_progress, progress_bar
 from .solution import Solution, Status
@@ -91,16 +92,17 @@ def integrate(
 
     Notes
     -----
-    An exception raised by rhs comes through, with the part of the run before it as its attribute `solution`.
+    An exception raised by rhs comes through, with the part of the run up to the chunk that it ended as its attribute
+    `solution`. `Stepper` is the same run in the caller's own chunks.
     """
     t0, t1 = check_span(t_span)
     n_steps, h = divide(t1 - t0, check_h(h))
-    u, v, _ = check_state(u0, v0)
-    method = check_method(method)
+    check_resolution(h, t0, t1)
     every = n_steps if save_every is None else min(check_count(save_every, "save_every"), n_steps)
     check_progress(progress)
-    history = History(n_steps, every, u, v)
-    stepper = Stepper(rhs, u, v, h=h, t0=t0, params=params, method=method, inline=inline)
+    check_history(n_steps, every, np.size(u0))
+    stepper = Stepper(rhs, u0, v0, h=h, t0=t0, params=params, method=method, inline=inline)
+    history = History(n_steps, every, stepper)
     watches = watches_of(invariants, stepper)
     with progress_bar(progress, n_steps) as advance_bar:
         solution = _run(stepper, n_steps, history, watches, advance_bar)
@@ -137,21 +139,21 @@ def _run(
             count = min(count, n_steps - stepper.index)
             if watches and history.every > 1:
                 count = min(count, max(1, _SCRATCH_VALUES // np.size(stepper.u)))
-            before, begin = stepper.fork(), time.perf_counter()
+            first, begin = stepper.index, time.perf_counter()
             try:
                 taken = _advance(stepper, count, history, watches)
             except Exception as error:
-                message = f"The right-hand side raised {type(error).__name__} after t = {before.t:g}."
-                error.solution = _finish(before, history, watches, Status.INTERRUPTED, message)  # type: ignore[attr-defined]
+                message = f"The right-hand side or an invariant raised {type(error).__name__} after t = {stepper.t:g}."
+                error.solution = _finish(stepper, history, watches, Status.INTERRUPTED, message)  # type: ignore[attr-defined]
                 raise
             if not stepper.is_finite:
-                stepper, message = _before_divergence(before, stepper)
+                stepper, message = _before_divergence(stepper)
                 status = Status.DIVERGED
             elif taken < count:
                 status, message = _failed_solve(stepper)
-            elif interrupt.raised and stepper.index < n_steps:
+            elif interrupt.raised:
                 status, message = Status.INTERRUPTED, f"The run was interrupted at t = {stepper.t:g}."
-            tell(stepper.index - before.index)
+            tell(stepper.index - first)
             if status is not Status.COMPLETED:
                 break
             count = _next_count(count, time.perf_counter() - begin)
@@ -189,25 +191,26 @@ def _next_count(count: int, seconds: float) -> int:
     return max(1, int(count * _CHUNK_SECONDS / seconds))
 
 
-def _before_divergence(before: Stepper, after: Stepper) -> tuple[Stepper, str]:
-    """Bisect for the last finite state between two steppers; chunks agree bit for bit, so the search is exact."""
-    good, good_index, bad_index = before, before.index, after.index
-    while bad_index - good_index > 1:
-        middle = good.fork()
-        middle.advance((bad_index - good_index) // 2)
+def _before_divergence(stepper: Stepper) -> tuple[Stepper, str]:
+    """Bisect the last chunk for its last finite state; chunks agree bit for bit, so the search is exact."""
+    bad_index, seconds = stepper.index, stepper.seconds
+    stepper.back()
+    while bad_index - stepper.index > 1:
+        middle = stepper.fork()
+        middle.advance((bad_index - stepper.index) // 2)
         if middle.is_finite:
-            good, good_index = middle, middle.index
+            stepper = middle
         else:
             bad_index = middle.index
-    bad = good.fork()
+    bad = stepper.fork()
     bad.advance(1)
-    good.seconds = after.seconds
+    stepper.seconds = seconds
     finite = np.isfinite(bad.u) & np.isfinite(bad.v)
-    return good, _divergence_message(good, f"in degree of freedom {np.argmin(np.atleast_1d(finite))}")
+    return stepper, _divergence_message(stepper, int(np.argmin(np.atleast_1d(finite))))
 
 
-def _divergence_message(stepper: Stepper, where: str) -> str:
-    what = f"The run became non-finite at t = {stepper.t + stepper.h:g} {where}"
+def _divergence_message(stepper: Stepper, degree: int) -> str:
+    what = f"The run became non-finite at t = {stepper.t + stepper.h:g} in degree of freedom {degree}"
     bound = limit(stepper.method)
     if bound == 0:
         return (
@@ -222,10 +225,13 @@ def _divergence_message(stepper: Stepper, where: str) -> str:
 def _failed_solve(stepper: Stepper) -> tuple[Status, str]:
     t = stepper.t + stepper.h
     if not math.isfinite(stepper.residual):
-        return Status.DIVERGED, _divergence_message(stepper, "in the solve for the velocity")
+        return Status.DIVERGED, _divergence_message(stepper, stepper.failed_degree)
+    remedies = ["a smaller h", "more max_iterations", "a larger tol"]
+    if getattr(stepper.method, "solver", "newton") != "newton":
+        remedies.append("solver='newton'")
     return Status.NOT_CONVERGED, (
-        f"The solve for the velocity did not converge at t = {t:g}, where its residual is {stepper.residual:.3g}; "
-        "a smaller h, more max_iterations, a larger tol or solver='newton' may help."
+        f"{stepper.method.label}'s solve for the velocity did not converge at t = {t:g}, where its residual is "
+        f"{stepper.residual:.3g}; {', '.join(remedies[:-1])} or {remedies[-1]} may help."
     )
 
 

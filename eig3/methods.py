@@ -2,6 +2,7 @@
 
 import importlib
 import math
+import numbers
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
@@ -39,7 +40,14 @@ class Method:
     jacobian: Callable | None = None
 
     def __init_subclass__(cls) -> None:
-        METHODS[cls.name] = cls
+        if "name" not in vars(cls):
+            return
+        name = cls.name.lower()
+        known = METHODS.get(name)
+        # a notebook may run a definition twice, but a name must not come to mean another method unseen
+        if known and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise ValueError(f"name {name!r} is that of {known.__qualname__}; give {cls.__qualname__} another.")
+        METHODS[name] = cls
 
     @property
     def settings(self) -> tuple[float, ...]:
@@ -80,8 +88,8 @@ class EIG3(Method):
 
     def __post_init__(self) -> None:
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):
-            if not math.isfinite(value):
-                raise ValueError(f"{name} must be a finite number, not {value}.")
+            if not (isinstance(value, numbers.Real) and math.isfinite(value)):
+                raise ValueError(f"{name} must be a finite number, not {value!r}.")
 
     @property
     def order(self) -> int:  # type: ignore[override]
@@ -100,7 +108,8 @@ class CentralDifference(Method):
     ----------
     velocity : {"implicit", "none", "lagged"}
         "implicit" solves v = w + h/2 f(t, u, v) at every step: second order for every force. "none" is for a force
-        without velocity: one evaluation and no solve. "lagged" gives f the velocity of half a step before: explicit,
+        without velocity: one evaluation and no solve; a force that reads velocity is refused where it does so at the
+        start. "lagged" gives f the velocity of half a step before: explicit,
         but of first order only, and there to be shown rather than preferred.
     solver : {"newton", "fixed-point"}
         How "implicit" solves. Newton's method converges also where h df/dv is large; fixed-point iteration is cheaper
@@ -109,7 +118,9 @@ class CentralDifference(Method):
         df/dv for Newton's method: ``jacobian(t, u, v, p, J)``, writing the entries of the n x n array J, which come
         zeroed; or ``jacobian(t, u, v, p) -> float`` for one degree of freedom. Without it, differences of f.
     tol : float
-        The iteration ends when the residual of v is below tol (|v| + |w|), each summed over the degrees of freedom.
+        The iteration ends when the residual of v is below tol (|v| + |w|), each summed over the degrees of freedom, or
+        moves u by less than its round-off. One degree of freedom much smaller than the others is solved less closely:
+        scale mixed units.
     max_iterations : int
         Iterations in one step before the run ends as NOT_CONVERGED.
     """
@@ -129,10 +140,10 @@ class CentralDifference(Method):
             raise ValueError(f"solver must be 'newton' or 'fixed-point', not {self.solver!r}.")
         if self.jacobian is not None and self.kernel != "eig3.kernels.cd_newton":
             raise ValueError("jacobian is used by velocity='implicit' with solver='newton' only; leave it out.")
-        if not 0 < self.tol < 1:
-            raise ValueError(f"tol must be between 0 and 1, not {self.tol}.")
-        if not self.max_iterations >= 1:
-            raise ValueError(f"max_iterations must be at least 1, not {self.max_iterations}.")
+        if not (isinstance(self.tol, numbers.Real) and 0 < self.tol < 1):
+            raise ValueError(f"tol must be a number between 0 and 1, not {self.tol!r}.")
+        if not (isinstance(self.max_iterations, numbers.Integral) and self.max_iterations >= 1):
+            raise ValueError(f"max_iterations must be a whole number of at least 1, not {self.max_iterations!r}.")
 
     @property
     def kernel(self) -> str:  # type: ignore[override]
@@ -153,7 +164,7 @@ class CentralDifference(Method):
         return self.velocity == "none"
 
     def workspace_bytes(self, n: int) -> int:
-        return 8 * n * n if self.kernel == "eig3.kernels.cd_newton" and n > 1 else 0
+        return 16 * n * n if self.kernel == "eig3.kernels.cd_newton" and n > 1 else 0
 
     @property
     def settings(self) -> tuple[float, ...]:

@@ -88,8 +88,8 @@ class Solution:
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
             raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
         if len(self.t) == 1:
-            u, v = np.broadcast_to(self.u[0], times.shape + self.u.shape[1:]).copy(), self.v[0] + 0 * times
-            return (u, v) if times.ndim or self.u.ndim > 1 else (float(u), float(v))
+            shape = times.shape + self.u.shape[1:]
+            return np.broadcast_to(self.u[0], shape).copy(), np.broadcast_to(self.v[0], shape).copy()
         left = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
         length = self.t[left + 1] - self.t[left]
         s = (times - self.t[left]) / length

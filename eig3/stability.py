@@ -9,6 +9,7 @@ from .callbacks import check_callback, jit
 from .kernels.jit import SCALAR, pointer_kernel
 from .methods import Method
 
+_ROUND_OFF = 1e-11  # of an eigenvalue: its pair is 1e-5 apart where the limit is bisected to 1e-10
 _REGULAR_STEP = 16  # a step index past every method's starting procedure
 
 
@@ -31,7 +32,8 @@ def amplification_matrix(method: Method, Omega: float, xi: float = 0.0) -> np.nd
     Returns
     -------
     ndarray, shape (k, k)
-        k is 2 and the number of past values the method carries. The step is taken as h = 1.
+        k is 2 and the number of past values the method carries. The step is taken as h = 1. A column is NaN where an
+        implicit method's solve fails.
     """
     if method.jacobian is not None:  # that of another system
         method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
@@ -42,14 +44,15 @@ def amplification_matrix(method: Method, Omega: float, xi: float = 0.0) -> np.nd
     columns = []
     for state in np.eye(size):
         run = (1.0, 0.0, params, _REGULAR_STEP, 1, 2**62, nowhere, nowhere)
-        kernel(rhs, state, settings, np.zeros(3), run)
-        columns.append(state)
+        taken = kernel(rhs, state, settings, np.zeros(4), run)
+        columns.append(state if taken else np.full(size, np.nan))
     return np.array(columns).T
 
 
 def spectral_radius(method: Method, Omega: float, xi: float = 0.0) -> float:
-    """The largest absolute value of an eigenvalue of the amplification matrix."""
-    return float(np.abs(np.linalg.eigvals(amplification_matrix(method, Omega, xi))).max())
+    """The largest absolute value of an eigenvalue of the amplification matrix; infinite where a solve fails."""
+    matrix = amplification_matrix(method, Omega, xi)
+    return float(np.abs(np.linalg.eigvals(matrix)).max()) if np.isfinite(matrix).all() else np.inf
 
 
 @functools.cache
@@ -57,7 +60,7 @@ def limit(method: Method, xi: float = 0.0) -> float:
     """The Omega up to which `method` is stable on the oscillator; 0.0 where it is unstable for every step."""
     stable, step = 0.0, 0.05
     unstable = step
-    while spectral_radius(method, unstable, xi) <= 1 + 1e-9:
+    while spectral_radius(method, unstable, xi) <= 1 + _ROUND_OFF:
         stable, unstable = unstable, unstable + step
         if unstable > 100:
             return float("inf")
@@ -65,7 +68,7 @@ def limit(method: Method, xi: float = 0.0) -> float:
         return 0.0
     while unstable - stable > 1e-10:
         middle = (stable + unstable) / 2
-        if spectral_radius(method, middle, xi) <= 1 + 1e-9:
+        if spectral_radius(method, middle, xi) <= 1 + _ROUND_OFF:
             stable = middle
         else:
             unstable = middle

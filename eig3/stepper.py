@@ -1,6 +1,7 @@
 """A run prepared to advance natively from where it stands."""
 
 import copy
+import operator
 import time
 from typing import Any
 
@@ -64,7 +65,7 @@ class Stepper:
         self.inline = inline
         self.index = 0
         self.seconds = 0.0
-        self._tally = np.zeros(3)  # evaluations, iterations, last residual
+        self._tally = np.zeros(4)  # as eig3.kernels describes it
         self._settings = np.array(self.method.settings, dtype=np.float64)
         self._callbacks = [check_callback(rhs, "rhs", self.form)]
         if self.method.jacobian is not None:
@@ -74,9 +75,11 @@ class Stepper:
         if self.form is SCALAR:
             self._state = np.array([u, v, *past])
         else:
-            self._state = np.zeros((2 + len(past) + self.method.module.SCRATCH, u.size))
+            self._state = np.zeros((2 + len(past) + self.method.module.scratch(u.size), u.size))
             for row, values in zip(self._state, (u, v, *past), strict=False):
                 row[:] = values
+        self._state_before, self._tally_before = self._state.copy(), self._tally.copy()
+        self._index_before = 0
         self._nowhere = np.empty((0,) if self.form is SCALAR else (0, u.size))
         self._kernel = self._compiled_kernel()
 
@@ -107,8 +110,13 @@ class Stepper:
 
     @property
     def residual(self) -> float:
-        """The last residual of an implicit method's solver."""
+        """What a failed solve left of the equation for v; NaN where the step began with something not finite."""
         return float(self._tally[2])
+
+    @property
+    def failed_degree(self) -> int:
+        """The degree of freedom in which a step that fails began with something not finite."""
+        return int(self._tally[3])
 
     @property
     def is_finite(self) -> bool:
@@ -140,25 +148,43 @@ class Stepper:
 
         Raises
         ------
-        ValueError
-            For a negative count, and when the rows cannot hold the states to be written.
+        TypeError, ValueError
+            For counts that are not whole numbers or are out of range, and for rows that cannot hold the states.
+
+        Notes
+        -----
+        After an exception, from rhs or by Ctrl-C, the stepper stands where it stood before the call.
         """
+        count, every = operator.index(count), operator.index(every)
         if count < 0 or every < 1:
             raise ValueError(f"count must not be negative and every be at least 1, not {count} and {every}.")
         rows = (self.index + count) // every - self.index // every
         u_rows, v_rows = self._check_rows(u_rows, rows), self._check_rows(v_rows, rows)
         arguments = self._arguments(count, every, u_rows, v_rows)
-        begin = time.perf_counter()
-        taken = self._kernel(*arguments)
-        self.seconds += time.perf_counter() - begin
-        self.index += taken
+        np.copyto(self._state_before, self._state)
+        np.copyto(self._tally_before, self._tally)
+        self._index_before = self.index
+        try:
+            begin = time.perf_counter()
+            taken = self._kernel(*arguments)
+            self.seconds += time.perf_counter() - begin
+            self.index += taken
+        except BaseException:
+            self.back()
+            raise
         return taken
+
+    def back(self) -> None:
+        """Return to where the last `advance` started; `seconds` keeps what it took."""
+        np.copyto(self._state, self._state_before)
+        np.copyto(self._tally, self._tally_before)
+        self.index = self._index_before
 
     def fork(self) -> "Stepper":
         """An independent stepper that stands at the same state."""
         other = copy.copy(self)
-        other._state = self._state.copy()
-        other._tally = self._tally.copy()
+        other._state, other._tally = self._state.copy(), self._tally.copy()
+        other._state_before, other._tally_before = self._state_before.copy(), self._tally_before.copy()
         return other
 
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
@@ -180,12 +206,11 @@ class Stepper:
     def _check_rows(self, rows: np.ndarray | None, count: int) -> np.ndarray:
         if rows is None:
             rows = self._nowhere
+        if not (isinstance(rows, np.ndarray) and rows.dtype == np.float64 and rows.flags.carray):
+            raise ValueError("u_rows and v_rows must be writeable, C-contiguous arrays of float64.")
         if rows.shape[1:] != self._nowhere.shape[1:] or len(rows) < count:
-            raise ValueError(
-                f"the rows must have shape {(count, *self._nowhere.shape[1:])} at least, not {rows.shape}."
-            )
-        if rows.dtype != np.float64 or not rows.flags.c_contiguous:
-            raise ValueError("the rows must be C-contiguous arrays of float64.")
+            needed = (count, *self._nowhere.shape[1:])
+            raise ValueError(f"u_rows and v_rows must have shape {needed} at least, not {rows.shape}.")
         return rows
 
     def _compiled_kernel(self) -> Any:

@@ -29,4 +29,6 @@ class Watch:
 
 def watches_of(invariants: Mapping[str, Any] | None, stepper: Stepper) -> dict[str, Watch]:
     """The invariants of a run, compiled and evaluated at its start."""
+    if invariants is not None and not isinstance(invariants, Mapping):
+        raise TypeError("invariants must be a dictionary of names and jitted functions, as {'energy': energy}.")
     return {name: Watch(name, function, stepper) for name, function in (invariants or {}).items()}

@@ -6,11 +6,9 @@ step's acceleration. It converges where h/2 |df/dv| < 1 and needs no Jacobian: t
 
 import math
 
-from .cd_newton import move
+from .cd_newton import first_not_finite, is_small, move
 from .jit import element
 from .march import march_scalar, march_vector
-
-SCRATCH = 4
 
 
 @element
@@ -20,45 +18,55 @@ def step_scalar(f, t, y, c, h, p):
     impulse = v - w
     u, w = move(u, v, w, h)
     v = w + impulse
+    tally[2] = math.nan
     for _ in range(limit):
         v_next = w + h / 2 * f(t + h, u, v, p)
         change = abs(v_next - v)
         v = v_next
         tally[0] += 1
         tally[1] += 1
-        tally[2] = change
-        if change <= tolerance * (abs(v) + abs(w)):
+        if is_small(change, abs(v) + abs(w), abs(u), tolerance, h):
             return (u, v, w), True
         if not math.isfinite(change):
             break
+        tally[2] = change
     return (u, v, w), False
 
 
 @element
 def step_vector(f, t, y, c, h, p):
-    u, v, w, u_next, v_next, w_next, a = y
+    u, v, w, u_kept, v_kept, w_kept, a = y
     tolerance, limit, tally = c
     for j in range(u.size):
-        u_next[j], w_next[j] = move(u[j], v[j], w[j], h)
-        v_next[j] = w_next[j] + (v[j] - w[j])
+        u_kept[j], v_kept[j], w_kept[j] = u[j], v[j], w[j]
+        impulse = v[j] - w[j]
+        u[j], w[j] = move(u[j], v[j], w[j], h)
+        v[j] = w[j] + impulse
+    tally[2] = math.nan
     for _ in range(limit):
-        f(t + h, u_next, v_next, p, a)
+        f(t + h, u, v, p, a)
         tally[0] += 1
         tally[1] += 1
-        change = scale = 0.0
+        change = scale = size = 0.0
         for j in range(u.size):
-            v_new = w_next[j] + h / 2 * a[j]
-            change += abs(v_new - v_next[j])  # a sum, since a maximum may pass over a NaN
-            scale += abs(v_new) + abs(w_next[j])
-            v_next[j] = v_new
-        tally[2] = change
-        if change <= tolerance * scale:
-            for j in range(u.size):
-                u[j], v[j], w[j] = u_next[j], v_next[j], w_next[j]
+            v_next = w[j] + h / 2 * a[j]
+            change += abs(v_next - v[j])  # a sum, since a maximum may pass over a NaN
+            scale += abs(v_next) + abs(w[j])
+            size += abs(u[j])
+            v[j] = v_next
+        if is_small(change, scale, size, tolerance, h):
             return True
         if not math.isfinite(change):
             break
+        tally[2] = change
+    tally[3] = first_not_finite(v)
+    for j in range(u.size):  # the state stays what the last good step left
+        u[j], v[j], w[j] = u_kept[j], v_kept[j], w_kept[j]
     return False
+
+
+def scratch(n):
+    return 4
 
 
 def start(u, v, a, h):

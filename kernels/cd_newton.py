@@ -6,19 +6,15 @@ with w_n = (u_n - u_{n-1}) / h, so that u_{n+1} = u_{n-1} + 2 h v_n. Newton star
 I - h/2 df/dv by LDU with rook pivoting, as the article does. df/dv is the caller's `jacobian`, or differences of f. The
 residual that passes the tolerance is put to use: the last factors correct v once more, at no evaluation. Without it the
 errors below the tolerance, all of one sign, add up over 1e7 steps.
-
-`tally` counts evaluations and iterations, and holds the last residual: not finite where the run has diverged.
 """
 
 import math
-
-import numpy as np
 
 from . import ldu
 from .jit import element
 from .march import march_scalar, march_vector
 
-SCRATCH = 6
+ROUND_OFF = 2.0**-50  # four units in the last place
 RELATIVE_INCREMENT = 2.0**-26  # the square root of the machine epsilon: balances truncation against round-off
 
 
@@ -35,10 +31,9 @@ def increment(v, scale):
 
 
 @element
-def count(tally, iterations, evaluations_each, residual):
+def count(tally, iterations, evaluations_each):
     tally[0] += 1 + iterations * (1 + evaluations_each)
     tally[1] += iterations
-    tally[2] = residual
 
 
 @element
@@ -46,16 +41,18 @@ def solve_scalar(f, jacobian, t, u, v, w, tolerance, limit, tally, h, p):
     differenced = 1 if jacobian is None else 0
     iteration = 0
     slope = 0.0
+    tally[2] = math.nan
     while True:
         a = f(t, u, v, p)
         residual = v - w - h / 2 * a
         scale = abs(v) + abs(w)
-        if iteration > 0 and abs(residual) <= tolerance * scale:
-            count(tally, iteration, differenced, abs(residual))
+        if iteration > 0 and is_small(abs(residual), scale, abs(u), tolerance, h):
+            count(tally, iteration, differenced)
             return v - residual / (1 - h / 2 * slope), True
         if iteration >= limit or not math.isfinite(residual):
-            count(tally, iteration, differenced, abs(residual))
+            count(tally, iteration, differenced)
             return v, False
+        tally[2] = abs(residual)
         if jacobian is None:
             dv = increment(v, scale)
             slope = (f(t, u, v + dv, p) - a) / dv
@@ -67,25 +64,27 @@ def solve_scalar(f, jacobian, t, u, v, w, tolerance, limit, tally, h, p):
 
 @element
 def solve_vector(f, jacobian, t, u, v, w, a, perturbed, residual, c, h, p):
-    tolerance, limit, tally, matrix, row_swaps, column_swaps = c[1:]
-    n = matrix.shape[0]
+    tolerance, limit, tally, n, matrix, row_swaps, column_swaps = c[1:]
     differenced = n if jacobian is None else 0
     iteration = 0
+    tally[2] = math.nan
     while True:
         f(t, u, v, p, a)
-        norm = scale = 0.0
+        norm = scale = size = 0.0
         for j in range(n):
             residual[j] = v[j] - w[j] - h / 2 * a[j]
             norm += abs(residual[j])  # a sum, since a maximum may pass over a NaN
             scale += abs(v[j]) + abs(w[j])
-        if iteration > 0 and norm <= tolerance * scale:
-            correct(v, residual, matrix, row_swaps, column_swaps)
-            count(tally, iteration, differenced, norm)
+            size += abs(u[j])
+        if iteration > 0 and is_small(norm, scale, size, tolerance, h):
+            correct(v, n, residual, matrix, row_swaps, column_swaps)
+            count(tally, iteration, differenced)
             return True
         if iteration >= limit or not math.isfinite(norm):
             break
+        tally[2] = norm
         if jacobian is None:
-            differences(f, t, u, v, a, perturbed, scale / n, matrix, p)
+            differences(f, t, u, v, a, perturbed, scale / n, n, matrix, p)
         else:
             matrix[:] = 0.0
             jacobian(t, u, v, p, matrix)
@@ -94,29 +93,45 @@ def solve_vector(f, jacobian, t, u, v, w, a, perturbed, residual, c, h, p):
                 matrix[i, j] *= -h / 2
             matrix[i, i] += 1
         iteration += 1
-        if not ldu.factorise(matrix, row_swaps, column_swaps):
+        if not ldu.factorise(matrix, n, row_swaps, column_swaps):
             break
-        correct(v, residual, matrix, row_swaps, column_swaps)
-    count(tally, iteration, differenced, norm)
+        correct(v, n, residual, matrix, row_swaps, column_swaps)
+    count(tally, iteration, differenced)
+    tally[3] = first_not_finite(residual)
     return False
 
 
 @element
-def correct(v, residual, matrix, row_swaps, column_swaps):
-    ldu.solve(matrix, row_swaps, column_swaps, residual)
-    for j in range(matrix.shape[0]):
+def is_small(residual, speed, size, tolerance, h):
+    # The second test is for a system at rest under load, where the round-off of f is all that is left of v: it moves u
+    # by less than the round-off of u.
+    return residual <= tolerance * speed or h * residual <= ROUND_OFF * size
+
+
+@element
+def first_not_finite(values):
+    for j in range(values.size):
+        if not math.isfinite(values[j]):
+            return j
+    return 0
+
+
+@element
+def correct(v, n, residual, matrix, row_swaps, column_swaps):
+    ldu.solve(matrix, n, row_swaps, column_swaps, residual)
+    for j in range(n):
         v[j] -= residual[j]
 
 
 @element
-def differences(f, t, u, v, a, perturbed, scale, matrix, p):
-    for j in range(matrix.shape[0]):
+def differences(f, t, u, v, a, perturbed, scale, n, matrix, p):
+    for j in range(n):
         kept = v[j]
         v[j] += increment(kept, scale)
         dv = v[j] - kept
         f(t, u, v, p, perturbed)
         v[j] = kept
-        for i in range(matrix.shape[0]):
+        for i in range(n):
             matrix[i, j] = (perturbed[i] - a[i]) / dv
 
 
@@ -132,7 +147,7 @@ def step_scalar(f, t, y, c, h, p):
 @element
 def step_vector(f, t, y, c, h, p):
     u, v, w, u_kept, v_kept, w_kept, a, perturbed, residual = y
-    n = c[4].shape[0]  # the matrix's: see `vector`
+    n = c[4]
     for j in range(n):
         u_kept[j], v_kept[j], w_kept[j] = u[j], v[j], w[j]
         u[j], w[j] = move(u[j], v[j], w[j], h)
@@ -141,6 +156,10 @@ def step_vector(f, t, y, c, h, p):
     for j in range(n):  # the state stays what the last good step left
         u[j], v[j], w[j] = u_kept[j], v_kept[j], w_kept[j]
     return False
+
+
+def scratch(n):
+    return 8 + n  # three copies, three vectors, two permutations and the matrix
 
 
 def start(u, v, a, h):
@@ -156,9 +175,10 @@ def run_scalar(f, jacobian, state, settings, tally, run):
 
 
 @element
-def run_vector(f, jacobian, state, settings, tally, workspace, run):
+def run_vector(f, jacobian, state, settings, tally, n, run):
     y = state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8]
-    return march_vector(step_vector, f, y, (jacobian, settings[0], settings[1], tally, *workspace), run)
+    c = (jacobian, settings[0], settings[1], tally, n, state[11:], state[9], state[10])
+    return march_vector(step_vector, f, y, c, run)
 
 
 def scalar(f, state, settings, tally, run):
@@ -171,14 +191,10 @@ def scalar_jacobian(f, jacobian, state, settings, tally, run):
 
 def vector(f, state, settings, tally, run):
     n = state.shape[1]
-    if n == 2:  # a matrix whose size the compiler knows unrolls every loop: a tenth off the time of a pendulum
-        workspace = np.empty((2, 2)), np.empty(2, np.int64), np.empty(2, np.int64)
-        return run_vector(f, None, state, settings, tally, workspace, run)
-    workspace = np.empty((n, n)), np.empty(n, np.int64), np.empty(n, np.int64)
-    return run_vector(f, None, state, settings, tally, workspace, run)
+    if n == 2:  # a size the compiler knows unrolls every loop over the matrix: a tenth off the time of a pendulum
+        return run_vector(f, None, state, settings, tally, 2, run)
+    return run_vector(f, None, state, settings, tally, n, run)
 
 
 def vector_jacobian(f, jacobian, state, settings, tally, run):
-    n = state.shape[1]
-    workspace = np.empty((n, n)), np.empty(n, np.int64), np.empty(n, np.int64)
-    return run_vector(f, jacobian, state, settings, tally, workspace, run)
+    return run_vector(f, jacobian, state, settings, tally, state.shape[1], run)

@@ -22,10 +22,13 @@ from numba.types import Array, FunctionType, Tuple, float64, int64, none
 # infinity. The NumPy error model makes 1/0 infinite: Python's raises, and its check keeps loops from being vectorised.
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
-# What a kernel is built of. Without NRT no reference count is touched: counting the array arguments around a call
-# through a pointer, which LLVM cannot prune, triples the time of a step. It also makes allocation a compile error, and
-# forbids to return an array: the caller would give back a reference that was never taken.
-element = numba.njit(forceinline=True, _nrt=False, **OPTIONS)
+# Without NRT no reference count is touched. Counting the array arguments around a call through a pointer, which LLVM
+# cannot prune, triples the time of a step; and an exception leaks every reference a kernel holds, whole histories. It
+# makes allocation a compile error, and forbids to return an array to a function that does count.
+_KERNEL_OPTIONS: dict[str, Any] = {"_nrt": False, **OPTIONS}
+
+#: The decorator of what kernels are built of.
+element = numba.njit(forceinline=True, **_KERNEL_OPTIONS)
 
 _vector, _matrix = Array(float64, 1, "C"), Array(float64, 2, "C")
 
@@ -64,8 +67,8 @@ VECTOR = Form(
 def pointer_kernel(function: Callable, form: Form, takes_jacobian: bool = False) -> Any:
     """Compile a method's kernel, or load it from disk, with its callbacks as function pointers.
 
-    The kernel is called as ``kernel(rhs, [jacobian,] state, settings, tally, h, t0, p, first, count, every, u_rows,
-    v_rows)`` and returns how many of the `count` steps it took.
+    The kernel is called as ``kernel(rhs, [jacobian,] state, settings, tally, run)``, with ``run = (h, t0, p, first,
+    count, every, u_rows, v_rows)``, and returns how many of the `count` steps it took.
     """
     callbacks = [FunctionType(form.rhs)] + [FunctionType(form.jacobian)] * takes_jacobian
     run = Tuple((float64, float64, _vector, int64, int64, int64, form.rows, form.rows))
@@ -75,7 +78,7 @@ def pointer_kernel(function: Callable, form: Form, takes_jacobian: bool = False)
 @functools.cache
 def inline_kernel(function: Callable) -> Any:
     """The same kernel, specialised for each right-hand side it is called with."""
-    return numba.njit(**OPTIONS)(function)
+    return numba.njit(**_KERNEL_OPTIONS)(function)
 
 
 @functools.cache
@@ -95,12 +98,18 @@ def _compile(function: Callable, signature: Any) -> Any:
     named.__qualname__ = f"{function.__name__}_{_fingerprint()}"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # first-class functions, since 2019
-        try:
-            return numba.njit(signature, cache=True, **OPTIONS)(named)
-        except RuntimeError as error:
-            if "cannot cache" not in str(error):
-                raise
-            return numba.njit(signature, **OPTIONS)(named)  # nowhere to write: compile in every process
+        return cached(named, signature, **_KERNEL_OPTIONS)
+
+
+def cached(function: Callable, signature: Any = None, **options: Any) -> Any:
+    """Compile with the disk cache, or without where there is no place for it."""
+    options = options or OPTIONS
+    try:
+        return numba.njit(signature, cache=True, **options)(function)
+    except RuntimeError as error:
+        if "cannot cache" not in str(error):
+            raise
+        return numba.njit(signature, **options)(function)
 
 
 @functools.cache

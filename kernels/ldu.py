@@ -8,45 +8,47 @@ from .jit import element
 
 
 @element
-def largest_in_column(a, column, first):
+def largest_in_column(a, n, column, first):
     row = first
-    for i in range(first + 1, a.shape[0]):
+    for i in range(first + 1, n):
         if abs(a[i, column]) > abs(a[row, column]):
             row = i
     return row
 
 
 @element
-def largest_in_row(a, row, first):
+def largest_in_row(a, n, row, first):
     column = first
-    for j in range(first + 1, a.shape[0]):
+    for j in range(first + 1, n):
         if abs(a[row, j]) > abs(a[row, column]):
             column = j
     return column
 
 
 @element
-def rook_pivot(a, k):
+def rook_pivot(a, n, k):
     """The entry reached by going to the largest of a column, then of a row, in turns until neither moves."""
     column = k
-    row = largest_in_column(a, column, k)
+    row = largest_in_column(a, n, column, k)
     while True:
-        next_column = largest_in_row(a, row, k)
-        if abs(a[row, next_column]) <= abs(a[row, column]):
+        next_column = largest_in_row(a, n, row, k)
+        if not abs(a[row, next_column]) > abs(a[row, column]):  # so written, a NaN ends the search
             return row, column
         column = next_column
-        next_row = largest_in_column(a, column, k)
-        if abs(a[next_row, column]) <= abs(a[row, column]):
+        next_row = largest_in_column(a, n, column, k)
+        if not abs(a[next_row, column]) > abs(a[row, column]):
             return row, column
         row = next_row
 
 
 @element
-def factorise(a, row_swaps, column_swaps):
-    """Overwrite `a` with the unit triangles L and U and, on the diagonal, 1/D; return False where `a` is singular."""
-    n = a.shape[0]
+def factorise(a, n, row_swaps, column_swaps):
+    """Overwrite `a`, n x n, with the unit triangles L and U and, on the diagonal, 1/D; return False if it is singular.
+
+    The swaps are kept as floats, in arrays of n.
+    """
     for k in range(n):
-        row, column = rook_pivot(a, k)
+        row, column = rook_pivot(a, n, k)
         row_swaps[k], column_swaps[k] = row, column
         if row != k:
             for j in range(n):
@@ -54,7 +56,7 @@ def factorise(a, row_swaps, column_swaps):
         if column != k:
             for i in range(n):
                 a[i, k], a[i, column] = a[i, column], a[i, k]
-        if a[k, k] == 0:
+        if not abs(a[k, k]) > 0:  # zero, or a NaN
             return False
         inverse = 1 / a[k, k]
         a[k, k] = inverse
@@ -68,11 +70,10 @@ def factorise(a, row_swaps, column_swaps):
 
 
 @element
-def solve(a, row_swaps, column_swaps, b):
+def solve(a, n, row_swaps, column_swaps, b):
     """Overwrite `b` with the solution of the system that `factorise` left in `a`."""
-    n = a.shape[0]
     for k in range(n):
-        row = row_swaps[k]
+        row = int(row_swaps[k])
         if row != k:
             b[k], b[row] = b[row], b[k]
     for i in range(n):
@@ -84,6 +85,6 @@ def solve(a, row_swaps, column_swaps, b):
         for j in range(i + 1, n):
             b[i] -= a[i, j] * b[j]
     for k in range(n - 1, -1, -1):
-        column = column_swaps[k]
+        column = int(column_swaps[k])
         if column != k:
             b[k], b[column] = b[column], b[k]

@@ -1,15 +1,15 @@
 """u'' + S1 u (1 + S2 u^2) = 0: a spring that stiffens as it is stretched."""
 
-from eig3.callbacks import jit
+from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
 
-@jit(cache=True)
+@cached_jit
 def rhs(t, u, v, p):
     return -p[0] * u * (1 + p[1] * u * u)
 
 
-@jit(cache=True)
+@cached_jit
 def energy(t, u, v, p):
     return v * v / 2 + p[0] * u * u / 2 + p[0] * p[1] * u**4 / 4
 

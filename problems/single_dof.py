@@ -4,31 +4,31 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eig3.callbacks import jit
+from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
 
-@jit(cache=True)
+@cached_jit
 def undamped(t, u, v, p):
     return -p[0] * p[0] * u
 
 
-@jit(cache=True)
+@cached_jit
 def damped(t, u, v, p):
     return -p[0] * (p[0] * u + 2 * p[1] * v)
 
 
-@jit(cache=True)
+@cached_jit
 def forced(t, u, v, p):
     return p[2] * np.cos(p[3] * t) - p[0] * p[0] * u
 
 
-@jit(cache=True)
+@cached_jit
 def damped_forced(t, u, v, p):
     return p[2] * np.cos(p[3] * t) - p[0] * (p[0] * u + 2 * p[1] * v)
 
 
-@jit(cache=True)
+@cached_jit
 def energy(t, u, v, p):
     return (v * v + p[0] * p[0] * u * u) / 2
 

@@ -2,16 +2,16 @@
 
 import math
 
-from eig3.callbacks import jit
+from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
 
-@jit(cache=True)
+@cached_jit
 def rhs(t, u, v, p):
     return -p[0] * math.tanh(u)
 
 
-@jit(cache=True)
+@cached_jit
 def energy(t, u, v, p):
     # ln cosh u, written so that cosh cannot overflow
     return v * v / 2 + p[0] * (abs(u) + math.log1p(math.exp(-2 * abs(u))) - math.log(2.0))

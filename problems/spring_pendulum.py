@@ -2,11 +2,11 @@
 
 import math
 
-from eig3.callbacks import jit
+from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
 
-@jit(cache=True)
+@cached_jit
 def rhs(t, u, v, p, a):
     m, l0, k, g = p[0], p[1], p[2], p[3]
     r, theta = u[0], u[1]
@@ -14,7 +14,7 @@ def rhs(t, u, v, p, a):
     a[1] = -(2 * v[0] * v[1] + g * math.sin(theta)) / r
 
 
-@jit(cache=True)
+@cached_jit
 def energy(t, u, v, p):
     m, l0, k, g = p[0], p[1], p[2], p[3]
     r, theta = u[0], u[1]

@@ -27,7 +27,9 @@ def test_version_and_help(capsys):
         (["integrate"], "invalid choice"),
         (["bench", "paper", "--fast"], "unrecognized arguments: --fast"),
         (["bench", "paper", "--table", "6"], "invalid choice"),
-        (["bench", "paper", "--repeats", "0"], "must be at least 1"),
+        (["bench", "paper", "--repeats", "0"], "must be a whole number of at least 1"),
+        (["bench", "paper", "--repeats", "x"], "must be a whole number of at least 1"),
+        (["bench", "paper", "--out", "/dev/null/x"], "cannot be made"),
     ],
 )
 def test_wrong_usage_is_told(arguments, message, capsys):

@@ -200,6 +200,7 @@ def test_n_rhs_counts_the_calls():
         (eig3.EIG3(2, 0.5), 1.155, 1e-3),
         (eig3.EIG3(2, 1), 2**0.5, 1e-3),
         (eig3.EIG3(0.8, 0.5), 0, 0),
+        (eig3.EIG3(0.9999, 0.5), 0, 0),
         (eig3.EIG3(0, 0), 0, 0),
         (eig3.CentralDifference(), 2, 1e-6),
         (eig3.CentralDifference(velocity="none"), 2, 1e-9),

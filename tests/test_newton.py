@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 import eig3
 from eig3.kernels import ldu
+from eig3.stability import limit
 
 from .conftest import oscillator
 
@@ -15,10 +16,10 @@ from .conftest import oscillator
 @eig3.jit
 def solve(matrix, b):
     n = b.size
-    row_swaps, column_swaps = np.empty(n, np.int64), np.empty(n, np.int64)
-    if not ldu.factorise(matrix, row_swaps, column_swaps):
+    row_swaps, column_swaps = np.empty(n), np.empty(n)
+    if not ldu.factorise(matrix, n, row_swaps, column_swaps):
         return False
-    ldu.solve(matrix, row_swaps, column_swaps, b)
+    ldu.solve(matrix, n, row_swaps, column_swaps, b)
     return True
 
 
@@ -134,12 +135,77 @@ def test_singular_jacobian_is_told():
 
 
 @eig3.jit
-def driving_jacobian(t, u, v, p, J):
-    J[0, 0] = J[1, 1] = 512.0  # the wrong sign: Newton steps away from the root
+def grows(t, u, v, p):
+    return 256.0 * v  # 1 - h/2 df/dv is exactly 0 for h = 1/128
 
 
-def test_divergence_of_newton_with_a_jacobian_is_told():
-    method = eig3.CentralDifference(jacobian=driving_jacobian, max_iterations=10**6)
-    run = eig3.integrate(drag, (0, 1), [1.0, 0.0], [0.0, 1.0], h=1 / 128, params=1e9, method=method)
-    assert run.status is not eig3.Status.COMPLETED
-    assert np.isfinite(run.u).all()
+@eig3.jit
+def leaves_its_domain(t, u, v, p, a):
+    """Finite at the first iterate, NaN where the differences look."""
+    a[0] = -np.sqrt(1.0 - v[0])
+    a[1] = 0.0
+
+
+@eig3.jit
+def undefined_jacobian(t, u, v, p, J):
+    J[0, 0] = J[1, 1] = (v[0] - v[0]) / (v[1] - v[1])
+
+
+def test_a_solve_that_breaks_down_is_not_divergence():
+    """Each ends, with the status of a solve that failed: nothing in the motion has become infinite."""
+    runs = [
+        eig3.integrate(grows, (0, 1), 1.0, 1.0, h=1 / 128, method="cd"),
+        eig3.integrate(leaves_its_domain, (0, 1), [0.0, 0.0], [1.0, 0.0], h=0.01, method="cd"),
+        eig3.integrate(
+            drag,
+            (0, 1),
+            [0.0, 0.0],
+            [0.0, 0.0],
+            h=0.01,
+            params=1.0,
+            method=eig3.CentralDifference(jacobian=undefined_jacobian),
+        ),
+    ]
+    for run in runs:
+        assert run.status is eig3.Status.NOT_CONVERGED
+        assert "did not converge" in run.message
+        assert "solver='newton'" not in run.message
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_ldu_of_a_matrix_that_is_not_finite_ends(bad):
+    for i in range(2):
+        for j in range(2):
+            matrix = np.eye(2)
+            matrix[i, j] = bad
+            b = np.ones(2)
+            assert not solve(matrix, b) or not np.isfinite(b).all() or np.isinf(bad)
+
+
+@eig3.jit
+def loaded(t, u, v, p):
+    return -p[1] * v - p[0] * u + p[2]
+
+
+@eig3.jit
+def loaded_vector(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -p[1] * v[j] - p[0] * u[j] + p[2]
+
+
+@pytest.mark.parametrize("solver", ["newton", "fixed-point"])
+@pytest.mark.parametrize(("k", "c"), [(100.0, 2.0), (1e4, 20.0), (1e4, 100.0)])
+def test_a_system_settles_under_its_load(solver, k, c):
+    """At rest v is round-off of f, so that no tolerance relative to v can be met."""
+    method = eig3.CentralDifference(solver=solver)
+    for rhs, u0 in ((loaded, 0.0), (loaded_vector, np.zeros(5))):
+        run = eig3.integrate(rhs, (0, 50), u0, np.zeros_like(u0), h=1e-3, params=(k, c, 9.81), method=method)
+        assert run.success
+        np.testing.assert_allclose(run.u[-1], 9.81 / k, rtol=1e-14)
+
+
+def test_limit_of_fixed_point_is_where_it_converges():
+    """The iteration contracts by xi Omega: past 1 its solves fail, which is not stability."""
+    method = eig3.CentralDifference(solver="fixed-point", max_iterations=10**5)
+    assert limit(method, 0.25) == pytest.approx(2, abs=1e-6)
+    assert limit(method, 1.0) == pytest.approx(1, abs=0.01)
