@@ -17,8 +17,12 @@ __all__ = ["cached_jit", "check_callback", "jit"]
 def jit(function: Callable | None = None, **options: Any) -> Any:
     """Compile with ``numba.njit`` and the options of the kernels; other options of njit can be given.
 
-    Multiply-adds are fused, a division by zero gives infinity, and the GIL is released. Right-hand sides decorated with
-    plain ``numba.njit`` work too, some of them a little slower.
+    Multiply-adds are fused, a division by zero gives infinity, and the GIL is released. Right-hand sides decorated
+    with plain ``numba.njit`` work too, some of them a little slower.
+
+    As always with Numba, globals keep the value they had when the function was compiled, so that what may change
+    belongs in the parameters; and an index out of bounds is not noticed, unless the environment variable
+    NUMBA_BOUNDSCHECK is 1 when the program starts.
     """
     options = {**OPTIONS, **options}
     return numba.njit(**options) if function is None else numba.njit(**options)(function)
@@ -54,8 +58,10 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     signature = getattr(form, kind)
     if not isinstance(function, Dispatcher):
         if callable(function):
-            raise TypeError(f"{name} must be compiled: decorate it with @numba.njit.")
-        raise TypeError(f"{name} must be a function decorated with @numba.njit, not {type(function).__name__}.")
+            raise TypeError(f"{name} must be compiled: decorate it with @eig3.jit or @numba.njit.")
+        raise TypeError(
+            f"{name} must be a function decorated with @eig3.jit or @numba.njit, not {type(function).__name__}."
+        )
     _check_arguments(function.py_func, name, kind, form, wanted, len(signature.args))
     try:
         function.compile(signature.args)
@@ -69,6 +75,7 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
 
 def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:
     if _takes(function, count):
+        _check_order(function, name, wanted)
         return
     other = SCALAR if form is VECTOR else VECTOR
     if kind == "rhs" and _takes(function, len(other.rhs.args)):
@@ -79,6 +86,13 @@ def _check_arguments(function: Callable, name: str, kind: str, form: Form, wante
         )
     given = len(inspect.signature(function).parameters)
     raise TypeError(f"{name} takes {given} arguments, but must take {count}: {wanted}.")
+
+
+def _check_order(function: Callable, name: str, wanted: str) -> None:
+    """Refuse t, u, v or p in another's place: all but t are of one type, and the run would be silently wrong."""
+    names = list(inspect.signature(function).parameters)[:4]
+    if any(letter in names and names.index(letter) != place for place, letter in enumerate("tuvp")):
+        raise TypeError(f"{name} names its first arguments {', '.join(names)}, but gets them as {wanted}.")
 
 
 def _takes(function: Callable, count: int) -> bool:
@@ -92,8 +106,9 @@ def _takes(function: Callable, count: int) -> bool:
 def _described(returned: Any) -> str:
     if isinstance(returned, numba.types.NoneType):
         return "nothing"
-    remedy = "; return float(...) of it, or 0.0 for 0" if isinstance(returned, numba.types.Number) else ""
-    return f"{returned}{remedy}"
+    plain = numba.types.unliteral(returned)
+    remedy = "; return float(...) of it, or 0.0 for 0" if isinstance(plain, numba.types.Number) else ""
+    return f"{plain}{remedy}"
 
 
 def _gist(error: Exception) -> str:

@@ -1,5 +1,7 @@
 """What a run is given, checked before anything runs: each error names the argument and what it should be."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -30,17 +30,11 @@ def _parser() -> argparse.ArgumentParser:
         help="run a benchmark",
         description="Run a benchmark; alone, `eig3 bench` is `eig3 bench paper --quick`.",
     )
-    bench.set_defaults(run=_paper, table=None, repeats=None, quick=True, out=None)
+    _add_paper_options(bench, quick=True)
     benchmarks = bench.add_subparsers(metavar="benchmark")
 
     paper = benchmarks.add_parser("paper", help="the article's five tables", description="The article's five tables.")
-    paper.add_argument("--table", type=int, choices=range(1, 6), help="only this one")
-    paper.add_argument("--repeats", type=_count, help="runs each time is the mean of (10, or 3 with --quick)")
-    paper.add_argument(
-        "--quick", action="store_true", help="fewer repeats, without the smallest steps of Tables 1-3 and 5"
-    )
-    paper.add_argument("--out", type=_folder, metavar="DIR", help="write results.json, tables.md and pictures there")
-    paper.set_defaults(run=_paper)
+    _add_paper_options(paper, quick=False)
 
     speed = benchmarks.add_parser(
         "speed",
@@ -51,6 +45,19 @@ def _parser() -> argparse.ArgumentParser:
     speed.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
     speed.set_defaults(run=_speed)
     return parser
+
+
+def _add_paper_options(parser: argparse.ArgumentParser, quick: bool) -> None:
+    parser.add_argument("--table", type=int, choices=range(1, 6), help="only this one")
+    parser.add_argument("--repeats", type=_count, help="runs each time is the mean of (10, or 3 with --quick)")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        default=quick,
+        help="fewer repeats, without the smallest steps of Tables 1-3 and 5",
+    )
+    parser.add_argument("--out", type=_folder, metavar="DIR", help="write results.json, tables.md and pictures there")
+    parser.set_defaults(run=_paper)
 
 
 def _paper(arguments: argparse.Namespace) -> int:

@@ -1,5 +1,7 @@
 """The run of a whole time history: native chunks under a Python loop that watches them."""
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +23,7 @@ from .watch import Watch, watches_of
 
 _CHUNK_SECONDS = 0.1  # between looks at Ctrl-C and for divergence
 _CHUNK_GROWTH = 16
+_OVERFLOWING = 1e100  # states beyond this make a right-hand side infinite by themselves
 _SCRATCH_VALUES = 2**19  # of one array of states on which only invariants are evaluated: 4 MB, to stay in cache
 
 
@@ -205,20 +208,27 @@ def _before_divergence(stepper: Stepper) -> tuple[Stepper, str]:
     bad = stepper.fork()
     bad.advance(1)
     stepper.seconds = seconds
-    finite = np.isfinite(bad.u) & np.isfinite(bad.v)
-    return stepper, _divergence_message(stepper, int(np.argmin(np.atleast_1d(finite))))
+    return stepper, _divergence_message(stepper, _first_not_finite(bad.u, bad.v))
+
+
+def _first_not_finite(*arrays: Any) -> int:
+    finite = np.all([np.isfinite(np.atleast_1d(array)) for array in arrays], axis=0)
+    return int(np.argmin(finite))
 
 
 def _divergence_message(stepper: Stepper, degree: int) -> str:
-    what = f"The run became non-finite at t = {stepper.t + stepper.h:g} in degree of freedom {degree}"
+    where = "" if np.ndim(stepper.u) == 0 else f" in degree of freedom {degree}"
+    what = f"The run became non-finite at t = {stepper.t + stepper.h:g}{where}, with h = {stepper.h:g}"
+    a = stepper.acceleration(stepper.t, stepper.u, stepper.v)
+    if max(np.abs(stepper.u).max(), np.abs(stepper.v).max()) < _OVERFLOWING and not np.isfinite(a).all():
+        culprit = np.atleast_1d(a)[_first_not_finite(a)]
+        return f"{what}: rhs gives {culprit} at t = {stepper.t:g}, where u and v are the last of the solution."
     bound = limit(stepper.method)
     if bound == 0:
-        return (
-            f"{what}: {stepper.method!r} is unstable for undamped oscillations at every step, here h = {stepper.h:g}."
-        )
+        return f"{what}: {stepper.method!r} is unstable for undamped oscillations at every step."
     return (
-        f"{what}: at h = {stepper.h:g}, {stepper.method!r} is unstable for undamped frequencies above "
-        f"{bound / stepper.h:.4g} (omega h = {bound:.4g}); a smaller h may hold."
+        f"{what}: {stepper.method!r} is unstable for undamped frequencies above {bound / stepper.h:.4g} "
+        f"(omega h = {bound:.4g}); a smaller h may hold."
     )
 
 

@@ -61,7 +61,11 @@ class Method:
     @property
     def module(self) -> ModuleType:
         """The module of the kernel, imported when first asked for."""
-        return importlib.import_module(self.kernel)
+        module = importlib.import_module(self.kernel)
+        missing = [name for name in ("start", "scratch", "scalar", "vector") if not hasattr(module, name)]
+        if missing:
+            raise TypeError(f"kernel {self.kernel!r} must define {', '.join(missing)}: see eig3.kernels.")
+        return module
 
     def function(self, form: Form) -> Callable:
         """The kernel for a form of right-hand side, as plain Python."""

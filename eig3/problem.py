@@ -1,5 +1,7 @@
 """A second-order initial value problem with what is known of it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

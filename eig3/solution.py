@@ -1,5 +1,7 @@
 """What a run returns."""
 
+from __future__ import annotations
+
 import enum
 from dataclasses import dataclass, field
 from typing import Any

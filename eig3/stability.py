@@ -6,6 +6,7 @@ import functools
 import numpy as np
 
 from .callbacks import check_callback, jit
+from .checks import check_method
 from .kernels.jit import SCALAR, pointer_kernel
 from .methods import Method
 
@@ -18,12 +19,12 @@ def _oscillator(t: float, u: float, v: float, p: np.ndarray) -> float:
     return -p[0] * p[0] * u - 2 * p[1] * p[0] * v
 
 
-def amplification_matrix(method: Method, Omega: float, xi: float = 0.0) -> np.ndarray:
+def amplification_matrix(method: str | Method, Omega: float, xi: float = 0.0) -> np.ndarray:
     """The matrix of one step on (u, h v, ...), found by stepping the kernel from each unit state.
 
     Parameters
     ----------
-    method : Method
+    method : str or Method
     Omega : float
         omega h.
     xi : float
@@ -35,6 +36,7 @@ def amplification_matrix(method: Method, Omega: float, xi: float = 0.0) -> np.nd
         k is 2 and the number of past values the method carries. The step is taken as h = 1. A column is NaN where an
         implicit method's solve fails.
     """
+    method = check_method(method)
     if method.jacobian is not None:  # that of another system
         method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
     kernel = pointer_kernel(method.function(SCALAR), SCALAR)
@@ -49,14 +51,14 @@ def amplification_matrix(method: Method, Omega: float, xi: float = 0.0) -> np.nd
     return np.array(columns).T
 
 
-def spectral_radius(method: Method, Omega: float, xi: float = 0.0) -> float:
+def spectral_radius(method: str | Method, Omega: float, xi: float = 0.0) -> float:
     """The largest absolute value of an eigenvalue of the amplification matrix; infinite where a solve fails."""
     matrix = amplification_matrix(method, Omega, xi)
     return float(np.abs(np.linalg.eigvals(matrix)).max()) if np.isfinite(matrix).all() else np.inf
 
 
 @functools.cache
-def limit(method: Method, xi: float = 0.0) -> float:
+def limit(method: str | Method, xi: float = 0.0) -> float:
     """The Omega up to which `method` is stable on the oscillator; 0.0 where it is unstable for every step."""
     stable, step = 0.0, 0.05
     unstable = step

@@ -1,5 +1,7 @@
 """A run prepared to advance natively from where it stands."""
 
+from __future__ import annotations
+
 import copy
 import operator
 import time
@@ -180,7 +182,7 @@ class Stepper:
         np.copyto(self._tally, self._tally_before)
         self.index = self._index_before
 
-    def fork(self) -> "Stepper":
+    def fork(self) -> Stepper:
         """An independent stepper that stands at the same state."""
         other = copy.copy(self)
         other._state, other._tally = self._state.copy(), self._tally.copy()
@@ -225,15 +227,15 @@ class Stepper:
         return kernel
 
     def _first_acceleration(self, u: Any, v: Any) -> Any:
-        u_given, v_given = np.copy(u), np.copy(v)
+        given = [np.copy(x) for x in (u, v, self.params)]
         a = self.acceleration(self.t0, u, v)
-        if np.any(u != u_given) or np.any(v != v_given):
-            raise ValueError("rhs changes u or v; it may only read them and write a.")
+        if not all(np.array_equal(x, y, equal_nan=True) for x, y in zip(given, (u, v, self.params), strict=True)):
+            raise ValueError("rhs changes u, v or p; it may only read them, and write a.")
         bad = np.flatnonzero(~np.isfinite(a))
         if bad.size:
             raise ValueError(
                 f"rhs gives {np.atleast_1d(a)[bad[0]]} for degree of freedom {bad[0]} at the start; "
-                "it must give a finite acceleration for every degree of freedom."
+                "it must give a finite acceleration for every degree of freedom, a[j] in the vector form."
             )
         if self.method.ignores_velocity and np.any(self.acceleration(self.t0, u, v + 1.0) != a):
             raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; use 'implicit'.")

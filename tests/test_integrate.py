@@ -144,7 +144,7 @@ def test_divergence_keeps_the_finite_part(save_every):
     assert np.isfinite(run.u).all()
     assert np.isfinite(run.v).all()
     assert run.t[-1] == pytest.approx(run.n_steps * run.h)
-    for word in ("non-finite at t =", "degree of freedom 0", "h = 0.7", "above 2.857", "omega h = 2"):
+    for word in ("non-finite at t =", "h = 0.7", "above 2.857", "omega h = 2"):
         assert word in run.message
     step = eig3.Stepper(oscillator, 1.0, 0.0, h=run.h, params=PARAMS)
     step.advance(run.n_steps)
@@ -152,6 +152,17 @@ def test_divergence_keeps_the_finite_part(save_every):
     assert step.u == run.u[-1]
     step.advance(1)
     assert not step.is_finite
+
+
+def test_a_right_hand_side_that_gives_nan_is_told_from_instability():
+    @eig3.jit
+    def undefined(t, u, v, p):
+        return np.sqrt(0.5 - t)
+
+    run = integrate(undefined, (0, 1), 1.0, 0.0, h=0.01)
+    assert run.status is eig3.Status.DIVERGED
+    assert "rhs gives nan at t = 0.51" in run.message
+    assert run.t[-1] == pytest.approx(0.51)
 
 
 def test_divergence_names_the_degree_of_freedom():
@@ -412,6 +423,17 @@ def changes_u(t, u, v, p, a):
 
 
 @numba.njit
+def changes_p(t, u, v, p, a):
+    p[0] += 1
+    a[:] = 0.0
+
+
+@numba.njit
+def in_another_order(u, v, t, p):
+    return -u
+
+
+@numba.njit
 def not_finite(t, u, v, p):
     return 1.0 / u if u != 0 else np.nan
 
@@ -422,8 +444,8 @@ GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "pa
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"rhs": plain}, TypeError, "rhs must be compiled: decorate it with @numba.njit."),
-        ({"rhs": 3}, TypeError, "rhs must be a function decorated with @numba.njit, not int."),
+        ({"rhs": plain}, TypeError, "rhs must be compiled: decorate it with @eig3.jit or @numba.njit."),
+        ({"rhs": 3}, TypeError, "rhs must be a function decorated with @eig3.jit or @numba.njit, not int."),
         ({"rhs": three_arguments}, TypeError, "rhs takes 3 arguments, but must take 4: (t, u, v, p) -> a."),
         (
             {"rhs": oscillator_vector},
@@ -444,7 +466,13 @@ GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "pa
             ValueError,
             "rhs gives nan for degree of freedom 1",
         ),
-        ({"rhs": changes_u, "u0": [1.0], "v0": [0.0]}, ValueError, "rhs changes u or v"),
+        ({"rhs": changes_u, "u0": [1.0], "v0": [0.0]}, ValueError, "rhs changes u, v or p"),
+        ({"rhs": changes_p, "u0": [1.0], "v0": [0.0]}, ValueError, "rhs changes u, v or p"),
+        (
+            {"rhs": in_another_order},
+            TypeError,
+            "rhs names its first arguments u, v, t, p, but gets them as (t, u, v, p)",
+        ),
         ({"rhs": not_finite, "u0": 0.0}, ValueError, "rhs gives nan for degree of freedom 0 at the start"),
         ({"rhs": explicit}, TypeError, "its decorator must not list signatures"),
         ({"u0": [1.0, 2.0]}, ValueError, "u0 and v0 must have the same shape, not (2,) and ()."),

@@ -177,16 +177,17 @@ def test_evaluations_a_step_are_those_of_the_record(method):
 
 
 def test_n_rhs_counts_the_calls():
-    """The count the kernels keep is that of calls that really happen: p[0] counts them from inside."""
+    """The count the kernels keep is that of calls that really happen: p[0] counts them from inside, after the start."""
 
     @eig3.jit
     def counting(t, u, v, p, a):
-        p[0] += 1
+        p[0] += p[1]
         a[0] = -u[0] - 0.1 * v[0]
         a[1] = -4 * u[1] - 0.1 * v[0] * v[1]
 
     for method in ALL_METHODS:
-        stepper = eig3.Stepper(counting, [1.0, 2.0], [0.0, 1.0], h=0.01, params=[0.0], method=method)
+        stepper = eig3.Stepper(counting, [1.0, 2.0], [0.0, 1.0], h=0.01, params=[1.0, 0.0], method=method)
+        stepper.params[1] = 1.0
         stepper.advance(50)
         assert stepper.params[0] == stepper.n_rhs
 

@@ -30,6 +30,15 @@ def test_a_name_is_not_taken_twice():
     assert eig3.METHODS["rk2"] is eig3.RK2
 
 
+def test_a_kernel_file_that_lacks_something_is_told():
+    @dataclass(frozen=True)
+    class Incomplete(eig3.Method):
+        kernel: ClassVar[str] = "eig3.kernels.march"
+
+    with pytest.raises(TypeError, match=r"kernel 'eig3.kernels.march' must define start, scratch, scalar, vector"):
+        _ = Incomplete().module
+
+
 def test_every_record_is_hashable_and_tells_what_it_is():
     for record in eig3.METHODS.values():
         method = record()
