@@ -174,8 +174,8 @@ def render(result: Result) -> str:
                     text.number(cell.mean),
                     text.number(1e9 * cell.mean / cell.n_steps),
                     text.number(cell.error, 4),
-                    text.number(entry.seconds if entry else None),
-                    text.number(entry.error if entry else None),
+                    text.printed(entry.seconds if entry else None),
+                    text.printed(entry.error if entry else None),
                     text.number(cell.error / entry.error if entry else None) + mark,
                 ]
             )

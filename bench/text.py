@@ -25,6 +25,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return "0.0" if value == 0 else f"{value:#.{digits}g}".removesuffix(".")
 
 
+def printed(value: float | None) -> str:
+    """A number of the article with the digits it has there."""
+    return "-" if value is None else f"{value:g}" if value else "0.0"
+
+
 def status(text: str) -> None:
     """Overwrite the line that tells what is running, where a person looks on; an empty text clears it."""
     if sys.stderr.isatty():

@@ -166,5 +166,6 @@ def test_table_is_aligned_markdown():
     assert lines == ["| a    |  bb |", "| ---- | --: |", "| long |   1 |", "| c    | 234 |"]
 
 
-def test_numbers_keep_their_zeros():
+def test_numbers_keep_their_zeros_and_the_articles_their_digits():
+    assert [text.printed(x) for x in (None, 0.0, 3.1e-3, 7.32e38)] == ["-", "0.0", "0.0031", "7.32e+38"]
     assert [text.number(x) for x in (None, 0.0, 1, 198.2, 2.66512e-5)] == ["-", "0.0", "1.00", "198", "2.67e-05"]
