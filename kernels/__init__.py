@@ -11,9 +11,9 @@ scratch(n)
 scalar, vector (f, state, settings, tally, run)
     The kernels: plain functions that unpack `state` (the floats, or the rows) into a tuple y, march it, and store it.
 
-A step is ``step(f, t, y, c, h, p)``, with y that tuple and c whatever the kernel hands to the march: coefficients, as
-a rule. It returns the new tuple and True (scalar), or True (vector, in place); False where it failed. `settings` are
-the numbers of the record, and `run` says what to march, see `jit.pointer_kernel`. `tally` holds the counts of
-evaluations and of iterations, and what a failed solve leaves: its residual, NaN where the step began with something not
-finite, and then the degree of freedom of that.
+A step is ``step(f, t, y, c, h, p)``, in the vector form ``step(f, t, y, c, h, p, n)`` for n components, with y that
+tuple and c whatever the kernel hands to the march: coefficients, as a rule. It returns the new tuple and True (scalar),
+or True (vector, in place); False where it failed. `settings` are the numbers of the record, and `run` says what to
+march, see `jit.pointer_kernel`. `tally` holds the counts of evaluations and of iterations, and what a failed solve
+leaves: its residual, NaN where the step began with something not finite, and then the degree of freedom of that.
 """

@@ -25,10 +25,10 @@ def step_scalar(f, t, y, c, h, p):
 
 
 @element
-def step_vector(f, t, y, c, h, p):
+def step_vector(f, t, y, c, h, p, n):
     u, v, v_past, a_past, a = y
     f(t, u, v, p, a)
-    for j in range(u.size):
+    for j in range(n):
         v_now = v[j]
         u[j], v[j] = update(u[j], v_now, a[j], v_past[j], a_past[j], h)
         v_past[j], a_past[j] = v_now, a[j]

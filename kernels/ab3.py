@@ -33,19 +33,19 @@ def step_scalar(f, t, y, c, h, p):
 
 
 @element
-def start_vector(f, t, y, c, h, p):
+def start_vector(f, t, y, c, h, p, n):
     u, v, v1, a1, v2, a2, _, u_stage, v_stage, b2, b3 = y
-    for j in range(u.size):
+    for j in range(n):
         v2[j], a2[j], v1[j] = v1[j], a1[j], v[j]
-    rk3.step_vector(f, t, (u, v, u_stage, v_stage, a1, b2, b3), c, h, p)
+    rk3.step_vector(f, t, (u, v, u_stage, v_stage, a1, b2, b3), c, h, p, n)
     return True
 
 
 @element
-def step_vector(f, t, y, c, h, p):
+def step_vector(f, t, y, c, h, p, n):
     u, v, v1, a1, v2, a2, a = y[:7]
     f(t, u, v, p, a)
-    for j in range(u.size):
+    for j in range(n):
         v_now = v[j]
         u[j], v[j] = update(u[j], v_now, a[j], v1[j], a1[j], v2[j], a2[j], h)
         v2[j], a2[j], v1[j], a1[j] = v1[j], a1[j], v_now, a[j]

@@ -35,12 +35,12 @@ def step_scalar(f, t, y, c, h, p):
 
 
 @element
-def step_vector(f, t, y, c, h, p):
+def step_vector(f, t, y, c, h, p, n):
     u, v, w, a = y
-    for j in range(u.size):
+    for j in range(n):
         u[j], w[j] = move(u[j], w[j], a[j], h)
     f(t + h, u, w, p, a)
-    for j in range(u.size):
+    for j in range(n):
         v[j] = velocity(w[j], a[j], h)
     return True
 

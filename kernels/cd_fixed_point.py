@@ -34,10 +34,10 @@ def step_scalar(f, t, y, c, h, p):
 
 
 @element
-def step_vector(f, t, y, c, h, p):
+def step_vector(f, t, y, c, h, p, n):
     u, v, w, u_kept, v_kept, w_kept, a = y
     tolerance, limit, tally = c
-    for j in range(u.size):
+    for j in range(n):
         u_kept[j], v_kept[j], w_kept[j] = u[j], v[j], w[j]
         impulse = v[j] - w[j]
         u[j], w[j] = move(u[j], v[j], w[j], h)
@@ -48,7 +48,7 @@ def step_vector(f, t, y, c, h, p):
         tally[0] += 1
         tally[1] += 1
         change = scale = size = 0.0
-        for j in range(u.size):
+        for j in range(n):
             v_next = w[j] + h / 2 * a[j]
             change += abs(v_next - v[j])  # a sum, since a maximum may pass over a NaN
             scale += abs(v_next) + abs(w[j])
@@ -60,7 +60,7 @@ def step_vector(f, t, y, c, h, p):
             break
         tally[2] = change
     tally[3] = first_not_finite(v)
-    for j in range(u.size):  # the state stays what the last good step left
+    for j in range(n):  # the state stays what the last good step left
         u[j], v[j], w[j] = u_kept[j], v_kept[j], w_kept[j]
     return False
 

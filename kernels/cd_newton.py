@@ -63,8 +63,8 @@ def solve_scalar(f, jacobian, t, u, v, w, tolerance, limit, tally, h, p):
 
 
 @element
-def solve_vector(f, jacobian, t, u, v, w, a, perturbed, residual, c, h, p):
-    tolerance, limit, tally, n, matrix, row_swaps, column_swaps = c[1:]
+def solve_vector(f, jacobian, t, u, v, w, a, perturbed, residual, c, h, p, n):
+    tolerance, limit, tally, matrix, row_swaps, column_swaps = c[1:]
     differenced = n if jacobian is None else 0
     iteration = 0
     tally[2] = math.nan
@@ -145,13 +145,12 @@ def step_scalar(f, t, y, c, h, p):
 
 
 @element
-def step_vector(f, t, y, c, h, p):
+def step_vector(f, t, y, c, h, p, n):
     u, v, w, u_kept, v_kept, w_kept, a, perturbed, residual = y
-    n = c[4]
     for j in range(n):
         u_kept[j], v_kept[j], w_kept[j] = u[j], v[j], w[j]
         u[j], w[j] = move(u[j], v[j], w[j], h)
-    if solve_vector(f, c[0], t + h, u, v, w, a, perturbed, residual, c, h, p):
+    if solve_vector(f, c[0], t + h, u, v, w, a, perturbed, residual, c, h, p, n):
         return True
     for j in range(n):  # the state stays what the last good step left
         u[j], v[j], w[j] = u_kept[j], v_kept[j], w_kept[j]
@@ -175,9 +174,9 @@ def run_scalar(f, jacobian, state, settings, tally, run):
 
 
 @element
-def run_vector(f, jacobian, state, settings, tally, n, run):
+def run_vector(f, jacobian, state, settings, tally, run):
     y = state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8]
-    c = (jacobian, settings[0], settings[1], tally, n, state[11:], state[9], state[10])
+    c = (jacobian, settings[0], settings[1], tally, state[11:], state[9], state[10])
     return march_vector(step_vector, f, y, c, run)
 
 
@@ -190,11 +189,8 @@ def scalar_jacobian(f, jacobian, state, settings, tally, run):
 
 
 def vector(f, state, settings, tally, run):
-    n = state.shape[1]
-    if n == 2:  # a size the compiler knows unrolls every loop over the matrix: a tenth off the time of a pendulum
-        return run_vector(f, None, state, settings, tally, 2, run)
-    return run_vector(f, None, state, settings, tally, n, run)
+    return run_vector(f, None, state, settings, tally, run)
 
 
 def vector_jacobian(f, jacobian, state, settings, tally, run):
-    return run_vector(f, jacobian, state, settings, tally, state.shape[1], run)
+    return run_vector(f, jacobian, state, settings, tally, run)

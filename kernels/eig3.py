@@ -27,10 +27,10 @@ def step_scalar(f, t, y, c, h, p):
 
 
 @element
-def step_vector(f, t, y, c, h, p):
+def step_vector(f, t, y, c, h, p, n):
     u, v, a_past, a = y
     f(t, u, v, p, a)
-    for j in range(u.size):
+    for j in range(n):
         u[j], v[j] = update(u[j], v[j], a[j], a_past[j], c, h)
         a_past[j] = a[j]
     return True

@@ -30,13 +30,13 @@ def step_scalar(f, t, y, c, h, p):
 
 
 @element
-def step_vector(f, t, y, c, h, p):
+def step_vector(f, t, y, c, h, p, n):
     u, v, u2, v2, a1, a2 = y
     f(t, u, v, p, a1)
-    for j in range(u.size):
+    for j in range(n):
         u2[j], v2[j] = stage(u[j], v[j], a1[j], h)
     f(t + h, u2, v2, p, a2)
-    for j in range(u.size):
+    for j in range(n):
         u[j], v[j] = update(u[j], v[j], a1[j], a2[j], h)
     return True
 

@@ -29,7 +29,7 @@ def stage4(u, v, a2, a3, h):
 
 @element
 def update(u, v, a1, a2, a3, a4, h):
-    return u + h * v + h * h / 6 * (a1 + a2) + h * h / 6 * a3, v + h / 6 * (a1 + 2 * (a2 + a3)) + h / 6 * a4
+    return u + h * v + h * h / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
 @element
@@ -46,19 +46,19 @@ def step_scalar(f, t, y, c, h, p):
 
 
 @element
-def step_vector(f, t, y, c, h, p):
+def step_vector(f, t, y, c, h, p, n):
     u, v, u_stage, v_stage, a1, a2, a3, a4 = y
     f(t, u, v, p, a1)
-    for j in range(u.size):
+    for j in range(n):
         u_stage[j], v_stage[j] = stage2(u[j], v[j], a1[j], h)
     f(t + h / 2, u_stage, v_stage, p, a2)
-    for j in range(u.size):
+    for j in range(n):
         u_stage[j], v_stage[j] = stage3(u[j], v[j], a1[j], a2[j], h)
     f(t + h / 2, u_stage, v_stage, p, a3)
-    for j in range(u.size):
+    for j in range(n):
         u_stage[j], v_stage[j] = stage4(u[j], v[j], a2[j], a3[j], h)
     f(t + h, u_stage, v_stage, p, a4)
-    for j in range(u.size):
+    for j in range(n):
         u[j], v[j] = update(u[j], v[j], a1[j], a2[j], a3[j], a4[j], h)
     return True
 
