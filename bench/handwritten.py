@@ -236,3 +236,19 @@ def pendulum_in_registers(f, u, v, p, h, n, u_rows, v_rows):
         vt += 1.5 * h * at - h / 2 * t_past
         r_past, t_past = ar, at
         u_rows[i, 0], u_rows[i, 1], v_rows[i, 0], v_rows[i, 1] = r, theta, vr, vt
+
+
+def floor_scalar(f, u, v, p, h, n, u_rows, v_rows):
+    """The least a step waits for: one evaluation and one multiply-add, along the states that a run has left."""
+    for i in range(n):
+        u = u_rows[i] + 1e-30 * f(i * h, u, v_rows[i], p)
+    return u
+
+
+def floor_pair(f, u, v, p, h, n, u_rows, v_rows):
+    a = np.empty(2)
+    for i in range(n):
+        v[0], v[1] = v_rows[i, 0], v_rows[i, 1]
+        f(i * h, u, v, p, a)
+        u[0], u[1] = u_rows[i, 0] + 1e-30 * a[0], u_rows[i, 1] + 1e-30 * a[1]
+    return u[0] + u[1]

@@ -44,6 +44,15 @@ def _parser() -> argparse.ArgumentParser:
     speed.add_argument("--method", dest="methods", action="append", help="only this method; may be repeated")
     speed.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
     speed.set_defaults(run=_speed)
+
+    c = benchmarks.add_parser(
+        "c",
+        help="ns/step beside the article's algorithms in C",
+        description="ns/step of the kernels in both modes, beside C99 compiled here with the system's compiler.",
+    )
+    c.add_argument("--method", dest="methods", action="append", help="only this method; may be repeated")
+    c.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
+    c.set_defaults(run=_c)
     return parser
 
 
@@ -72,6 +81,13 @@ def _speed(arguments: argparse.Namespace) -> int:
     from .bench import speed
 
     speed.run(methods=arguments.methods, repeats=arguments.repeats)
+    return 0
+
+
+def _c(arguments: argparse.Namespace) -> int:
+    from .bench import baseline
+
+    baseline.run(methods=arguments.methods, repeats=arguments.repeats)
     return 0
 
 
