@@ -28,6 +28,15 @@ def march_scalar(step, f, y, c, run):
 
 
 @element
+def march_one_step(step, evaluations, f, state, tally, run):
+    """`march_scalar` for a method that carries nothing beside u and v, from the state array and back."""
+    y, taken = march_scalar(step, f, (state[0], state[1]), (), run)
+    state[0], state[1] = y
+    tally[0] += evaluations * taken
+    return taken
+
+
+@element
 def march_vector(step, f, y, c, run):
     """March the tuple `y` of arrays (u, v, history ..., scratch ...) in place; return the number of steps taken."""
     n = y[0].size

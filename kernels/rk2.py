@@ -7,7 +7,7 @@ The midpoint rule, the other well-known method of two stages, does not give the 
 """
 
 from .jit import element
-from .march import march_scalar, march_vector
+from .march import march_one_step, march_vector
 
 
 @element
@@ -50,11 +50,7 @@ def start(u, v, a, h):
 
 
 def scalar(f, state, settings, tally, run):
-    y = state[0], state[1]
-    y, taken = march_scalar(step_scalar, f, y, (), run)
-    state[0], state[1] = y
-    tally[0] += 2 * taken
-    return taken
+    return march_one_step(step_scalar, 2, f, state, tally, run)
 
 
 def vector(f, state, settings, tally, run):

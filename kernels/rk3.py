@@ -8,7 +8,7 @@ v_{n+1} = v + h/6 (a_1 + 4 a_2 + a_3)
 """
 
 from .jit import element
-from .march import march_scalar, march_vector
+from .march import march_one_step, march_vector
 
 
 @element
@@ -68,11 +68,7 @@ def start(u, v, a, h):
 
 
 def scalar(f, state, settings, tally, run):
-    y = state[0], state[1]
-    y, taken = march_scalar(step_scalar, f, y, (), run)
-    state[0], state[1] = y
-    tally[0] += 3 * taken
-    return taken
+    return march_one_step(step_scalar, 3, f, state, tally, run)
 
 
 def vector(f, state, settings, tally, run):

@@ -9,12 +9,8 @@ v_{n+1} = v + h/6 (a_1 + 2 a_2 + 2 a_3 + a_4)
 """
 
 from .jit import element
-from .march import march_scalar, march_vector
-
-
-@element
-def stage2(u, v, a1, h):
-    return u + h / 2 * v, v + h / 2 * a1
+from .march import march_one_step, march_vector
+from .rk3 import stage2
 
 
 @element
@@ -72,11 +68,7 @@ def start(u, v, a, h):
 
 
 def scalar(f, state, settings, tally, run):
-    y = state[0], state[1]
-    y, taken = march_scalar(step_scalar, f, y, (), run)
-    state[0], state[1] = y
-    tally[0] += 4 * taken
-    return taken
+    return march_one_step(step_scalar, 4, f, state, tally, run)
 
 
 def vector(f, state, settings, tally, run):
