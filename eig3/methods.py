@@ -123,8 +123,8 @@ class CentralDifference(Method):
         zeroed; or ``jacobian(t, u, v, p) -> float`` for one degree of freedom. Without it, differences of f.
     tol : float
         The iteration ends when the residual of v is below tol (|v| + |w|), each summed over the degrees of freedom, or
-        moves u by less than its round-off. One degree of freedom much smaller than the others is solved less closely:
-        scale mixed units.
+        no longer falls and moves u by less than its round-off. One degree of freedom much smaller than the others is
+        solved less closely: scale mixed units.
     max_iterations : int
         Iterations in one step before the run ends as NOT_CONVERGED.
     """

@@ -6,7 +6,7 @@ step's acceleration. It converges where h/2 |df/dv| < 1 and needs no Jacobian: t
 
 import math
 
-from .cd_newton import first_not_finite, is_small, move
+from .cd_newton import first_not_finite, is_solved, move
 from .jit import element
 from .march import march_scalar, march_vector
 
@@ -25,7 +25,7 @@ def step_scalar(f, t, y, c, h, p):
         v = v_next
         tally[0] += 1
         tally[1] += 1
-        if is_small(change, abs(v) + abs(w), abs(u), tolerance, h):
+        if is_solved(change, tally[2], abs(v) + abs(w), abs(u), tolerance, h):
             return (u, v, w), True
         if not math.isfinite(change):
             break
@@ -54,7 +54,7 @@ def step_vector(f, t, y, c, h, p, n):
             scale += abs(v_next) + abs(w[j])
             size += abs(u[j])
             v[j] = v_next
-        if is_small(change, scale, size, tolerance, h):
+        if is_solved(change, tally[2], scale, size, tolerance, h):
             return True
         if not math.isfinite(change):
             break

@@ -46,7 +46,7 @@ def solve_scalar(f, jacobian, t, u, v, w, tolerance, limit, tally, h, p):
         a = f(t, u, v, p)
         residual = v - w - h / 2 * a
         scale = abs(v) + abs(w)
-        if iteration > 0 and is_small(abs(residual), scale, abs(u), tolerance, h):
+        if iteration > 0 and is_solved(abs(residual), tally[2], scale, abs(u), tolerance, h):
             count(tally, iteration, differenced)
             return v - residual / (1 - h / 2 * slope), True
         if iteration >= limit or not math.isfinite(residual):
@@ -76,7 +76,7 @@ def solve_vector(f, jacobian, t, u, v, w, a, perturbed, residual, c, h, p, n):
             norm += abs(residual[j])  # a sum, since a maximum may pass over a NaN
             scale += abs(v[j]) + abs(w[j])
             size += abs(u[j])
-        if iteration > 0 and is_small(norm, scale, size, tolerance, h):
+        if iteration > 0 and is_solved(norm, tally[2], scale, size, tolerance, h):
             correct(v, n, residual, matrix, row_swaps, column_swaps)
             count(tally, iteration, differenced)
             return True
@@ -102,10 +102,10 @@ def solve_vector(f, jacobian, t, u, v, w, a, perturbed, residual, c, h, p, n):
 
 
 @element
-def is_small(residual, speed, size, tolerance, h):
-    # The second test is for a system at rest under load, where the round-off of f is all that is left of v: it moves u
-    # by less than the round-off of u.
-    return residual <= tolerance * speed or h * residual <= ROUND_OFF * size
+def is_solved(residual, last, speed, size, tolerance, h):
+    # The second test is for a system at rest under load, where all that is left of v is the round-off of f: iterating
+    # does not lessen it, and it moves u by less than the round-off of u.
+    return residual <= tolerance * speed or (residual > last / 2 and h * residual <= ROUND_OFF * size)
 
 
 @element

@@ -209,3 +209,22 @@ def test_limit_of_fixed_point_is_where_it_converges():
     method = eig3.CentralDifference(solver="fixed-point", max_iterations=10**5)
     assert limit(method, 0.25) == pytest.approx(2, abs=1e-6)
     assert limit(method, 1.0) == pytest.approx(1, abs=0.01)
+
+
+@eig3.jit
+def far_away(t, u, v, p):
+    return -p[0] * (u - p[2]) - p[1] * v
+
+
+def test_a_large_position_does_not_loosen_the_solve():
+    """What the solve for v leaves must be measured by v: here u is 1e6 times larger, and the step tiny."""
+
+    def velocity(solver, offset):
+        method = eig3.CentralDifference(solver=solver)
+        params = (4.0, 100.0, offset)
+        return eig3.integrate(far_away, (0, 1), offset, 1.0, h=1e-5, params=params, method=method, save_every=1000).v
+
+    far = velocity("newton", 1e6)
+    # the round-off of u, 1e-10 a step, is the same for both and makes 3e-8 of the force; the solves differ by less
+    np.testing.assert_allclose(far, velocity("newton", 0.0), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(far, velocity("fixed-point", 1e6), rtol=0, atol=1e-12)
