@@ -62,7 +62,7 @@ class Library:
         params = np.array(problem.params, dtype=np.float64)
 
         def run() -> float:
-            u, v = (np.array(x, dtype=np.float64) if vector else float(x) for x in (problem.u0, problem.v0))
+            u, v = speed.initial_state(problem)
             begin = time.perf_counter()
             function(*callback, u, v, params, STEPS[problem.name], speed.N_STEPS, storage.u, storage.v)
             return time.perf_counter() - begin

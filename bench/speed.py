@@ -78,6 +78,12 @@ def ours(problem: Problem, h: float, name: str, storage: Storage, *, inline: boo
     return run
 
 
+def initial_state(problem: Problem) -> tuple[Any, Any]:
+    """u and v at the start: floats, or new arrays that a loop may change."""
+    u, v = (np.array(x, dtype=np.float64) for x in (problem.u0, problem.v0))
+    return (u, v) if u.ndim else (float(u), float(v))
+
+
 def theirs(problem: Problem, h: float, function: Callable, storage: Storage, *, inline: bool) -> Callable[[], float]:
     form = VECTOR if np.ndim(problem.u0) else SCALAR
     params = np.array(problem.params, dtype=np.float64)
@@ -89,11 +95,8 @@ def theirs(problem: Problem, h: float, function: Callable, storage: Storage, *, 
         types = (FunctionType(form.rhs), state, state, array, numba.float64, numba.int64, form.rows, form.rows)
         loop = numba.njit(numba.void(*types), **OPTIONS)(function)
 
-    def initial(x: Any) -> Any:
-        return np.array(x, dtype=np.float64) if form is VECTOR else float(x)
-
     def run() -> float:
-        u, v = initial(problem.u0), initial(problem.v0)
+        u, v = initial_state(problem)
         begin = time.perf_counter()
         loop(problem.rhs, u, v, params, h, N_STEPS, storage.u, storage.v)
         return time.perf_counter() - begin
