@@ -88,6 +88,7 @@ def compiler() -> str | None:
 
 def run(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print) -> None:
     """Print ns/step of C and of both modes, with ratios; without a compiler the columns of C are dashes."""
+    chosen = speed.choose(methods, METHOD_NAMES)
     version = compiler()
     write(f"Machine: {in_words()}")
     write(f"C: {version or 'no compiler (cc) here, so its columns are empty'}")
@@ -95,11 +96,7 @@ def run(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callab
     write("C in the article's order of operations; / C is over C -O3 with the right-hand side through a pointer.\n")
     with tempfile.TemporaryDirectory() as folder:
         libraries = {name: build(flags, Path(folder)) for name, flags in FLAGS.items()} if version else {}
-        rows = [
-            compare(make(), h, name, libraries, repeats)
-            for make, h in speed.CASES
-            for name in (methods or METHOD_NAMES)
-        ]
+        rows = [compare(make(), h, name, libraries, repeats) for make, h in speed.CASES for name in chosen]
     text.status("")
     write(text.table(HEADER, rows))
 

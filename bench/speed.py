@@ -30,10 +30,7 @@ HEADER = ["problem, method", "pointer", "by hand", "ratio", "inline", "by hand",
 
 def run(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print) -> None:
     """Print the table of `methods`, all if None."""
-    chosen = list(methods or METHODS)
-    unknown = [name for name in chosen if name not in METHODS]
-    if unknown:
-        raise SystemExit(f"eig3 bench speed: --method must be one of {', '.join(METHODS)}, not {unknown[0]}.")
+    chosen = choose(methods, list(METHODS))
     write(f"Machine: {in_words()}")
     write(f"ns/step with every state stored: medians of {repeats} interleaved runs of {N_STEPS} steps.\n")
     rows = [row for build, h in CASES for name in chosen for row in compare(build(), h, name, repeats)]
@@ -41,6 +38,14 @@ def run(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callab
     write(text.table(HEADER, rows))
     ratios = [float(row[i]) for row in rows for i in (3, 6) if row[i] != "-"]
     write(f"\nRatio of the kernel to the loop by hand: {min(ratios):.2f} to {max(ratios):.2f}.")
+
+
+def choose(methods: Sequence[str] | None, known: Sequence[str]) -> Sequence[str]:
+    """The methods asked for on the command line, all those known if None."""
+    unknown = [name for name in methods or () if name not in known]
+    if unknown:
+        raise SystemExit(f"eig3 bench: --method must be one of {', '.join(known)}, not {unknown[0]}.")
+    return methods or known
 
 
 def compare(problem: Problem, h: float, name: str, repeats: int) -> list[list[str]]:

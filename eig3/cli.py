@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ._version import __version__
@@ -41,18 +41,14 @@ def _parser() -> argparse.ArgumentParser:
         help="ns/step beside loops written by hand",
         description="ns/step of every method on the article's problems, beside the same loop written by hand.",
     )
-    speed.add_argument("--method", dest="methods", action="append", help="only this method; may be repeated")
-    speed.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
-    speed.set_defaults(run=_speed)
+    _add_speed_options(speed, _speed)
 
     c = benchmarks.add_parser(
         "c",
         help="ns/step beside the article's algorithms in C",
         description="ns/step of the kernels in both modes, beside C99 compiled here with the system's compiler.",
     )
-    c.add_argument("--method", dest="methods", action="append", help="only this method; may be repeated")
-    c.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
-    c.set_defaults(run=_c)
+    _add_speed_options(c, _c)
     return parser
 
 
@@ -67,6 +63,12 @@ def _add_paper_options(parser: argparse.ArgumentParser, quick: bool) -> None:
     )
     parser.add_argument("--out", type=_folder, metavar="DIR", help="write results.json, tables.md and pictures there")
     parser.set_defaults(run=_paper)
+
+
+def _add_speed_options(parser: argparse.ArgumentParser, run: Callable[[argparse.Namespace], int]) -> None:
+    parser.add_argument("--method", dest="methods", action="append", help="only this method; may be repeated")
+    parser.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
+    parser.set_defaults(run=run)
 
 
 def _paper(arguments: argparse.Namespace) -> int:

@@ -55,7 +55,7 @@ class Method:
         return ()
 
     def workspace_bytes(self, n: int) -> int:
-        """What the kernel allocates for n degrees of freedom, beyond a few vectors."""
+        """What a run of n degrees of freedom needs beyond a few vectors."""
         return 0
 
     @property
@@ -113,8 +113,8 @@ class CentralDifference(Method):
     velocity : {"implicit", "none", "lagged"}
         "implicit" solves v = w + h/2 f(t, u, v) at every step: second order for every force. "none" is for a force
         without velocity: one evaluation and no solve; a force that reads velocity is refused where it does so at the
-        start. "lagged" gives f the velocity of half a step before: explicit,
-        but of first order only, and there to be shown rather than preferred.
+        start. "lagged" gives f the velocity of half a step before: explicit, but of first order only, and there to be
+        shown rather than preferred.
     solver : {"newton", "fixed-point"}
         How "implicit" solves. Newton's method converges also where h df/dv is large; fixed-point iteration is cheaper
         where it is small.
@@ -168,6 +168,7 @@ class CentralDifference(Method):
         return self.velocity == "none"
 
     def workspace_bytes(self, n: int) -> int:
+        # the matrix, and its copy in the state that the stepper can go back to
         return 16 * n * n if self.kernel == "eig3.kernels.cd_newton" and n > 1 else 0
 
     @property

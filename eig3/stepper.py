@@ -43,7 +43,7 @@ class Stepper:
     ------
     TypeError, ValueError
         For arguments `eig3.integrate` would refuse, a right-hand side that is not finite at the start, or one that
-        changes u or v.
+        changes u, v or p.
     """
 
     def __init__(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .callbacks import check_callback
-from .kernels import invariant as loops
+from .kernels.invariant import drift
 from .kernels.jit import invariant_kernel
 from .stepper import Stepper
 
@@ -17,7 +17,7 @@ class Watch:
     def __init__(self, name: str, function: Any, stepper: Stepper) -> None:
         self.drift = 0.0
         self._function = check_callback(function, "invariant", stepper.form, f"invariants[{name!r}]")
-        self._kernel = invariant_kernel(getattr(loops, stepper.form.name), stepper.form)
+        self._kernel = invariant_kernel(drift, stepper.form)
         self._start = self._function(stepper.t0, stepper.u, stepper.v, stepper.params)
         self._context = (stepper.t0, stepper.h, stepper.params)
 

@@ -10,25 +10,8 @@ def farther(worst, e, e0):
     return distance if distance > worst or distance != distance else worst
 
 
-@element
-def drift_scalar(invariant, e0, t0, h, p, first, u_rows, v_rows):
+def drift(invariant, e0, t0, h, p, first, u_rows, v_rows):
     worst = 0.0
-    for i in range(u_rows.size):
+    for i in range(len(u_rows)):
         worst = farther(worst, invariant(t0 + (first + i) * h, u_rows[i], v_rows[i], p), e0)
     return worst
-
-
-@element
-def drift_vector(invariant, e0, t0, h, p, first, u_rows, v_rows):
-    worst = 0.0
-    for i in range(u_rows.shape[0]):
-        worst = farther(worst, invariant(t0 + (first + i) * h, u_rows[i], v_rows[i], p), e0)
-    return worst
-
-
-def scalar(invariant, e0, t0, h, p, first, u_rows, v_rows):
-    return drift_scalar(invariant, e0, t0, h, p, first, u_rows, v_rows)
-
-
-def vector(invariant, e0, t0, h, p, first, u_rows, v_rows):
-    return drift_vector(invariant, e0, t0, h, p, first, u_rows, v_rows)

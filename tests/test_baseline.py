@@ -32,6 +32,11 @@ def test_c_computes_what_the_kernels_do(library, make, method, inline, monkeypat
     assert difference < (0.05 if method == "ab3" else 1e-8)
 
 
+def test_a_method_that_is_not_in_c_is_told():
+    with pytest.raises(SystemExit, match="--method must be one of eig3, cd, rk2, rk3, ab2, ab3, not rk4"):
+        main(["bench", "c", "--method", "rk4"])
+
+
 @needs_compiler
 def test_table_has_every_ratio(capsys, monkeypatch):
     monkeypatch.setattr(speed, "N_STEPS", 1000)
