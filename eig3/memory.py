@@ -4,7 +4,11 @@ import math
 import os
 from pathlib import Path
 
+import numpy as np
+
 from .methods import Method
+
+_CACHE_LINE = 64  # bytes
 
 
 def n_rows(n_steps: int, every: int) -> int:
@@ -31,6 +35,14 @@ def check_workspace(method: Method, n: int) -> None:
             f"the {n} x {n} matrix of Newton's method needs {needed:.3g} bytes and {free:.3g} are free; "
             "CentralDifference(solver='fixed-point') needs none."
         )
+
+
+def aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros that start on a cache line; a loop in cache takes half as long again where its vectors straddle two."""
+    size = math.prod(shape)
+    buffer = np.zeros(size + _CACHE_LINE // 8)
+    start = -buffer.ctypes.data % _CACHE_LINE // 8
+    return buffer[start : start + size].reshape(shape)
 
 
 def available_memory() -> float:

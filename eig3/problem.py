@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from .checks import check_method
 from .integrate import integrate
-from .methods import CentralDifference, Method
+from .methods import Method
 from .solution import Solution
 from .stepper import Stepper
 
@@ -34,7 +34,8 @@ class Problem:
     exact : callable, optional
         ``exact(t) -> (u, v)`` for an array of times.
     uses_velocity : bool
-        Whether rhs reads v. Where it does not, the method "cd" takes its form of one evaluation a step.
+        Whether rhs reads v. Where it does not, "cd" by name takes its form of one evaluation a step, and "eig3" that
+        which touches fewer arrays.
     source : str
         Where the problem comes from.
     """
@@ -65,7 +66,6 @@ class Problem:
         return Stepper(self.rhs, self.u0, self.v0, h=h, method=self.method(method), **options)
 
     def method(self, method: str | Method) -> Method:
-        """The record for this problem: "cd" by name takes its explicit form where rhs does not read v."""
-        if isinstance(method, str) and method.lower() == CentralDifference.name and not self.uses_velocity:
-            return CentralDifference(velocity="none")
-        return check_method(method)
+        """The record for this problem: a name stands for the form without velocity where rhs does not read v."""
+        record = check_method(method)
+        return record if self.uses_velocity or not isinstance(method, str) else record.without_velocity()

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .callbacks import check_callback
 from .checks import check_h, check_method, check_params, check_state, check_time
 from .kernels.jit import SCALAR, inline_kernel, pointer_kernel
-from .memory import check_workspace
+from .memory import aligned, check_workspace
 from .methods import Method
 
 _NEVER = 2**62
@@ -77,7 +77,7 @@ class Stepper:
         if self.form is SCALAR:
             self._state = np.array([u, v, *past])
         else:
-            self._state = np.zeros((2 + len(past) + self.method.module.scratch(u.size), u.size))
+            self._state = aligned((2 + len(past) + self.method.module.scratch(u.size), u.size))
             for row, values in zip(self._state, (u, v, *past), strict=False):
                 row[:] = values
         self._state_before, self._tally_before = self._state.copy(), self._tally.copy()
@@ -185,7 +185,8 @@ class Stepper:
     def fork(self) -> Stepper:
         """An independent stepper that stands at the same state."""
         other = copy.copy(self)
-        other._state, other._tally = self._state.copy(), self._tally.copy()
+        other._state, other._tally = aligned(self._state.shape), self._tally.copy()
+        np.copyto(other._state, self._state)
         other._state_before, other._tally_before = self._state_before.copy(), self._tally_before.copy()
         return other
 
@@ -238,5 +239,5 @@ class Stepper:
                 "it must give a finite acceleration for every degree of freedom, a[j] in the vector form."
             )
         if self.method.ignores_velocity and np.any(self.acceleration(self.t0, u, v + 1.0) != a):
-            raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; use 'implicit'.")
+            raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
         return a

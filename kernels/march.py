@@ -39,14 +39,25 @@ def march_one_step(step, evaluations, f, state, tally, run):
 @element
 def march_vector(step, f, y, c, run):
     """March the tuple `y` of arrays (u, v, history ..., scratch ...) in place; return the number of steps taken."""
-    n = y[0].size
-    if n == 2:  # a number the compiler knows: it drops the loops over two components, a tenth of a pendulum's time
-        return march_components(step, f, y, c, 2, run)
-    return march_components(step, f, y, c, n, run)
+    return march_vector_lazily(step, nothing, f, y, c, run)
 
 
 @element
-def march_components(step, f, y, c, n, run):
+def nothing(y, c, h, n):
+    pass
+
+
+@element
+def march_vector_lazily(step, complete, f, y, c, run):
+    """`march_vector` for a step that leaves v to ``complete(y, c, h, n)``, called where a state is seen."""
+    n = y[0].size
+    if n == 2:  # a number the compiler knows: it drops the loops over two components, a tenth of a pendulum's time
+        return march_components(step, complete, f, y, c, 2, run)
+    return march_components(step, complete, f, y, c, n, run)
+
+
+@element
+def march_components(step, complete, f, y, c, n, run):
     h, t0, p, first, count, every, u_rows, v_rows = run
     u, v = y[0], y[1]
     row = 0
@@ -56,9 +67,11 @@ def march_components(step, f, y, c, n, run):
             return i - first
         left -= 1
         if left == 0:
+            complete(y, c, h, n)
             for j in range(n):
                 u_rows[row, j] = u[j]
                 v_rows[row, j] = v[j]
             row += 1
             left = every
+    complete(y, c, h, n)
     return count

@@ -16,6 +16,8 @@ ALL_METHODS = [
     eig3.AB3(),
 ]
 
+WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity="none")]
+
 
 @eig3.jit
 def oscillator(t, u, v, p):
@@ -41,6 +43,20 @@ def coupled(t, u, v, p, a):
         left = u[j - 1] if j > 0 else 0.0
         right = u[j + 1] if j < 2 else 0.0
         a[j] = p[j] * (left - 2 * u[j] + right) - 0.1 * (j + 1) * v[j] + np.sin(t)
+
+
+@eig3.jit
+def hardening(t, u, v, p):
+    return np.sin(t) - p[0] * u * (1 + u * u)
+
+
+@eig3.jit
+def hardening_chain(t, u, v, p, a):
+    """Three masses in a row between walls, with hardening springs and a force: nothing reads v."""
+    for j in range(3):
+        left = u[j] - u[j - 1] if j > 0 else u[j]
+        right = u[j + 1] - u[j] if j < 2 else -u[j]
+        a[j] = p[j] * (right * (1 + right * right) - left * (1 + left * left)) + np.sin(t)
 
 
 @pytest.fixture(params=ALL_METHODS, ids=lambda method: repr(method).partition(", jacobian")[0])

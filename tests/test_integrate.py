@@ -534,6 +534,7 @@ def test_bad_input_is_told_in_a_sentence(change, error, message):
     ("build", "message"),
     [
         (lambda: eig3.EIG3(alpha=np.nan), "alpha must be a finite number"),
+        (lambda: eig3.EIG3(velocity="implicit"), "velocity must be 'explicit' or 'none', not 'implicit'"),
         (lambda: eig3.EIG3(beta=np.inf), "beta must be a finite number"),
         (lambda: eig3.CentralDifference(velocity="explicit"), "velocity must be 'implicit', 'none' or 'lagged'"),
         (lambda: eig3.CentralDifference(solver="broyden"), "solver must be 'newton' or 'fixed-point'"),

@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 import eig3
 from eig3.stability import amplification_matrix, limit
 
-from .conftest import ALL_METHODS, coupled, oscillator, oscillator_vector
+from .conftest import (
+    ALL_METHODS,
+    WITHOUT_VELOCITY,
+    coupled,
+    hardening,
+    hardening_chain,
+    oscillator,
+    oscillator_vector,
+)
 
 finite = st.floats(-2, 2)
 frequencies = st.floats(0.01, 3)
@@ -99,6 +107,25 @@ def test_eig3_positions_are_those_of_central_difference(build):
     assert np.abs(one.v - other.v).max() > 1e-6  # the reported velocities differ: an extrapolation, and a mean
 
 
+@pytest.mark.parametrize(
+    ("rhs", "u0", "v0"), [(hardening, 1.0, 0.2), (hardening_chain, [0.1, 0.2, -0.3], [0.0, 1.0, 0.0])]
+)
+def test_eig3_without_velocity_reports_the_same(rhs, u0, v0):
+    """The staggered form renames variables: only roundings differ, 1e3 of 1e-16, amplified by the motion to 1e-12."""
+    options = {"h": 0.01, "params": (3.0, 0.1, 2.0), "save_every": 7}
+    one, other = (
+        eig3.integrate(rhs, (0, 10), u0, v0, method=eig3.EIG3(velocity=v), **options) for v in ("explicit", "none")
+    )
+    np.testing.assert_allclose(other.u, one.u, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(other.v, one.v, rtol=0, atol=1e-12)
+    assert other.method.kernel != one.method.kernel
+    assert other.n_rhs == one.n_rhs
+
+
+def test_eig3_without_velocity_falls_back_for_other_parameters():
+    assert eig3.EIG3(1.2, velocity="none").kernel == eig3.EIG3().kernel
+
+
 def test_first_step_is_the_articles():
     a0 = -16.0 * 0.5 - 0.8 * 0.25
     for method in ("eig3", "ab2"):
@@ -139,15 +166,13 @@ def test_inline_mode_equals_pointer_mode(method):
 @pytest.mark.parametrize("inline", [False, True])
 @settings(deadline=None, max_examples=25)
 @given(
-    method=st.sampled_from(ALL_METHODS),
+    method=st.sampled_from(ALL_METHODS + WITHOUT_VELOCITY),
     chunks=st.lists(st.integers(0, 40), min_size=1, max_size=6),
     every=st.integers(1, 30),
 )
 def test_chunked_runs_agree_bit_for_bit(method, chunks, every, inline):
-    for rhs, u0, v0, shape in (
-        (oscillator, 1.0, 0.2, ()),
-        (coupled, [0.1, 0.2, -0.3], [0.0, 0.1, 0.0], (3,)),
-    ):
+    scalar, vector = (hardening, hardening_chain) if method.ignores_velocity else (oscillator, coupled)
+    for rhs, u0, v0, shape in ((scalar, 1.0, 0.2, ()), (vector, [0.1, 0.2, -0.3], [0.0, 0.1, 0.0], (3,))):
         options = {"h": 0.01, "params": (3.0, 0.1, 2.0), "method": method, "inline": inline}
         total = sum(chunks)
         u_whole, v_whole = (np.full((total // every, *shape), np.nan) for _ in range(2))

@@ -82,6 +82,12 @@ def test_only_the_effects_named_are_compiled():
     assert problems.single_dof().energy is not None
 
 
+def test_eig3_takes_its_staggered_form_where_nothing_reads_the_velocity():
+    assert problems.hardening_spring().method("EIG3").velocity == "none"
+    assert problems.spring_pendulum().method("eig3").velocity == "explicit"
+    assert problems.hardening_spring().method(eig3.EIG3()).velocity == "explicit"
+
+
 def test_cd_takes_its_explicit_form_where_nothing_reads_the_velocity():
     assert problems.single_dof().integrate(h=0.1, method="cd", t_end=10).n_newton == 0
     assert problems.single_dof(xi=0.1).integrate(h=0.1, method="cd", t_end=10).n_newton > 0
