@@ -33,6 +33,8 @@ class Problem:
         ``energy(t, u, v, p) -> float``, constant along the exact solution: the invariant "energy" of `integrate`.
     exact : callable, optional
         ``exact(t) -> (u, v)`` for an array of times.
+    continuum : callable, optional
+        ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem stands for, at its masses.
     uses_velocity : bool
         Whether rhs reads v. Where it does not, "cd" by name takes its form of one evaluation a step, and "eig3" that
         which touches fewer arrays.
@@ -48,6 +50,7 @@ class Problem:
     t_span: tuple[float, float]
     energy: Any = None
     exact: Callable | None = None
+    continuum: Callable | None = None
     uses_velocity: bool = True
     source: str = ""
 

@@ -1,0 +1,225 @@
+"""What a user would pick instead, each at its best settings: adaptive solvers on the same problems.
+
+Every rival gives the states at the times asked for by its own dense output, and is timed with its compiling left out.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numba
+import numpy as np
+
+from eig3.callbacks import jit
+from eig3.problem import Problem
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One run of a rival: seconds, states at the times asked for, and evaluations where it tells."""
+
+    seconds: float
+    u: np.ndarray
+    v: np.ndarray
+    evaluations: int | None
+    success: bool
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A solver: `prepare(problem, times)` gives a function from a tolerance to another, without arguments, that runs."""
+
+    label: str
+    package: str
+    prepare: Callable[[Problem, np.ndarray], Callable[[float], Callable[[], Answer]]]
+    tolerances: Sequence[float] = tuple(10.0**-k for k in range(3, 14))
+
+    @property
+    def is_installed(self) -> bool:
+        return importlib.util.find_spec(self.package) is not None
+
+
+def first_order(problem: Problem) -> tuple[np.ndarray, np.ndarray, Any]:
+    """y = (u, v), the parameters, and a jitted ``slope(t, y, p, dy)``."""
+    u0 = np.array(problem.u0, dtype=np.float64)
+    y0 = np.concatenate([np.atleast_1d(u0), np.atleast_1d(np.array(problem.v0, dtype=np.float64))])
+    rhs = problem.rhs
+    if u0.ndim == 0:
+
+        @jit
+        def slope(t, y, p, dy):
+            dy[0] = y[1]
+            dy[1] = rhs(t, y[0], y[1], p)
+
+    else:
+
+        @jit
+        def slope(t, y, p, dy):
+            n = y.size // 2
+            u, v = y[:n], y[n:]
+            for j in range(n):
+                dy[j] = v[j]
+            rhs(t, u, v, p, dy[n:])
+
+    return y0, np.array(problem.params, dtype=np.float64), slope
+
+
+def _scipy(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
+    from scipy.integrate import solve_ivp
+
+    y0, params, slope = first_order(problem)
+
+    @jit
+    def f(t, y):
+        dy = np.empty_like(y)
+        slope(t, y, params, dy)
+        return dy
+
+    f(times[0], y0)
+
+    def run(tolerance: float) -> Answer:
+        begin = time.perf_counter()
+        result = solve_ivp(
+            f, (times[0], times[-1]), y0, method, t_eval=times, rtol=tolerance, atol=absolute(tolerance, problem)
+        )
+        return _answer(time.perf_counter() - begin, result.y, times, result.nfev, result.success)
+
+    return lambda tolerance: partial(run, tolerance)
+
+
+def _cyrk(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
+    from CyRK import nb_diffeq_addr, nbsolve2_ivp
+
+    y0, params, slope = first_order(problem)
+    n, n_params = len(y0), len(params)
+
+    def f(dy, t, y, p):  # CyRK's own signature, of pointers; the last parameter counts the calls
+        p = numba.carray(p, n_params + 1)
+        p[n_params] += 1
+        slope(t, numba.carray(y, n), p[:n_params], numba.carray(dy, n))
+
+    address = nb_diffeq_addr(f)
+
+    def run(tolerance: float) -> Answer:
+        args = np.append(params, 0.0)
+        begin = time.perf_counter()
+        result = nbsolve2_ivp(
+            address,
+            (times[0], times[-1]),
+            y0,
+            method,
+            times,
+            args=args,
+            rtol=tolerance,
+            atol=absolute(tolerance, problem),
+        )
+        seconds = time.perf_counter() - begin
+        return _answer(seconds, result.y.copy(), times, int(args[n_params]) or None, result.success)
+
+    return lambda tolerance: partial(run, tolerance)
+
+
+def _heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
+    import heyoka
+
+    y0, _, _ = first_order(problem)
+    n = len(y0) // 2
+    u = heyoka.make_vars(*[f"u{j}" for j in range(n)])
+    v = heyoka.make_vars(*[f"v{j}" for j in range(n)])
+    u, v = (u, v) if n > 1 else ([u], [v])
+    accelerations = _EXPRESSIONS[problem.name](heyoka, u, v, [float(x) for x in problem.params])
+    system = [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)]
+
+    def at(tolerance: float) -> Callable[[], Answer]:
+        # compact mode is for large systems: their compile times are endless without
+        solver = heyoka.taylor_adaptive(system, list(y0), tol=tolerance, compact_mode=n > 20)
+
+        def run() -> Answer:
+            solver.time = times[0]
+            solver.state[:] = y0
+            begin = time.perf_counter()
+            outcome, *_, states = solver.propagate_grid(times)
+            seconds = time.perf_counter() - begin
+            return _answer(seconds, states.T, times, None, outcome == heyoka.taylor_outcome.time_limit)
+
+        return run
+
+    return at
+
+
+def absolute(tolerance: float, problem: Problem) -> float:
+    """A hundredth of the relative tolerance times the size of the initial state, so that the relative one decides."""
+    size = max(np.abs(problem.u0).max(), np.abs(problem.v0).max())
+    return float(1e-2 * tolerance * size)
+
+
+def _answer(seconds: float, y: np.ndarray, times: np.ndarray, evaluations: int | None, success: bool) -> Answer:
+    n = len(y) // 2
+    u, v = (y[0], y[1]) if n == 1 else (y[:n].T, y[n:].T)
+    success = bool(success) and len(u) == len(times) and bool(np.isfinite(u).all())
+    return Answer(seconds, u, v, evaluations, success)
+
+
+def _single_dof(heyoka, u, v, p):
+    return [-p[0] * p[0] * u[0]]
+
+
+def _hardening_spring(heyoka, u, v, p):
+    return [-p[0] * u[0] * (1.0 + p[1] * u[0] * u[0])]
+
+
+def _softening_spring(heyoka, u, v, p):
+    return [-p[0] * heyoka.tanh(u[0])]
+
+
+def _spring_pendulum(heyoka, u, v, p):
+    m, l0, k, g = p
+    return [
+        u[0] * v[1] * v[1] - k / m * (u[0] - l0) + g * heyoka.cos(u[1]),
+        -(2.0 * v[0] * v[1] + g * heyoka.sin(u[1])) / u[0],
+    ]
+
+
+def _second_differences(u):
+    return [(u[j - 1] if j else 0.0) - 2.0 * u[j] + (u[j + 1] if j < len(u) - 1 else 0.0) for j in range(len(u))]
+
+
+def _elastic_bar(heyoka, u, v, p):
+    return [p[0] * bent for bent in _second_differences(u)]
+
+
+def _damped_bar(heyoka, u, v, p):
+    pairs = zip(_second_differences(u), _second_differences(v), strict=True)
+    return [p[0] * bent + p[1] * rate for bent, rate in pairs]
+
+
+def _hardening_chain(heyoka, u, v, p):
+    stretches = [u[0], *(u[j + 1] - u[j] for j in range(len(u) - 1))]
+    forces = [p[0] * stretch * (1.0 + p[1] * stretch * stretch) for stretch in stretches]
+    return [(forces[j + 1] if j < len(u) - 1 else 0.0) - forces[j] for j in range(len(u))]
+
+
+#: The problems as heyoka takes them, in symbols: ``(heyoka, u, v, params) -> accelerations``.
+_EXPRESSIONS = {
+    "single_dof": _single_dof,
+    "hardening_spring": _hardening_spring,
+    "softening_spring": _softening_spring,
+    "spring_pendulum": _spring_pendulum,
+    "elastic_bar": _elastic_bar,
+    "damped_bar": _damped_bar,
+    "hardening_chain": _hardening_chain,
+}
+
+RIVALS = {
+    "scipy dop853": Rival("SciPy DOP853", "scipy", partial(_scipy, "DOP853")),
+    "scipy rk45": Rival("SciPy RK45", "scipy", partial(_scipy, "RK45")),
+    "scipy lsoda": Rival("SciPy LSODA", "scipy", partial(_scipy, "LSODA")),
+    "heyoka": Rival("heyoka", "heyoka", _heyoka, tuple(10.0**-k for k in (3, 5, 7, 9, 11, 13, 15))),
+    "cyrk dop853": Rival("CyRK DOP853", "CyRK", partial(_cyrk, "DOP853")),
+    "cyrk vern8": Rival("CyRK Vern8", "CyRK", partial(_cyrk, "Vern8")),
+}

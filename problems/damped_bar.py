@@ -1,0 +1,64 @@
+"""The elastic bar of a viscous material: the force depends on the velocity, and damping lowers explicit limits."""
+
+import numpy as np
+
+from eig3.callbacks import cached_jit
+from eig3.problem import Problem
+
+from .elastic_bar import gaussian_pulse, lumped_frequencies, standing_waves, stiffness
+
+
+@cached_jit
+def rhs(t, u, v, p, a):
+    n, k, c = u.size, p[0], p[1]
+    a[0] = k * (u[1] - 2 * u[0]) + c * (v[1] - 2 * v[0])
+    for j in range(1, n - 1):
+        a[j] = k * (u[j - 1] - 2 * u[j] + u[j + 1]) + c * (v[j - 1] - 2 * v[j] + v[j + 1])
+    a[n - 1] = k * (u[n - 2] - 2 * u[n - 1]) + c * (v[n - 2] - 2 * v[n - 1])
+
+
+def damped_bar(
+    n: int = 1000,
+    length: float = 1.0,
+    wave_speed: float = 5000.0,
+    xi: float = 0.1,
+    centre: float = 0.3,
+    width: float = 0.05,
+    t_end: float = 0.002,
+) -> Problem:
+    """A bar of Kelvin and Voigt's material: stress E (strain + tau strain'), displaced by a Gaussian pulse, at rest.
+
+    Parameters
+    ----------
+    n, length, wave_speed, centre, width, t_end
+        As for `elastic_bar`.
+    xi : float
+        Damping ratio at the frequency 2 wave_speed (n + 1) / length, above all of the n masses; that of a mode is
+        proportional to its frequency.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two masses or a negative xi.
+
+    Notes
+    -----
+    `exact` is the solution for the n masses, `continuum` that of the bar, both by their modes of vibration.
+    """
+    if not xi >= 0:
+        raise ValueError(f"xi must not be negative, not {xi}.")
+    _, u0 = gaussian_pulse(n, centre, width)
+    highest = 2 * stiffness(n, length, wave_speed) ** 0.5
+    lumped = lumped_frequencies(n, length, wave_speed)
+    continuous = np.arange(1, n + 1) * np.pi * wave_speed / length
+    return Problem(
+        name="damped_bar",
+        rhs=rhs,
+        u0=u0,
+        v0=np.zeros(n),
+        params=[stiffness(n, length, wave_speed), 2 * xi / highest * stiffness(n, length, wave_speed)],
+        t_span=(0.0, t_end),
+        exact=standing_waves(u0, lumped, xi * lumped / highest),
+        continuum=standing_waves(u0, continuous, xi * continuous / highest),
+        source="Kelvin-Voigt bar, by modes of vibration",
+    )
