@@ -1,4 +1,4 @@
-"""Every block of the README runs: Python as written with the output it shows, and the two commands as CI runs them."""
+"""The README's blocks run: Python as written with the output it shows, and the first two commands as CI runs them."""
 
 import contextlib
 import importlib
@@ -64,9 +64,10 @@ def test_the_method_of_the_readme_works(symplectic_euler):
 
 def test_commands_are_those_ci_runs():
     commands = [code for language, code in BLOCKS if language == "sh"]
-    assert len(commands) == 2
+    assert len(commands) == 3
     assert commands[0].endswith("eig3 bench\n")
     assert commands[1].endswith("pytest -q\n")
+    assert all(line.startswith(".venv/bin/pytest bench --benchmark-only ") for line in commands[2].splitlines())
     assert {language for language, _ in BLOCKS} == {"sh", "python", "text"}
     runner = (ROOT / ".ci" / "run").read_text()
     assert "readme_command 1" in runner

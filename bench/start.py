@@ -1,0 +1,33 @@
+"""A first result: a right-hand side defined, compiled and run; `python -m eig3.bench.start pointer` in a process."""
+
+import sys
+from typing import Any
+
+import numpy as np
+
+import eig3
+from eig3.solution import Solution
+
+
+def new_function() -> Any:
+    """The oscillator u'' = -u, which Numba has to compile anew each time."""
+
+    @eig3.jit
+    def oscillator(t, u, v, p):
+        return -u
+
+    return oscillator
+
+
+def result(rhs: Any, mode: str) -> Solution:
+    """The run from u = 1, v = 0."""
+    return eig3.integrate(rhs, (0, 10), 1.0, 0.0, h=1e-3, inline=mode == "inline")
+
+
+def error(solution: Solution) -> float:
+    """max |u - cos t|"""
+    return float(np.abs(solution.u - np.cos(solution.t)).max())
+
+
+if __name__ == "__main__":
+    sys.exit(not result(new_function(), sys.argv[1]).success)

@@ -1,0 +1,16 @@
+"""Every method in both modes, grouped by problem."""
+
+from dataclasses import replace
+
+import pytest
+
+from eig3 import METHODS, problems
+from eig3.bench.speed import CASES, N_STEPS
+
+
+@pytest.mark.parametrize("mode", ["pointer", "inline"])
+@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize(("problem", "h"), [pytest.param(f.__name__, h, id=f.__name__) for f, h in CASES])
+def test_method(benchmark, time_run, problem, h, method, mode):
+    benchmark.group = problem
+    time_run(replace(getattr(problems, problem)(), t_span=(0.0, N_STEPS * h)), h, method, mode)
