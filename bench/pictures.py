@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
+    from . import precision as precision_set
     from .paper import Result
 
 _STYLE = {
@@ -51,3 +52,62 @@ def work_precision(result: Result, path: Path) -> None:
     if outside:
         axes.text(0.02, 0.02, "unstable, not shown: " + ", ".join(outside), transform=axes.transAxes, fontsize=8)
     figure.savefig(path, dpi=130)
+
+
+_SWEPT = {
+    "eig3": ("C3", "o"),
+    "cd": ("C0", "s"),
+    "cd newton": ("C0", "s"),
+    "cd fixed-point": ("C9", "D"),
+    "rk2": ("C1", "v"),
+    "rk3": ("C5", "<"),
+    "rk4": ("C4", ">"),
+    "ab2": ("C2", "^"),
+    "ab3": ("C8", "p"),
+    "scipy dop853": ("0.1", "x"),
+    "scipy rk45": ("0.35", "x"),
+    "scipy lsoda": ("0.6", "x"),
+    "heyoka": ("k", "*"),
+    "cyrk dop853": ("0.2", "+"),
+    "cyrk vern8": ("0.5", "+"),
+}
+
+
+def precision(result: precision_set.Result, path: Path) -> None:
+    """Error against time and against evaluations, log-log; what is unstable stands on the upper edge."""
+    metrics = result.metrics
+    figure = Figure(figsize=(12.5, 4.9 * len(metrics) + 0.4), layout="constrained")
+    grid = figure.subplots(len(metrics), 2, sharey="row", squeeze=False)
+    for row, metric in zip(grid, metrics, strict=True):
+        for method, label in result.methods.items():
+            color, marker = _SWEPT[method]
+            dashes = "--" if method.startswith(("scipy", "cyrk", "heyoka")) else "-"
+            points = [p for p in result.of(method) if p.stable and metric in p.errors and p.errors[metric] > 0]
+            errors = [p.errors[metric] for p in points]
+            style = {"color": color, "marker": marker, "linestyle": dashes, "markersize": 5, "alpha": 0.85}
+            if points:
+                row[0].loglog([p.time for p in points], errors, label=label, **style)
+            counted = [(p.evaluations, p.errors[metric]) for p in points if p.evaluations]
+            if counted:
+                row[1].loglog(*zip(*counted, strict=True), label=label, **style)
+            unstable = [p.evaluations for p in result.of(method) if not p.stable and p.evaluations]
+            if unstable:
+                edge = row[1].get_xaxis_transform()
+                row[1].plot(
+                    unstable, [0.985] * len(unstable), transform=edge, color=color, marker="x", linestyle="none"
+                )
+        row[0].set_ylabel(f"{metric} error\n{METRIC_WORDS.get(metric, '')}")
+        row[0].set_xlabel("time (s), median")
+        row[1].set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
+        for axes in row:
+            axes.grid(which="major", alpha=0.35)
+        row[0].legend(fontsize=7, ncols=2)
+    figure.suptitle(f"What accuracy costs: {result.case.title}", fontsize=12)
+    figure.savefig(path, dpi=110)
+
+
+METRIC_WORDS = {
+    "trajectory": "max |u - u(t)| / max |u|",
+    "energy": "max |E - E0| / |E0|",
+    "continuum": "against the continuous bar",
+}

@@ -49,6 +49,28 @@ def _parser() -> argparse.ArgumentParser:
         description="ns/step of the kernels in both modes, beside C99 compiled here with the system's compiler.",
     )
     _add_speed_options(c, _c)
+
+    precision = benchmarks.add_parser(
+        "precision",
+        help="what each accuracy costs in time",
+        description="Error against time of every method and rival on seven problems; the time to reach accuracies.",
+    )
+    precision.add_argument(
+        "--problem", dest="problems", action="append", metavar="NAME", help="only this one; may be repeated"
+    )
+    precision.add_argument(
+        "--method", dest="methods", action="append", metavar="NAME", help="only this method; may be repeated"
+    )
+    precision.add_argument("--methods", dest="methods", nargs="+", metavar="NAME", help="only these methods")
+    precision.add_argument("--repeats", type=_count, default=7, help="runs each median is of (7)")
+    precision.add_argument(
+        "--longest", type=float, default=0.25, metavar="S", help="halve steps until a run takes this (0.25)"
+    )
+    precision.add_argument("--no-rivals", dest="rivals", action="store_false", help="leave out SciPy, heyoka and CyRK")
+    precision.add_argument(
+        "--out", type=_folder, metavar="DIR", help="write precision.json, precision.md and pictures there"
+    )
+    precision.set_defaults(run=_precision)
     return parser
 
 
@@ -90,6 +112,20 @@ def _c(arguments: argparse.Namespace) -> int:
     from .bench import baseline
 
     baseline.run(methods=arguments.methods, repeats=arguments.repeats)
+    return 0
+
+
+def _precision(arguments: argparse.Namespace) -> int:
+    from .bench import precision
+
+    precision.run(
+        only=arguments.problems,
+        methods=arguments.methods,
+        repeats=arguments.repeats,
+        longest=arguments.longest,
+        rivals=arguments.rivals,
+        out=arguments.out,
+    )
     return 0
 
 
