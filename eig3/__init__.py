@@ -7,6 +7,7 @@ from ._version import __version__
 from .callbacks import jit
 from .integrate import IntegrationError, integrate
 from .methods import AB2, AB3, EIG3, METHODS, RK2, RK3, RK4, CentralDifference, Method
+from .plan import Plan, plan
 from .problem import Problem
 from .solution import Solution, Status
 from .stepper import Stepper
@@ -22,6 +23,7 @@ __all__ = [
     "CentralDifference",
     "IntegrationError",
     "Method",
+    "Plan",
     "Problem",
     "Solution",
     "Status",
@@ -29,6 +31,7 @@ __all__ = [
     "__version__",
     "integrate",
     "jit",
+    "plan",
     "problems",
     "stability",
 ]

@@ -55,9 +55,7 @@ def _parser() -> argparse.ArgumentParser:
         help="what each accuracy costs in time",
         description="Error against time of every method and rival on seven problems; the time to reach accuracies.",
     )
-    precision.add_argument(
-        "--problem", dest="problems", action="append", metavar="NAME", help="only this one; may be repeated"
-    )
+    _add_problem_option(precision)
     precision.add_argument(
         "--method", dest="methods", action="append", metavar="NAME", help="only this method; may be repeated"
     )
@@ -71,7 +69,47 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=_folder, metavar="DIR", help="write precision.json, precision.md and pictures there"
     )
     precision.set_defaults(run=_precision)
+
+    hits = benchmarks.add_parser(
+        "plan",
+        help="how well eig3.plan predicts",
+        description="What eig3.plan predicts on seven problems, beside what comes of it.",
+    )
+    _add_problem_option(hits)
+    hits.set_defaults(run=_hits)
+
+    report = benchmarks.add_parser(
+        "report",
+        help="everything on one page",
+        description="The article's tables, C, work and precision with rivals, and the planner, as HTML and Markdown.",
+    )
+    _add_problem_option(report)
+    report.add_argument(
+        "--method", dest="methods", action="append", metavar="NAME", help="only this method; may be repeated"
+    )
+    report.add_argument("--repeats", type=_count, default=7, help="runs each median is of (7)")
+    report.add_argument("--out", type=_folder, metavar="DIR", required=True, help="where to write it")
+    report.set_defaults(run=_report)
+
+    plan = commands.add_parser(
+        "plan",
+        help="predict which method reaches an accuracy soonest",
+        description="Predict from short pilot runs which method reaches an accuracy soonest, at what step.",
+    )
+    plan.add_argument("problem", help="one of eig3.problems, such as spring_pendulum")
+    plan.add_argument("--accuracy", type=float, required=True, help="the relative error to reach, such as 1e-4")
+    plan.add_argument("--metric", choices=("trajectory", "energy"), default="trajectory", help="(trajectory)")
+    plan.add_argument(
+        "--method", dest="methods", action="append", metavar="NAME", help="only this method; may be repeated"
+    )
+    plan.set_defaults(run=_plan)
     return parser
+
+
+def _add_problem_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--problem", dest="problems", action="append", metavar="NAME", help="only this one; may be repeated"
+    )
 
 
 def _add_paper_options(parser: argparse.ArgumentParser, quick: bool) -> None:
@@ -126,6 +164,39 @@ def _precision(arguments: argparse.Namespace) -> int:
         rivals=arguments.rivals,
         out=arguments.out,
     )
+    return 0
+
+
+def _hits(arguments: argparse.Namespace) -> int:
+    from .bench import hits
+
+    hits.run(only=arguments.problems)
+    return 0
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    from .bench import report
+
+    report.run(out=arguments.out, repeats=arguments.repeats, only=arguments.problems, methods=arguments.methods)
+    return 0
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from . import plan, problems
+
+    if arguments.problem not in problems.__all__:
+        raise SystemExit(f"eig3 plan: PROBLEM must be one of {', '.join(problems.__all__)}, not {arguments.problem}.")
+    try:
+        print(
+            plan(
+                getattr(problems, arguments.problem)(),
+                arguments.accuracy,
+                metric=arguments.metric,
+                methods=arguments.methods,
+            )
+        )
+    except ValueError as error:
+        raise SystemExit(f"eig3 plan: {error}") from None
     return 0
 
 
