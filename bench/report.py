@@ -36,21 +36,31 @@ def run(
     write: Callable[[str], None] = print,
 ) -> None:
     """Measure everything and write report.html, report.md, precision.json and the pictures into `out`."""
-    sections = ["# eig3: what accuracy costs in time", f"Machine: {in_words()}", _HOW_TO_READ]
-    sections += _articles_tables(out, repeats)
-    write(f"the article's tables: done, {out}")
-    sections += [
-        "## Beside C",
-        _collected(lambda line: baseline.run(methods=_known(methods), repeats=repeats, write=line)),
-    ]
+    page = Page(out)
+    page.add("# eig3: what accuracy costs in time", f"Machine: {in_words()}", _HOW_TO_READ)
+    page.add(*_articles_tables(out, repeats))
+    write("the article's tables: done")
+    compared = [name for name in methods or () if name in baseline.METHOD_NAMES] or None
+    page.add("## Beside C", _collected(lambda line: baseline.run(methods=compared, repeats=repeats, write=line)))
     write("C: done")
-    sections += _sets(out, repeats, only, methods)
+    page.add(*_sets(out, repeats, only, methods))
     write("work and precision: done")
-    sections += ["## What eig3.plan predicts", _collected(lambda line: hits.run(only=only, write=line))]
-    markdown = "\n\n".join(sections) + "\n"
-    (out / "report.md").write_text(markdown)
-    (out / "report.html").write_text(html(markdown, out))
+    page.add("## What eig3.plan predicts", _collected(lambda line: hits.run(only=only, write=line)))
     write(f"Written to {out}: report.html, report.md, precision.json and the pictures")
+
+
+class Page:
+    """The report so far, written anew as it grows, so that an interruption loses nothing."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self.sections: list[str] = []
+
+    def add(self, *sections: str) -> None:
+        self.sections += sections
+        markdown = "\n\n".join(self.sections) + "\n"
+        (self.out / "report.md").write_text(markdown)
+        (self.out / "report.html").write_text(html(markdown, self.out))
 
 
 def html(markdown: str, folder: Path) -> str:
@@ -97,10 +107,6 @@ def _sets(out: Path, repeats: int, only: Sequence[str] | None, methods: Sequence
         draw(result, out / name)
         shown += [page, f"![{result.case.title}: error against time and evaluations]({name})"]
     return shown
-
-
-def _known(methods: Sequence[str] | None) -> list[str] | None:
-    return [name for name in methods if name in baseline.METHOD_NAMES] if methods else None
 
 
 def _collected(measure: Callable[[Callable[[str], None]], None]) -> str:

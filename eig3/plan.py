@@ -340,9 +340,7 @@ class Pilot:
 
     def _limited_by_stability(self, run: _Run, aim: float) -> Prediction:
         """The longest step that ran is accurate enough: look between it and twice it for the longest that is stable."""
-        low, high = self.unstable, run.n_steps
-        if not low:
-            return self._at(float(high), self._whole(run))
+        low, high = self.unstable or run.n_steps // 2, run.n_steps
         largest = _UNSTABLE * np.abs(run.solution.u).max()
         while high / low > 1.1 and self.spent < self.budget:
             middle = round(math.sqrt(low * high))
