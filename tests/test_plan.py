@@ -1,0 +1,109 @@
+"""What eig3.plan predicts, against exact solutions; never a wall-clock time."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import problems
+from eig3.cli import main
+
+
+def achieved(prediction, problem):
+    solution = problem.integrate(h=prediction.h, method=prediction.method)
+    exact = problem.exact(solution.t)[0]
+    return np.abs(solution.u - exact).max() / np.abs(exact).max()
+
+
+@pytest.mark.parametrize("accuracy", [1e-2, 1e-4])
+def test_every_method_reaches_the_accuracy_at_the_step_predicted(accuracy):
+    problem = problems.single_dof(xi=0.02, force=1.0, force_omega=3.0, t_end=50.0)
+    plan = eig3.plan(problem, accuracy)
+    assert {p.method.name for p in plan.predictions} == set(eig3.METHODS)
+    for prediction in plan.predictions:
+        assert prediction.reaches, prediction
+        if not prediction.note:
+            assert 0.1 <= achieved(prediction, problem) / accuracy <= 1.5, prediction
+
+
+def test_the_plan_runs():
+    problem = problems.single_dof(t_end=100.0)
+    plan = eig3.plan(problem, 1e-3, methods=["eig3", eig3.RK4()])
+    solution = plan.run()
+    assert solution.method == plan.best.method
+    assert solution.n_steps == plan.best.n_steps
+    assert solution.n_rhs == pytest.approx(plan.best.evaluations, rel=0.01)
+    assert solution.drift == {}
+    assert len(solution.t) < 5000
+    text = repr(plan)
+    assert "Plan for single_dof: trajectory error 0.001 up to t = 100" in text
+    assert "EIG-3" in text
+    assert "RK4" in text
+
+
+def test_energy_is_a_metric():
+    problem = problems.spring_pendulum(t_end=10.0)
+    plan = eig3.plan(problem, 1e-4, metric="energy", methods=["eig3", "rk4"])
+    scale = abs(problem.energy(0.0, np.array(problem.u0), np.array(problem.v0), np.array(problem.params)))
+    for prediction in plan.predictions:
+        drift = problem.integrate(h=prediction.h, method=prediction.method).drift["energy"]
+        assert 0.05 <= drift / scale / 1e-4 <= 1.5
+    assert "energy" in plan.run().drift
+
+
+def test_a_step_limited_by_stability_is_told_and_stable():
+    problem = problems.elastic_bar(n=100, width=0.2, t_end=1e-3)
+    (prediction,) = eig3.plan(problem, 0.1, methods=["rk4"]).predictions
+    assert prediction.note == "the step is limited by stability"
+    assert 0.8 < prediction.h / (8**0.5 / (2 * 5000 * 101)) < 1.0
+    assert achieved(prediction, problem) < 0.1
+
+
+def test_chaos_is_told():
+    plan = eig3.plan(problems.spring_pendulum(r0=1.5, theta0=2.5, t_end=3e4), 1e-6, methods=["eig3"])
+    assert not plan.predictions[0].reaches
+    with pytest.raises(ValueError, match=r"accuracy 1e-06 is not reached by any method of this plan \(EIG-3: "):
+        plan.run()
+    assert "not reached: " in repr(plan)
+
+
+def test_round_off_is_told():
+    plan = eig3.plan(problems.single_dof(t_end=100.0), 1e-14, methods=["rk4"])
+    assert not plan.predictions[0].reaches
+
+
+def test_a_large_system_is_not_given_newtons_differences():
+    plan = eig3.plan(problems.damped_bar(n=60, t_end=1e-4), 1e-2, methods=["cd"])
+    assert plan.predictions[0].method.solver == "fixed-point"
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"problem": 3}, TypeError, "problem must be an eig3.Problem, not int."),
+        ({"accuracy": 0.0}, ValueError, "accuracy must be a number between 0 and 1, not 0.0."),
+        ({"accuracy": "low"}, ValueError, "accuracy must be a number between 0 and 1, not 'low'."),
+        ({"metric": "phase"}, ValueError, "metric must be 'trajectory' or 'energy', not 'phase'."),
+        ({"methods": ["euler"]}, ValueError, "method must be one of 'eig3'"),
+        ({"methods": []}, ValueError, "methods must name one method at least."),
+    ],
+)
+def test_bad_input_is_told_in_a_sentence(change, error, message):
+    arguments = {"problem": problems.single_dof(), "accuracy": 1e-3, **change}
+    with pytest.raises(error) as caught:
+        eig3.plan(arguments.pop("problem"), arguments.pop("accuracy"), **arguments)
+    assert str(caught.value).startswith(message)
+
+
+def test_energy_needs_an_energy():
+    with pytest.raises(ValueError, match="needs a problem with an energy"):
+        eig3.plan(dataclasses.replace(problems.single_dof(), energy=None), 1e-3, metric="energy")
+
+
+def test_command(capsys):
+    assert main(["plan", "hardening_spring", "--accuracy", "1e-2", "--method", "rk4"]) == 0
+    assert "Plan for hardening_spring" in capsys.readouterr().out
+    for arguments in (["plan", "no_problem", "--accuracy", "1e-2"], ["plan", "single_dof", "--accuracy", "2"]):
+        with pytest.raises(SystemExit, match="eig3 plan: "):
+            main(arguments)

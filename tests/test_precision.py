@@ -1,0 +1,172 @@
+"""The work-precision sets: errors are those of the truth, times to reach are read off rightly, nothing is dropped."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import problems
+from eig3.bench import hits, precision, report, rivals
+from eig3.bench.precision import CASES, Judge, Point, reach
+from eig3.bench.reference import reference
+from eig3.cli import main
+
+
+def points(*pairs, metric="trajectory"):
+    return [
+        Point("eig3", "EIG-3", 1 / 2**k, 2**k, 2**k, True, {metric: error}, [seconds])
+        for k, (error, seconds) in enumerate(pairs)
+    ]
+
+
+def test_reach_interpolates_in_logarithms():
+    found = reach(points((1e-1, 1.0), (1e-3, 4.0)), "trajectory", 1e-2)
+    assert found.seconds == pytest.approx(2.0)
+    assert found.setting == pytest.approx(2**-0.5)
+    assert not found.at_most
+
+
+def test_reach_says_at_most_where_the_first_step_is_accurate_and_nothing_where_none_is():
+    swept = points((1e-3, 1.0), (1e-5, 2.0))
+    assert reach(swept, "trajectory", 1e-2).at_most
+    assert reach(swept, "trajectory", 1e-8) is None
+    swept[0].stable = False
+    assert reach(swept, "trajectory", 1e-2).seconds == 2.0
+
+
+def test_front_names_the_methods_in_order():
+    swept = points((1e-1, 1.0), (1e-3, 4.0))
+    swept.append(Point("rk4", "RK4", 0.1, 10, 40, True, {"trajectory": 1e-9}, [3.0]))
+    result = precision.Result("x", CASES["single_dof"], "", 0.0, swept, [])
+    assert precision.front(result, "trajectory").endswith("EIG-3 (1.0e-01), RK4 (1.0e-09).")
+
+
+@pytest.mark.parametrize("name", ["hardening_spring", "hardening_chain"])
+def test_reference_agrees_with_a_second_solver(name):
+    problem = getattr(problems, name)(t_end=0.5)
+    truth = reference(problem, CASES[name].omega)
+    assert truth.uncertainty < 1e-10  # of DOP853's dense output and of RK4 at a thousandth of a radian a step
+    assert reference(problem, CASES[name].omega) is truth
+    solution = problem.integrate(h=1e-5, method="rk4", save_every=100)
+    assert Judge(problem, truth).of_run(solution)["trajectory"] < 1e-8
+
+
+def test_errors_of_a_run_are_those_of_the_exact_solution():
+    problem = problems.single_dof(t_end=10.0)
+    solution = problem.integrate(h=0.01)
+    errors = Judge(problem, reference(problem, 4.0)).of_run(solution)
+    exact = np.cos(4 * solution.t)
+    assert errors["trajectory"] == pytest.approx(np.abs(solution.u - exact).max(), rel=1e-6)
+    assert errors["energy"] == pytest.approx(solution.drift["energy"] / 8)
+
+
+@pytest.mark.parametrize("key", [key for key, rival in rivals.RIVALS.items() if rival.package == "scipy"])
+@pytest.mark.parametrize("name", ["spring_pendulum", "hardening_chain"])
+def test_rivals_solve_the_same_problem(name, key):
+    problem = getattr(problems, name)(t_end=0.5)
+    times = np.linspace(0, 0.5, 11)
+    answer = rivals.RIVALS[key].prepare(problem, times)(1e-9)()
+    ours = problem.integrate(h=1e-5, method="rk4", save_every=5000)
+    scale = np.abs(ours.u).max()
+    np.testing.assert_allclose(answer.u, ours.u, atol=1e-5 * scale)  # global errors a thousand times the tolerance
+    assert answer.success
+    assert answer.evaluations > 0
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("key", [key for key, rival in rivals.RIVALS.items() if rival.package != "scipy"])
+def test_rivals_of_other_packages_solve_the_same_problems(name, key):
+    rival = rivals.RIVALS[key]
+    pytest.importorskip(rival.package)
+    sizes = {"elastic_bar": {"n": 20}, "damped_bar": {"n": 20}, "hardening_chain": {"n": 20}}.get(name, {})
+    t_end = 1e-4 if "bar" in name else 0.5
+    problem = getattr(problems, name)(**sizes, t_end=t_end)
+    answer = rival.prepare(problem, np.linspace(0, t_end, 11))(1e-9)()
+    ours = problem.integrate(h=t_end / 1e5, method="rk4", save_every=10_000)
+    np.testing.assert_allclose(answer.u, ours.u, atol=1e-5 * np.abs(ours.u).max())
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Two short problems in place of the sets."""
+    cases = {
+        "single_dof": precision.Case(lambda: problems.single_dof(t_end=20.0), 4.0, "oscillator"),
+        "elastic_bar": precision.Case(
+            lambda: problems.elastic_bar(n=20, width=0.2, t_end=4e-4), 2 * 5000 * 21.0, "bar", "continuum"
+        ),
+    }
+    for module in (precision, hits):
+        monkeypatch.setattr(module, "CASES", cases)
+
+
+@pytest.mark.usefixtures("small")
+def test_command_writes_tables_json_and_pictures(tmp_path, capsys):
+    options = ["--repeats", "1", "--longest", "0.001", "--no-rivals", "--out", str(tmp_path)]
+    assert main(["bench", "precision", "--methods", "eig3", "rk2", *options]) == 0
+    printed = capsys.readouterr().out
+    assert "## oscillator (single_dof)" in printed
+    assert "time to reach (continuum)" in printed
+    assert "Pareto front, from fast to accurate: " in printed
+    assert "Unstable or useless" in printed
+    data = json.loads((tmp_path / "precision.json").read_text())
+    kept = [point for problem in data["problems"] for point in problem["points"]]
+    assert {point["method"] for point in kept} == {"eig3", "rk2"}
+    unstable = [point for point in kept if not point["stable"]]
+    assert unstable
+    assert all(point["seconds"] for point in kept if point["stable"])
+    for name in ("single_dof", "elastic_bar"):
+        assert (tmp_path / f"precision_{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.usefixtures("small")
+def test_rivals_that_are_not_installed_are_left_out_with_a_word(capsys, monkeypatch):
+    monkeypatch.setattr(rivals.Rival, "is_installed", False)
+    main(["bench", "precision", "--problem", "single_dof", "--method", "rk4", "--repeats", "1", "--longest", "0.001"])
+    assert "heyoka (not installed)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("option", [["--problem", "none"], ["--method", "euler"]])
+def test_unknown_names_are_told(option):
+    with pytest.raises(SystemExit, match=r"eig3 bench: --(problem|method) must be one of"):
+        main(["bench", "precision", *option])
+
+
+@pytest.mark.usefixtures("small")
+def test_hits_follow_every_prediction(capsys):
+    assert main(["bench", "plan", "--problem", "single_dof"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("| single_dof ") == 3
+    assert "21 predictions were run" in printed
+    with pytest.raises(SystemExit, match="--problem must be one of"):
+        main(["bench", "plan", "--problem", "none"])
+
+
+def test_a_miss_is_told():
+    (prediction,) = eig3.plan(problems.single_dof(t_end=10.0), 1e-2, methods=["rk4"]).predictions
+    assert hits.Hit(prediction, 0.7, 1.1).misses == []
+    assert hits.Hit(prediction, 2.0, 2.0).misses == ["error 2.0 of that asked", "time 2.00 of that predicted"]
+
+
+@pytest.mark.usefixtures("small")
+def test_report_is_one_page_that_holds_its_pictures(tmp_path, monkeypatch):
+    from eig3.bench import article, paper, speed
+
+    monkeypatch.setattr(speed, "N_STEPS", 500)
+    monkeypatch.setattr(paper, "TABLES", [table for table in article.TABLES if table.number == 4])
+    monkeypatch.setattr(paper, "steps_of", lambda table, quick: table.steps[:2])
+    options = ["--method", "eig3", "--method", "rk4", "--repeats", "1", "--problem", "elastic_bar"]
+    assert main(["bench", "report", "--out", str(tmp_path), *options]) == 0
+    markdown, page = ((tmp_path / f"report.{end}").read_text() for end in ("md", "html"))
+    for heading in ("How to read it", "The article's tables and claims", "Beside C", "What eig3.plan predicts"):
+        assert f"## {heading}" in markdown
+        assert f"<h2>{heading}</h2>" in page
+    assert not re.search(r'(src|href)="(?!data:|https?:)', page)
+    assert page.count("data:image/svg+xml") == 2
+    assert page.count("<table>") >= 4
+
+
+def test_pictures_are_embedded(tmp_path):
+    (tmp_path / "a.svg").write_text("<svg/>")
+    assert "base64,PHN2Zy8+" in report.html("![x](a.svg)", tmp_path)
