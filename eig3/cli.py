@@ -70,6 +70,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     precision.set_defaults(run=_precision)
 
+    bars = benchmarks.add_parser(
+        "bars",
+        help="bars of up to a million masses, at the stability limit",
+        description="Time per second simulated on elastic bars, every method at 0.95 of its stability limit.",
+    )
+    bars.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
+    bars.set_defaults(run=_bars)
+
     hits = benchmarks.add_parser(
         "plan",
         help="how well eig3.plan predicts",
@@ -164,6 +172,13 @@ def _precision(arguments: argparse.Namespace) -> int:
         rivals=arguments.rivals,
         out=arguments.out,
     )
+    return 0
+
+
+def _bars(arguments: argparse.Namespace) -> int:
+    from .bench import bars
+
+    bars.run(repeats=arguments.repeats)
     return 0
 
 

@@ -109,11 +109,7 @@ def lumped_frequencies(n: int, length: float, wave_speed: float) -> np.ndarray:
 
 def standing_waves(u0: np.ndarray, omega: np.ndarray, xi: np.ndarray) -> Callable:
     """``exact(t) -> (u, v)`` from rest at u0: every sine mode an oscillator of frequency omega and damping ratio xi."""
-    n = len(u0)
-    k = np.arange(1, n + 1)
-    # the phase in whole multiples of pi / (n + 1) first: sines of 1e6 would lose six digits
-    sines = np.sqrt(2 / (n + 1)) * np.sin(np.outer(k, k) % (2 * (n + 1)) * (np.pi / (n + 1)))
-    amplitudes = sines @ u0
+    amplitudes = sine_transform(u0)
     root = np.sqrt((xi * xi - 1).astype(complex))
     root[root == 0] = 1e-12  # critical damping: its two modes are told apart by less than shows
     fast, slow = omega * (-xi - root), omega * (-xi + root)
@@ -121,9 +117,18 @@ def standing_waves(u0: np.ndarray, omega: np.ndarray, xi: np.ndarray) -> Callabl
     def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         t = np.asarray(t, dtype=np.float64)[..., None]
         one, two = amplitudes * np.exp(fast * t) / (slow - fast), amplitudes * np.exp(slow * t) / (slow - fast)
-        return (slow * one - fast * two).real @ sines, (slow * fast * (one - two)).real @ sines
+        u, v = (slow * one - fast * two).real, (slow * fast * (one - two)).real
+        return sine_transform(u), sine_transform(v)
 
     return exact
+
+
+def sine_transform(x: np.ndarray) -> np.ndarray:
+    """sqrt(2 / (n + 1)) sum_j x_j sin(j k pi / (n + 1)), its own inverse, by the FFT of the odd continuation."""
+    n = x.shape[-1]
+    wall = np.zeros((*x.shape[:-1], 1))
+    odd = np.concatenate([wall, x, wall, -x[..., ::-1]], axis=-1)
+    return -np.fft.rfft(odd).imag[..., 1 : n + 1] / np.sqrt(2 * (n + 1))
 
 
 def travelling_waves(x: np.ndarray, length: float, wave_speed: float, centre: float, width: float) -> Callable:

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from eig3 import problems
+from eig3.bench import bars
+from eig3.cli import main
 
 from .test_problems import acceleration
 
@@ -91,3 +93,19 @@ def test_one_mass_is_refused(build):
 def test_negative_damping_is_refused():
     with pytest.raises(ValueError, match="xi must not be negative"):
         problems.damped_bar(xi=-0.1)
+
+
+def test_command_compares_bars_of_several_sizes(capsys, monkeypatch):
+    monkeypatch.setattr(bars, "SIZES", {50: 20, 200: 10})
+    assert main(["bench", "bars", "--repeats", "1"]) == 0
+    lines = [
+        line for line in capsys.readouterr().out.splitlines() if "RK4" in line and line.startswith(("| 50", "| 200"))
+    ]
+    assert [line.split("|")[-2].strip() for line in lines] == ["1.00", "1.00"]
+
+
+def test_a_million_masses_are_set_up_in_the_memory_of_a_few_vectors():
+    problem = problems.elastic_bar(n=10**6)
+    u, v = problem.exact(0.0)
+    np.testing.assert_allclose(u, problem.u0, atol=1e-12)
+    assert np.abs(v).max() < 1e-3  # of 5e4: the sum of a million modes
