@@ -8,6 +8,7 @@ import math
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -203,20 +204,15 @@ class Judge:
     def of_run(self, solution: Solution) -> dict[str, float]:
         errors = self.errors(solution.t, solution.u)
         if "energy" in solution.drift:
-            errors["energy"] = solution.drift["energy"] / abs(self._energy(self.problem.u0, self.problem.v0))
+            errors["energy"] = solution.drift["energy"] / abs(self.problem.energy_of(self.problem.u0, self.problem.v0))
         return errors
 
     def of_answer(self, times: np.ndarray, answer: Answer) -> dict[str, float]:
         errors = self.errors(times, answer.u)
         if self.problem.energy is not None:
-            energies = np.array([self._energy(u, v) for u, v in zip(answer.u, answer.v, strict=True)])
+            energies = np.array([self.problem.energy_of(u, v) for u, v in zip(answer.u, answer.v, strict=True)])
             errors["energy"] = float(np.abs(energies / energies[0] - 1).max())
         return errors
-
-    def _energy(self, u: Any, v: Any) -> float:
-        u, v = (np.array(x, dtype=np.float64, order="C") for x in (u, v))
-        u, v = (u, v) if np.ndim(self.problem.u0) else (float(u), float(v))
-        return self.problem.energy(0.0, u, v, np.array(self.problem.params, dtype=np.float64))
 
 
 def sweep(
@@ -259,7 +255,7 @@ def sweep_rival(problem: Problem, judge: Judge, key: str, longest: float) -> lis
     rival = RIVALS[key]
     times = np.linspace(*problem.t_span, STATES + 1)
     at = rival.prepare(problem, times)
-    found = []
+    found: list[tuple[Point, Callable[[], float]]] = []
     for tolerance in rival.tolerances:
         text.status(f"{problem.name}, {rival.label}, tolerance {tolerance:g}")
         solve = at(tolerance)
@@ -267,11 +263,15 @@ def sweep_rival(problem: Problem, judge: Judge, key: str, longest: float) -> lis
         errors = judge.of_answer(times, answer) if answer.success else {}
         stable = answer.success and max(errors.values()) < _USELESS
         point = Point(key, rival.label, tolerance, None, answer.evaluations, stable, errors)
-        found.append((point, lambda solve=solve: solve().seconds))
+        found.append((point, partial(_seconds, solve)))
         # a run of Python's own is slow to begin with: its longest is a second
         if answer.seconds > max(longest, 1.0) or (stable and max(errors.values()) < _ENOUGH):
             break
     return found
+
+
+def _seconds(solve: Callable[[], Answer]) -> float:
+    return solve().seconds
 
 
 @dataclass(frozen=True)
@@ -316,7 +316,10 @@ def render(result: Result) -> str:
 def render_reach(result: Result, metric: str) -> str:
     header = [f"time to reach ({metric})", *(f"{target:g}" for target in TARGETS)]
     reached = {m: [reach(result.of(m), metric, target) for target in TARGETS] for m in result.methods}
-    best = [min((r[i].seconds for r in reached.values() if r[i]), default=None) for i in range(len(TARGETS))]
+    best = [
+        min((found.seconds for found in column if found), default=None)
+        for column in zip(*reached.values(), strict=True)
+    ]
     rows = []
     for method, label in result.methods.items():
         cells = []
@@ -348,7 +351,8 @@ def _milliseconds(seconds: float) -> str:
 def front(result: Result, metric: str) -> str:
     """The Pareto front in words: from the fastest run to the most accurate, none is beaten in both."""
     points = sorted((p for p in result.points if p.stable and metric in p.errors), key=lambda p: p.time)
-    best, stretches = math.inf, []
+    best = math.inf
+    stretches: list[list[Any]] = []
     for point in points:
         error = point.errors[metric]
         if error >= min(best, 1.0):

@@ -35,7 +35,9 @@ def reference(problem: Problem, omega: float) -> Reference:
 
 
 def _exact(problem: Problem) -> Reference:
-    return Reference(lambda t: problem.exact(t)[0], "exact solution", 1e-12)  # of sines of phases up to 1e4
+    exact = problem.exact
+    assert exact is not None
+    return Reference(lambda t: exact(t)[0], "exact solution", 1e-12)  # of sines of phases up to 1e4
 
 
 def _checked_dop853(problem: Problem, omega: float) -> Reference:

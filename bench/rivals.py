@@ -125,12 +125,12 @@ def _cyrk(method: str, problem: Problem, times: np.ndarray) -> Callable[[float],
 def _heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
     import heyoka
 
-    y0, _, _ = first_order(problem)
+    y0, params, _ = first_order(problem)
     n = len(y0) // 2
     u = heyoka.make_vars(*[f"u{j}" for j in range(n)])
     v = heyoka.make_vars(*[f"v{j}" for j in range(n)])
     u, v = (u, v) if n > 1 else ([u], [v])
-    accelerations = _EXPRESSIONS[problem.name](heyoka, u, v, [float(x) for x in problem.params])
+    accelerations = _EXPRESSIONS[problem.name](heyoka, u, v, params.tolist())
     system = [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)]
 
     def at(tolerance: float) -> Callable[[], Answer]:

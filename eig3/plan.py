@@ -241,7 +241,7 @@ class Pilot:
             return
         run = _Run(n_steps, solution)
         if self.metric == "energy":
-            run.error = solution.drift["energy"] / abs(self._energy())
+            run.error = solution.drift["energy"] / abs(self.problem.energy_of(self.problem.u0, self.problem.v0))
         elif self.runs:
             self._judge(self.runs[-1], run)
             if not self.runs[-1].error < _UNSTABLE:  # on its way to infinity, which it did not reach in time
@@ -253,20 +253,16 @@ class Pilot:
         begin = time.perf_counter()
         every = every or _every(self.problem, n_steps)
         h = (t_end - self.problem.t_span[0]) / n_steps
-        watched = {"invariants": {}} if self.metric == "trajectory" else {}
+        watched: dict[str, Any] = {"invariants": {}} if self.metric == "trajectory" else {}
         solution = self.problem.integrate(h=h, method=self.method, t_end=t_end, save_every=every, **watched)
         self.spent += time.perf_counter() - begin
         return solution
 
-    def _energy(self) -> float:
-        u, v = (np.array(x, dtype=np.float64) for x in (self.problem.u0, self.problem.v0))
-        u, v = (u, v) if u.ndim else (float(u), float(v))
-        return float(self.problem.energy(self.problem.t_span[0], u, v, np.array(self.problem.params, dtype=np.float64)))
-
     def _judge(self, coarse: _Run, fine: _Run) -> None:
         every = max(1, (len(fine.solution.u) - 1) // (len(coarse.solution.u) - 1))
         difference = np.abs(coarse.solution.u - fine.solution.u[::every])
-        errors = difference.reshape(len(difference), -1).max(axis=1) / np.abs(fine.solution.u).max()
+        size = float(np.abs(fine.solution.u).max())
+        errors = difference.reshape(len(difference), -1).max(axis=1) / size
         gain = 2.0**self.method.order
         coarse.error = float(errors.max()) * gain / (gain - 1)
         half = float(errors[: len(errors) // 2 + 1].max())

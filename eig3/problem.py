@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import check_method
@@ -67,6 +68,12 @@ class Problem:
         """The problem at its start, prepared to advance."""
         options: dict[str, Any] = {"t0": self.t_span[0], "params": self.params, "inline": inline}
         return Stepper(self.rhs, self.u0, self.v0, h=h, method=self.method(method), **options)
+
+    def energy_of(self, u: ArrayLike, v: ArrayLike) -> float:
+        """The energy of a state at ``t_span[0]``."""
+        u, v = (np.array(x, dtype=np.float64, order="C") for x in (u, v))
+        state = (u, v) if u.ndim else (float(u), float(v))
+        return float(self.energy(self.t_span[0], *state, np.array(self.params, dtype=np.float64)))
 
     def method(self, method: str | Method) -> Method:
         """The record for this problem: a name stands for the form without velocity where rhs does not read v."""

@@ -91,10 +91,8 @@ def gaussian_pulse(n: int, centre: float, width: float) -> tuple[np.ndarray, np.
 def odd_pulse(x: np.ndarray, centre: float, width: float) -> np.ndarray:
     """The pulse continued oddly and with period 2, as reflections at fixed ends ask."""
     x = (x + 1) % 2 - 1
-    return sum(
-        np.exp(-(((x - centre - k) / width) ** 2) / 2) - np.exp(-(((x + centre - k) / width) ** 2) / 2)
-        for k in (-2, 0, 2)
-    )
+    places = [(sign, sign * centre + k) for k in (-2, 0, 2) for sign in (1, -1)]
+    return np.sum([sign * np.exp(-(((x - place) / width) ** 2) / 2) for sign, place in places], axis=0)
 
 
 def stiffness(n: int, length: float, wave_speed: float) -> float:
@@ -136,10 +134,9 @@ def travelling_waves(x: np.ndarray, length: float, wave_speed: float, centre: fl
 
     def slope(z: np.ndarray) -> np.ndarray:
         z = (z + 1) % 2 - 1
-        return sum(
-            -sign * (z - sign * centre - k) / width**2 * np.exp(-(((z - sign * centre - k) / width) ** 2) / 2)
-            for k in (-2, 0, 2)
-            for sign in (1, -1)
+        places = [(sign, sign * centre + k) for k in (-2, 0, 2) for sign in (1, -1)]
+        return np.sum(
+            [-sign * (z - q) / width**2 * np.exp(-(((z - q) / width) ** 2) / 2) for sign, q in places], axis=0
         )
 
     def continuum(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
