@@ -54,6 +54,11 @@ def work_precision(result: Result, path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
+_SHORT = {
+    "trajectory": "max |u - u(t)| / max |u|",
+    "energy": "max |E - E0| / |E0|",
+    "continuum": "against the continuous bar",
+}
 _SWEPT = {
     "eig3": ("C3", "o"),
     "cd": ("C0", "s"),
@@ -96,18 +101,12 @@ def precision(result: precision_set.Result, path: Path) -> None:
                 row[1].plot(
                     unstable, [0.985] * len(unstable), transform=edge, color=color, marker="x", linestyle="none"
                 )
-        row[0].set_ylabel(f"{metric} error\n{METRIC_WORDS.get(metric, '')}")
+        row[0].set_ylabel(f"{metric} error\n{_SHORT[metric]}")
         row[0].set_xlabel("time (s), median")
         row[1].set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
         for axes in row:
             axes.grid(which="major", alpha=0.35)
-        row[0].legend(fontsize=7, ncols=2)
+        # where few runs are: nothing cheap is accurate, and the left picture is full
+        row[1].legend(*row[0].get_legend_handles_labels(), loc="lower left", fontsize=7)
     figure.suptitle(f"What accuracy costs: {result.case.title}", fontsize=12)
     figure.savefig(path, dpi=110)
-
-
-METRIC_WORDS = {
-    "trajectory": "max |u - u(t)| / max |u|",
-    "energy": "max |E - E0| / |E0|",
-    "continuum": "against the continuous bar",
-}
