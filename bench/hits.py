@@ -12,6 +12,7 @@ from . import text
 from .environment import in_words
 from .precision import CASES, Judge
 from .reference import reference
+from .speed import choose
 
 ACCURACIES = (1e-2, 1e-4, 1e-6)
 ERROR_RANGE = (0.1, 1.5)  # of the accuracy asked for
@@ -41,16 +42,14 @@ class Hit:
 
 def run(*, only: Sequence[str] | None = None, write: Callable[[str], None] = print) -> None:
     """Print the fastest method of each plan, how far it was right, and every miss of every method."""
-    unknown = [name for name in only or () if name not in CASES]
-    if unknown:
-        raise SystemExit(f"eig3 bench: --problem must be one of {', '.join(CASES)}, not {unknown[0]}.")
+    names = choose(only, list(CASES), "--problem")
     write(f"Machine: {in_words()}")
     write(
         f"A hit has an error of {ERROR_RANGE[0]} to {ERROR_RANGE[1]} of that asked for, or a smaller one where the "
         f"plan says that stability limits the step, and takes the time predicted to a factor of {TIME_FACTOR}.\n"
     )
     rows, misses, total = [], [], 0
-    for name in only or CASES:
+    for name in names:
         problem = CASES[name].build()
         judge = Judge(problem, reference(problem, CASES[name].omega))
         for accuracy in ACCURACIES:
@@ -58,7 +57,9 @@ def run(*, only: Sequence[str] | None = None, write: Callable[[str], None] = pri
             plan = eig3.plan(problem, accuracy)
             hits = follow(plan, judge)
             total += len(hits)
-            missed = [f"{name}, {accuracy:g}, {_name(hit)}: {miss}" for hit in hits for miss in hit.misses]
+            missed = [
+                f"{name}, {accuracy:g}, {hit.prediction.method.label}: {miss}" for hit in hits for miss in hit.misses
+            ]
             rows.append(_row(plan, hits))
             misses += missed
     text.status("")
@@ -90,7 +91,3 @@ def _row(plan: Plan, hits: Sequence[Hit]) -> list[str]:
         f"{best.time:.2f}",
         f"{good} of {len(hits)}",
     ]
-
-
-def _name(hit: Hit) -> str:
-    return hit.prediction.method.label

@@ -7,16 +7,28 @@ from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
+from . import precision as precision_set
+from .rivals import RIVALS
+
 if TYPE_CHECKING:
-    from . import precision as precision_set
     from .paper import Result
 
 _STYLE = {
     "eig3": ("C3", "o"),
     "cd": ("C0", "s"),
+    "cd newton": ("C0", "s"),
     "cd fixed-point": ("C9", "D"),
-    "ab2": ("C2", "^"),
     "rk2": ("C1", "v"),
+    "rk3": ("C5", "<"),
+    "rk4": ("C4", ">"),
+    "ab2": ("C2", "^"),
+    "ab3": ("C8", "p"),
+    "scipy dop853": ("0.1", "x"),
+    "scipy rk45": ("0.35", "x"),
+    "scipy lsoda": ("0.6", "x"),
+    "heyoka": ("k", "*"),
+    "cyrk dop853": ("0.2", "+"),
+    "cyrk vern8": ("0.5", "+"),
 }
 _BLOWN_UP = 1e3  # an error above this is instability, and would squeeze the rest of the picture
 
@@ -54,30 +66,6 @@ def work_precision(result: Result, path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
-_SHORT = {
-    "trajectory": "max |u - u(t)| / max |u|",
-    "energy": "max |E - E0| / |E0|",
-    "continuum": "against the continuous bar",
-}
-_SWEPT = {
-    "eig3": ("C3", "o"),
-    "cd": ("C0", "s"),
-    "cd newton": ("C0", "s"),
-    "cd fixed-point": ("C9", "D"),
-    "rk2": ("C1", "v"),
-    "rk3": ("C5", "<"),
-    "rk4": ("C4", ">"),
-    "ab2": ("C2", "^"),
-    "ab3": ("C8", "p"),
-    "scipy dop853": ("0.1", "x"),
-    "scipy rk45": ("0.35", "x"),
-    "scipy lsoda": ("0.6", "x"),
-    "heyoka": ("k", "*"),
-    "cyrk dop853": ("0.2", "+"),
-    "cyrk vern8": ("0.5", "+"),
-}
-
-
 def precision(result: precision_set.Result, path: Path) -> None:
     """Error against time and against evaluations, log-log; what is unstable stands on the upper edge."""
     metrics = result.metrics
@@ -85,8 +73,8 @@ def precision(result: precision_set.Result, path: Path) -> None:
     grid = figure.subplots(len(metrics), 2, sharey="row", squeeze=False)
     for row, metric in zip(grid, metrics, strict=True):
         for method, label in result.methods.items():
-            color, marker = _SWEPT[method]
-            dashes = "--" if method.startswith(("scipy", "cyrk", "heyoka")) else "-"
+            color, marker = _STYLE[method]
+            dashes = "--" if method in RIVALS else "-"
             points = [p for p in result.of(method) if p.stable and metric in p.errors and p.errors[metric] > 0]
             errors = [p.errors[metric] for p in points]
             style = {"color": color, "marker": marker, "linestyle": dashes, "markersize": 5, "alpha": 0.85}
@@ -101,7 +89,7 @@ def precision(result: precision_set.Result, path: Path) -> None:
                 row[1].plot(
                     unstable, [0.985] * len(unstable), transform=edge, color=color, marker="x", linestyle="none"
                 )
-        row[0].set_ylabel(f"{metric} error\n{_SHORT[metric]}")
+        row[0].set_ylabel(f"{metric} error\n{precision_set.METRICS[metric].partition(',')[0]}")
         row[0].set_xlabel("time (s), median")
         row[1].set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
         for axes in row:

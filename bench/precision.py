@@ -25,11 +25,13 @@ from . import text
 from .environment import environment, in_words
 from .reference import Reference, reference
 from .rivals import RIVALS, Answer
-from .timing import interleave
+from .speed import choose
+from .timing import Storage, interleave
 
 TARGETS = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 STATES = 2000  # kept of every run, ours and the rivals', and compared with the reference
 _FACTORS = (1.05, 0.95, 0.7)  # of the stability limit; then halved
+LONGEST = 0.25  # s: steps are halved until a run takes this
 _ENOUGH = 3e-9  # an error below every target: no smaller step is tried
 _USELESS = 10.0  # a relative error that only an unstable run has
 METRICS = {
@@ -86,8 +88,12 @@ class Point:
         return statistics.median(self.seconds)
 
     @property
-    def is_rival(self) -> bool:
-        return self.method in RIVALS
+    def statistics(self) -> dict[str, float]:
+        """Of the seconds; empty for a run that was not timed, and of a rival without ns/step."""
+        found = {"median": self.time, "minimum": min(self.seconds)} if self.seconds else {}
+        if found and self.n_steps:
+            found["ns_per_step"] = 1e9 * self.time / self.n_steps
+        return found
 
 
 @dataclass(frozen=True)
@@ -119,32 +125,33 @@ def run(
     only: Sequence[str] | None = None,
     methods: Sequence[str] | None = None,
     repeats: int = 7,
-    longest: float = 0.25,
+    longest: float = LONGEST,
     rivals: bool = True,
     out: Path | None = None,
     write: Callable[[str], None] = print,
 ) -> list[Result]:
     """Measure and print each problem when it is done; keep everything in `out` as soon as it is there."""
-    for names, known, option in ((only, CASES, "--problem"), (methods, METHODS, "--method")):
-        unknown = [name for name in names or () if name not in known]
-        if unknown:
-            raise SystemExit(f"eig3 bench: {option} must be one of {', '.join(known)}, not {unknown[0]}.")
-    heading = (
+    names, methods = choose(only, list(CASES), "--problem"), choose(methods, list(METHODS))
+    pages, results = [heading(repeats, longest)], []
+    write(pages[0])
+    for name in names:
+        results.append(measure(name, methods, repeats, longest, rivals))
+        pages.append(render(results[-1]))
+        write("\n" + pages[-1])
+        if out is not None:
+            save(out, results)
+            (out / "precision.md").write_text("\n\n".join(pages) + "\n")
+    if out is not None:
+        write(f"\nWritten to {out}: precision.json, precision.md{draw(results, out)}")
+    return results
+
+
+def heading(repeats: int, longest: float) -> str:
+    return (
         f"Machine: {in_words()}\n\n"
         f"Times: medians of {repeats} interleaved runs, compiling left out, {STATES} states kept of every run; the "
         f"methods with the right-hand side through a pointer. Steps are halved until a run takes {longest:g} s."
     )
-    write(heading)
-    pages, results = [heading], []
-    for name in only or CASES:
-        results.append(measure(name, methods or list(METHODS), repeats, longest, rivals))
-        pages.append(render(results[-1]))
-        write("\n" + pages[-1])
-        if out is not None:
-            save(out, results, pages)
-    if out is not None:
-        write(f"\nWritten to {out}: precision.json, precision.md{draw(results, out)}")
-    return results
 
 
 def measure(name: str, methods: Sequence[str], repeats: int, longest: float, rivals: bool) -> Result:
@@ -154,9 +161,11 @@ def measure(name: str, methods: Sequence[str], repeats: int, longest: float, riv
     text.status(f"{name}: reference")
     truth = reference(problem, case.omega)
     judge = Judge(problem, truth)
+    # less than twice STATES: a run keeps every so many-th state
+    storage = Storage(np.size(problem.u0) if np.ndim(problem.u0) else None, 2 * STATES)
     points, runs, skipped = [], {}, []
     for key, method in records(problem, case, methods):
-        for point, again in sweep(problem, case, judge, key, method, longest):
+        for point, again in sweep(problem, case, judge, key, method, longest, storage):
             points.append(point)
             runs[len(points) - 1] = again
     for key, rival in RIVALS.items() if rivals else ():
@@ -216,7 +225,7 @@ class Judge:
 
 
 def sweep(
-    problem: Problem, case: Case, judge: Judge, key: str, method: Method, longest: float
+    problem: Problem, case: Case, judge: Judge, key: str, method: Method, longest: float, storage: Storage
 ) -> list[tuple[Point, Callable[[], float]]]:
     """Points from just above the stability limit down, each with a function that runs it again for its seconds."""
     bound = (limit(method) or 2.0) / case.omega
@@ -232,20 +241,20 @@ def sweep(
         errors = judge.of_run(solution) if solution.success else {}
         stable = solution.success and max(errors.values()) < _USELESS
         point = Point(key, label, h, n_steps, solution.n_rhs, stable, errors)
-        found.append((point, timed_run(problem, h, method, n_steps, every)))
+        found.append((point, timed_run(problem, h, method, n_steps, every, storage)))
         if solution.kernel_seconds > longest or (stable and max(errors.values()) < _ENOUGH):
             break
     return found
 
 
-def timed_run(problem: Problem, h: float, method: Method, n_steps: int, every: int) -> Callable[[], float]:
+def timed_run(
+    problem: Problem, h: float, method: Method, n_steps: int, every: int, storage: Storage
+) -> Callable[[], float]:
     start = problem.stepper(h=h, method=method)
-    shape = (n_steps // every, *np.shape(problem.u0))
-    u, v = np.ones(shape), np.ones(shape)
 
     def again() -> float:
         stepper = start.fork()
-        stepper.advance(n_steps, every, u, v)
+        stepper.advance(n_steps, every, storage.u, storage.v)
         return stepper.seconds
 
     return again
@@ -369,8 +378,8 @@ def front(result: Result, metric: str) -> str:
     return f"Pareto front, from fast to accurate: {', '.join(words)}."
 
 
-def save(out: Path, results: Sequence[Result], pages: Sequence[str]) -> None:
-    """precision.json and precision.md."""
+def save(out: Path, results: Sequence[Result]) -> None:
+    """precision.json, with every run."""
     data = {
         "environment": environment(),
         "states": STATES,
@@ -380,13 +389,12 @@ def save(out: Path, results: Sequence[Result], pages: Sequence[str]) -> None:
                 "reference": result.source,
                 "uncertainty": result.uncertainty,
                 "skipped": result.skipped,
-                "points": [dataclasses.asdict(point) for point in result.points],
+                "points": [{**dataclasses.asdict(point), **point.statistics} for point in result.points],
             }
             for result in results
         ],
     }
     (out / "precision.json").write_text(json.dumps(data, indent=1) + "\n")
-    (out / "precision.md").write_text("\n\n".join(pages) + "\n")
 
 
 def draw(results: Sequence[Result], out: Path) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from eig3.problem import Problem
 
-from .rivals import first_order
+from .rivals import scipy_form
 
 _CHECK_STEPS = 1000  # of RK4 a radian of the fastest oscillation: its phase error is then 1e-14 a radian
 _CHECK_STATES = 200
@@ -43,13 +43,7 @@ def _exact(problem: Problem) -> Reference:
 def _checked_dop853(problem: Problem, omega: float) -> Reference:
     from scipy.integrate import solve_ivp
 
-    y0, params, slope = first_order(problem)
-
-    def f(t: float, y: np.ndarray) -> np.ndarray:
-        dy = np.empty_like(y)
-        slope(t, y, params, dy)
-        return dy
-
+    y0, f = scipy_form(problem)
     size = float(max(np.abs(problem.u0).max(), np.abs(problem.v0).max()))
     dense = solve_ivp(f, problem.t_span, y0, "DOP853", rtol=3e-14, atol=1e-16 * size, dense_output=True).sol
     n = len(y0) // 2

@@ -7,7 +7,9 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from . import baseline, hits, paper, precision
+from eig3.methods import METHODS
+
+from . import baseline, hits, paper, precision, speed
 from .environment import in_words
 
 _STYLE = """
@@ -36,14 +38,20 @@ def run(
     write: Callable[[str], None] = print,
 ) -> None:
     """Measure everything and write report.html, report.md, precision.json and the pictures into `out`."""
+    names = speed.choose(only, list(precision.CASES), "--problem")
+    compared = [name for name in speed.choose(methods, list(METHODS)) if name in baseline.METHOD_NAMES]
     page = Page(out)
     page.add("# eig3: what accuracy costs in time", f"Machine: {in_words()}", _HOW_TO_READ)
     page.add(*_articles_tables(out, repeats))
     write("the article's tables: done")
-    compared = [name for name in methods or () if name in baseline.METHOD_NAMES] or None
     page.add("## Beside C", _collected(lambda line: baseline.run(methods=compared, repeats=repeats, write=line)))
     write("C: done")
-    page.add(*_sets(out, repeats, only, methods))
+    page.add("## Work and precision", precision.heading(repeats, precision.LONGEST))
+    results: list[precision.Result] = []
+    for name in names:
+        results.append(precision.measure(name, methods or list(METHODS), repeats, precision.LONGEST, rivals=True))
+        page.add(*_set(out, results[-1]))
+        precision.save(out, results)
     write("work and precision: done")
     page.add("## What eig3.plan predicts", _collected(lambda line: hits.run(only=only, write=line)))
     write(f"Written to {out}: report.html, report.md, precision.json and the pictures")
@@ -91,22 +99,13 @@ def _articles_tables(out: Path, repeats: int) -> list[str]:
     return pages
 
 
-def _sets(out: Path, repeats: int, only: Sequence[str] | None, methods: Sequence[str] | None) -> list[str]:
+def _set(out: Path, result: precision.Result) -> list[str]:
     from .pictures import precision as draw
 
-    pages: list[str] = ["## Work and precision"]
-
-    def add(page: str) -> None:
-        pages.append(page.strip("\n").replace("## ", "### "))
-
-    results = precision.run(only=only, methods=methods, repeats=repeats, write=add)
-    precision.save(out, results, pages)
-    shown = pages[:2]
-    for page, result in zip(pages[2:], results, strict=True):
-        name = f"precision_{result.name}.svg"
-        draw(result, out / name)
-        shown += [page, f"![{result.case.title}: error against time and evaluations]({name})"]
-    return shown
+    name = f"precision_{result.name}.svg"
+    draw(result, out / name)
+    picture = f"![{result.case.title}: error against time and evaluations]({name})"
+    return [precision.render(result).replace("## ", "### "), picture]
 
 
 def _collected(measure: Callable[[Callable[[str], None]], None]) -> str:

@@ -70,9 +70,8 @@ def first_order(problem: Problem) -> tuple[np.ndarray, np.ndarray, Any]:
     return y0, np.array(problem.params, dtype=np.float64), slope
 
 
-def _scipy(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
-    from scipy.integrate import solve_ivp
-
+def scipy_form(problem: Problem) -> tuple[np.ndarray, Any]:
+    """y = (u, v), and its slope f(t, y) jitted and compiled."""
     y0, params, slope = first_order(problem)
 
     @jit
@@ -81,7 +80,14 @@ def _scipy(method: str, problem: Problem, times: np.ndarray) -> Callable[[float]
         slope(t, y, params, dy)
         return dy
 
-    f(times[0], y0)
+    f(problem.t_span[0], y0)
+    return y0, f
+
+
+def _scipy(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
+    from scipy.integrate import solve_ivp
+
+    y0, f = scipy_form(problem)
 
     def run(tolerance: float) -> Answer:
         begin = time.perf_counter()

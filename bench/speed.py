@@ -40,12 +40,12 @@ def run(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callab
     write(f"\nRatio of the kernel to the loop by hand: {min(ratios):.2f} to {max(ratios):.2f}.")
 
 
-def choose(methods: Sequence[str] | None, known: Sequence[str]) -> Sequence[str]:
-    """The methods asked for on the command line, all those known if None."""
-    unknown = [name for name in methods or () if name not in known]
+def choose(names: Sequence[str] | None, known: Sequence[str], option: str = "--method") -> Sequence[str]:
+    """The names asked for on the command line, all those known if None."""
+    unknown = [name for name in names or () if name not in known]
     if unknown:
-        raise SystemExit(f"eig3 bench: --method must be one of {', '.join(known)}, not {unknown[0]}.")
-    return methods or known
+        raise SystemExit(f"eig3 bench: {option} must be one of {', '.join(known)}, not {unknown[0]}.")
+    return names or known
 
 
 def compare(problem: Problem, h: float, name: str, repeats: int) -> list[list[str]]:

@@ -116,6 +116,9 @@ def test_command_writes_tables_json_and_pictures(tmp_path, capsys):
     unstable = [point for point in kept if not point["stable"]]
     assert unstable
     assert all(point["seconds"] for point in kept if point["stable"])
+    timed = [point for point in kept if point["seconds"]]
+    assert all(point["minimum"] <= point["median"] for point in timed)
+    assert all(point["ns_per_step"] * point["n_steps"] == pytest.approx(1e9 * point["median"]) for point in timed)
     for name in ("single_dof", "elastic_bar"):
         assert (tmp_path / f"precision_{name}.png").read_bytes().startswith(b"\x89PNG")
 
@@ -128,9 +131,11 @@ def test_rivals_that_are_not_installed_are_left_out_with_a_word(capsys, monkeypa
 
 
 @pytest.mark.parametrize("option", [["--problem", "none"], ["--method", "euler"]])
-def test_unknown_names_are_told(option):
-    with pytest.raises(SystemExit, match=r"eig3 bench: --(problem|method) must be one of"):
-        main(["bench", "precision", *option])
+def test_unknown_names_are_told(option, tmp_path):
+    for command in (["precision"], ["report", "--out", str(tmp_path)]):
+        with pytest.raises(SystemExit, match=r"eig3 bench: --(problem|method) must be one of"):
+            main(["bench", *command, *option])
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.usefixtures("small")
