@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,7 +90,7 @@ def precision(result: precision_set.Result, path: Path) -> None:
                 row[1].plot(
                     unstable, [0.985] * len(unstable), transform=edge, color=color, marker="x", linestyle="none"
                 )
-        row[0].set_ylabel(f"{metric} error\n{precision_set.METRICS[metric].partition(',')[0]}")
+        row[0].set_ylabel(f"{metric} error\n{textwrap.fill(precision_set.METRICS[metric], 50)}")
         row[0].set_xlabel("time (s), median")
         row[1].set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
         for axes in row:
