@@ -1,77 +1,376 @@
-"""Stability on the oscillator u'' + 2 xi omega u' + omega^2 u = 0, read off the kernels themselves."""
+"""Stability and accuracy on the oscillator u'' + 2 xi omega u' + omega^2 u = 0, read off the kernels themselves."""
+
+from __future__ import annotations
 
 import dataclasses
 import functools
+import math
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .callbacks import check_callback, jit
 from .checks import check_method
-from .kernels.jit import SCALAR, pointer_kernel
-from .methods import Method
+from .kernels.jit import VECTOR, pointer_kernel
+from .methods import EIG3, Method
 
 _ROUND_OFF = 1e-11  # of an eigenvalue: its pair is 1e-5 apart where the limit is bisected to 1e-10
+_SIMPLE = 1e-6  # roots nearer to each other count as one
 _REGULAR_STEP = 16  # a step index past every method's starting procedure
+_FURTHEST = 100.0  # omega h: what is stable there is taken to be stable for every step
+_TRACKING = 0.01  # omega h between two looks at where the principal root goes
 
 
-@jit
-def _oscillator(t: float, u: float, v: float, p: np.ndarray) -> float:
-    return -p[0] * p[0] * u - 2 * p[1] * p[0] * v
-
-
-def amplification_matrix(method: str | Method, Omega: float, xi: float = 0.0) -> np.ndarray:
+def amplification_matrix(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
     """The matrix of one step on (u, h v, ...), found by stepping the kernel from each unit state.
 
     Parameters
     ----------
     method : str or Method
-    Omega : float
+    Omega : float or array_like
         omega h.
+    xi : float or array_like
+        Physical damping ratio; broadcast against Omega.
+
+    Returns
+    -------
+    ndarray, shape (..., k, k)
+        For every Omega and xi; k is 2 and the number of past values the method carries. A matrix is NaN where an
+        implicit method's solve fails.
+    """
+    Omega, xi = np.broadcast_arrays(np.asarray(Omega, dtype=np.float64), np.asarray(xi, dtype=np.float64))
+    return oscillator_matrices(method, Omega * Omega, 2 * xi * Omega)
+
+
+def oscillator_matrices(method: str | Method, k: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """`amplification_matrix` for u'' + c u' + k u = 0 and h = 1, where k and c, of one shape, have any sign."""
+    method = check_method(method)
+    size = state_size(method)
+    flat_k, flat_c = k.ravel(), c.ravel()
+    # an iteration would couple the oscillators of one call
+    each = max(1, flat_k.size) if method.evaluations is not None else 1
+    matrices = np.empty((flat_k.size, size, size))
+    for first in range(0, flat_k.size, each):
+        part = slice(first, first + each)
+        params = np.concatenate([flat_k[part], flat_c[part]])
+        for i in range(size):
+            state = np.zeros((size, flat_k[part].size))
+            state[i] = 1.0
+            matrices[part, :, i] = step_once(method, _oscillators, params, state).T
+    return matrices.reshape(*k.shape, size, size)
+
+
+@jit
+def _oscillators(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
+    n = u.size
+    for j in range(n):
+        a[j] = -p[j] * u[j] - p[n + j] * v[j]
+
+
+def state_size(method: Method) -> int:
+    """Values that a method carries from step to step for one degree of freedom: u, v and its past."""
+    return 2 + len(method.module.start(1.0, 1.0, 1.0, 1.0))
+
+
+def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Take one step of h = 1 with the vector kernel from the rows (u, v, past ...); NaN where a solve fails."""
+    if method.jacobian is not None:  # that of another system
+        method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
+    rows, n = state.shape
+    kernel = pointer_kernel(method.function(VECTOR), VECTOR)
+    whole = np.concatenate([state, np.zeros((method.module.scratch(n), n))])
+    nowhere = np.empty((0, n))
+    run = (1.0, 0.0, params, _REGULAR_STEP, 1, 2**62, nowhere, nowhere)
+    settings = np.array(method.settings, dtype=np.float64)
+    taken = kernel(check_callback(rhs, "rhs", VECTOR), whole, settings, np.zeros(4), run)
+    return whole[:rows] if taken else np.full_like(state, np.nan)
+
+
+def characteristic_polynomial(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
+    """det(z I - A) of the amplification matrix A, by Faddeev and LeVerrier's recursion.
+
+    Returns
+    -------
+    ndarray, shape (..., k + 1)
+        The coefficients from z^k, which is 1, to the constant one, for every Omega and xi.
+    """
+    A = amplification_matrix(method, Omega, xi)
+    size = A.shape[-1]
+    identity = np.eye(size)
+    coefficients = [np.ones(A.shape[:-2])]
+    product = A
+    for k in range(1, size + 1):
+        coefficients.append(-np.trace(product, axis1=-2, axis2=-1) / k)
+        product = A @ (product + coefficients[-1][..., None, None] * identity)
+    return np.stack(coefficients, axis=-1)
+
+
+def spectral_radius(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
+    """The largest absolute value of an eigenvalue of the amplification matrix; infinite where a solve fails."""
+    return _unwrapped(radius(amplification_matrix(method, Omega, xi)))
+
+
+def radius(matrices: np.ndarray) -> np.ndarray:
+    """The spectral radius of each matrix of a stack; infinite for one that is not finite."""
+    return np.abs(eigenvalues(matrices)).max(axis=-1)
+
+
+def eigenvalues(matrices: np.ndarray) -> np.ndarray:
+    """The eigenvalues of each matrix of a stack; infinite for one that is not finite."""
+    finite = np.isfinite(matrices).all(axis=(-2, -1))
+    roots = np.linalg.eigvals(np.where(finite[..., None, None], matrices, 0.0)).astype(complex)
+    roots[~finite] = np.inf
+    return roots
+
+
+def is_stable(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
+    """Whether nothing grows on the oscillator: every root within the unit circle, those on it simple.
+
+    Parameters
+    ----------
+    method : str or Method
+    Omega, xi : float or array_like
+        As for `amplification_matrix`.
+
+    Returns
+    -------
+    bool or ndarray of bool
+
+    Notes
+    -----
+    Round-off of the roots hides a growth below 1e-11 a step.
+    """
+    return _unwrapped(_excess(amplification_matrix(method, Omega, xi)) <= _ROUND_OFF)
+
+
+def _excess(matrices: np.ndarray) -> np.ndarray:
+    """By how much the spectral radius is above one; infinite where a root on the unit circle is not simple."""
+    roots = eigenvalues(matrices)
+    finite = np.isfinite(roots).all(axis=-1)
+    roots[~finite] = 0.0
+    # Round-off eps parts a double root by sqrt(eps), but leaves the mean of the two where it was.
+    near = np.abs(roots[..., :, None] - roots[..., None, :]) < _SIMPLE
+    multiplicity = near.sum(axis=-1)
+    excess = np.abs((near * roots[..., None, :]).sum(axis=-1) / multiplicity) - 1
+    excess[(multiplicity > 1) & (excess > -_ROUND_OFF)] = np.inf
+    return np.where(finite, excess.max(axis=-1), np.inf)
+
+
+@functools.cache
+def limit(method: str | Method, xi: float = 0.0) -> float:
+    """The Omega = omega h below which `method` is stable on the oscillator.
+
+    Parameters
+    ----------
+    method : str or Method
     xi : float
         Physical damping ratio.
 
     Returns
     -------
-    ndarray, shape (k, k)
-        k is 2 and the number of past values the method carries. The step is taken as h = 1. A column is NaN where an
-        implicit method's solve fails.
+    float
+        To 1e-9; 0.0 where there is no stable step, infinity where none is unstable up to Omega = 100.
+
+    Notes
+    -----
+    A limit below 0.01 that only weak damping gives to a method without an undamped one is told as 0.0.
     """
+
+    def excess(Omega: np.ndarray) -> np.ndarray:
+        return _excess(amplification_matrix(method, Omega, xi))
+
+    return first_exit(excess, _ROUND_OFF)
+
+
+def first_exit(excess: Callable[[np.ndarray], np.ndarray], tolerance: float, accuracy: float = 1e-10) -> float:
+    """The least x at which ``excess(x)`` passes `tolerance`; 0.0 where it rises from x = 0 on, infinity where it never
+    does."""
+    stable = 0.0
+    for block in _blocks():
+        unstable = np.flatnonzero(excess(block) > tolerance)
+        if unstable.size:
+            break
+        stable = float(block[-1])
+    else:
+        return math.inf
+    first = int(unstable[0])
+    low, high = float(block[first - 1]) if first else stable, float(block[first])
+    while high - low > accuracy * min(1.0, high):
+        middle = (low + high) / 2
+        low, high = (low, middle) if excess(np.array([middle]))[0] > tolerance else (middle, high)
+    # A limit is left steeply. What grows as a power of x passes the tolerance too, and hardly more a little further on.
+    is_limit = excess(np.array([high * 1.001]))[0] > 2 * tolerance
+    return low if is_limit else 0.0
+
+
+def _blocks() -> list[np.ndarray]:
+    near = np.concatenate([0.001 * 2.0 ** np.arange(4), np.arange(0.01, 3, 0.01)])
+    return [near, *(np.arange(start, start + 5, 0.01) for start in np.arange(3, _FURTHEST, 5))]
+
+
+def stable_region(Omega: ArrayLike, alpha: ArrayLike = 1.0, beta: ArrayLike = 0.5, xi: ArrayLike = 0.0) -> np.ndarray:
+    """Where EIG-3(alpha, beta) is stable.
+
+    Parameters
+    ----------
+    Omega, alpha, beta, xi : float or array_like
+        Broadcast against each other: ``stable_region(Omega, alpha[:, None])`` is the region over (Omega, alpha).
+
+    Returns
+    -------
+    ndarray of bool
+    """
+    arrays = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (Omega, alpha, beta, xi)))
+    flat = np.stack([x.ravel() for x in arrays])
+    region = np.empty(flat.shape[1], dtype=bool)
+    sets, which = np.unique(flat[1:3], axis=1, return_inverse=True)
+    for i, (one_alpha, one_beta) in enumerate(sets.T.tolist()):
+        chosen = which.ravel() == i
+        region[chosen] = is_stable(EIG3(one_alpha, one_beta), flat[0, chosen], flat[3, chosen])
+    return region.reshape(arrays[0].shape)
+
+
+def damping_ratio(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
+    """The algorithmic damping ratio -ln|z| / arg z of the principal root z; NaN where it does not oscillate.
+
+    Parameters
+    ----------
+    method : str or Method
+    Omega, xi : float or array_like
+        As for `amplification_matrix`; Omega must be positive.
+
+    Returns
+    -------
+    float or ndarray
+
+    Notes
+    -----
+    The exact solution with physical damping has xi / sqrt(1 - xi^2).
+    """
+    root = principal_root(method, Omega, xi)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _unwrapped(np.where(root.imag > 0, -np.log(np.abs(root)) / np.angle(root), np.nan))
+
+
+def period_error(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
+    """The relative error (T_h - T) / T of the period; NaN where the principal root does not oscillate.
+
+    Parameters
+    ----------
+    method : str or Method
+    Omega, xi : float or array_like
+        As for `amplification_matrix`; Omega must be positive.
+
+    Returns
+    -------
+    float or ndarray
+        Omega sqrt(1 - xi^2) / arg z - 1 for the principal root z.
+    """
+    root = principal_root(method, Omega, xi)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        exact = np.asarray(Omega) * np.sqrt(1 - np.square(xi))
+        return _unwrapped(np.where(root.imag > 0, exact / np.angle(root) - 1, np.nan))
+
+
+def principal_root(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
+    """The eigenvalue that stands for exp((-xi + i sqrt(1 - xi^2)) Omega), followed from Omega = 0.
+
+    Followed, since at large Omega another root may be larger or nearer to that exponential.
+    """
+    Omega, xi = np.broadcast_arrays(np.asarray(Omega, dtype=np.float64), np.asarray(xi, dtype=np.float64))
+    if not (Omega > 0).all():
+        raise ValueError("Omega must be positive.")
+    roots = np.empty(Omega.shape, dtype=complex)
+    for one_xi in np.unique(xi).tolist():
+        chosen = xi == one_xi
+        roots[chosen] = _follow(method, Omega[chosen], one_xi)
+    return roots
+
+
+def _follow(method: str | Method, Omega: np.ndarray, xi: float) -> np.ndarray:
+    way = np.unique(np.concatenate([np.arange(_TRACKING, Omega.max(), _TRACKING), Omega]))
+    candidates = eigenvalues(amplification_matrix(method, way, xi))
+    rate = -xi + np.sqrt(complex(1 - xi * xi)) * 1j
+    track = np.empty(way.shape, dtype=complex)
+    root, before = 1.0 + 0j, 0.0
+    for i, (here, values) in enumerate(zip(way.tolist(), candidates, strict=True)):
+        expected = root * np.exp(rate * (here - before))
+        root, before = values[np.argmin(np.abs(values - expected))], here
+        track[i] = root
+    return track[np.searchsorted(way, Omega)]
+
+
+def explain(method: str | Method) -> str:
+    """What theory says of a method on the oscillator, in a few lines: order, limits, damping, period."""
     method = check_method(method)
-    if method.jacobian is not None:  # that of another system
-        method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
-    kernel = pointer_kernel(method.function(SCALAR), SCALAR)
-    rhs = check_callback(_oscillator, "rhs", SCALAR)
-    size = 2 + len(method.module.start(1.0, 1.0, 1.0, 1.0))
-    settings, params, nowhere = np.array(method.settings), np.array([Omega, xi]), np.empty(0)
-    columns = []
-    for state in np.eye(size):
-        run = (1.0, 0.0, params, _REGULAR_STEP, 1, 2**62, nowhere, nowhere)
-        taken = kernel(rhs, state, settings, np.zeros(4), run)
-        columns.append(state if taken else np.full(size, np.nan))
-    return np.array(columns).T
+    free = method.without_velocity()  # the same on an undamped oscillator, for less
+    evaluations = method.evaluations
+    undamped = limit(free)
+    each = "an implicit solve where the force reads velocity" if evaluations is None else f"{evaluations} a step"
+    lines = [
+        f"{method!r}: order {method.order}; evaluations: {each}.",
+        f"  Undamped, it is stable {_bound(undamped)}"
+        + (f", or {undamped / evaluations:.4g} per evaluation." if evaluations and 0 < undamped < math.inf else "."),
+        "  With a physical damping ratio xi, it is stable "
+        + ", ".join(f"{_bound(limit(method, xi))} for xi = {xi:g}" for xi in (0.01, 0.1, 0.5, 1.0))
+        + ".",
+        f"  {_leading_damping(free)}",
+        f"  {_leading_period_error(free)}",
+    ]
+    return "\n".join(lines)
 
 
-def spectral_radius(method: str | Method, Omega: float, xi: float = 0.0) -> float:
-    """The largest absolute value of an eigenvalue of the amplification matrix; infinite where a solve fails."""
-    matrix = amplification_matrix(method, Omega, xi)
-    return float(np.abs(np.linalg.eigvals(matrix)).max()) if np.isfinite(matrix).all() else np.inf
+def _bound(Omega: float) -> str:
+    if Omega == 0:
+        return "at no step"
+    return "at every step" if math.isinf(Omega) else f"up to omega h = {Omega:.6g}"
 
 
-@functools.cache
-def limit(method: str | Method, xi: float = 0.0) -> float:
-    """The Omega up to which `method` is stable on the oscillator; 0.0 where it is unstable for every step."""
-    stable, step = 0.0, 0.05
-    unstable = step
-    while spectral_radius(method, unstable, xi) <= 1 + _ROUND_OFF:
-        stable, unstable = unstable, unstable + step
-        if unstable > 100:
-            return float("inf")
-    if stable == 0.0:
-        return 0.0
-    while unstable - stable > 1e-10:
-        middle = (stable + unstable) / 2
-        if spectral_radius(method, middle, xi) <= 1 + _ROUND_OFF:
-            stable = middle
-        else:
-            unstable = middle
-    return stable
+def _leading_damping(method: Method) -> str:
+    term = _leading_term(lambda Omega: damping_ratio(method, Omega), parity=1)
+    if term is None:
+        return "It does not damp."
+    coefficient, power, shown = term
+    if coefficient > 0:
+        return f"It damps: the algorithmic damping ratio is {shown} + O(Omega^{power + 2})."
+    return f"It excites: the algorithmic damping ratio is {shown} + O(Omega^{power + 2}), negative."
+
+
+def _leading_period_error(method: Method) -> str:
+    term = _leading_term(lambda Omega: period_error(method, Omega), parity=0)
+    if term is None:
+        return "Its period is exact."
+    coefficient, power, shown = term
+    kind = "longer" if coefficient > 0 else "shorter"
+    shown = shown.removeprefix("-")
+    return f"Its period is {kind} than the exact one by {shown} + O(Omega^{power + 2}), relatively (Omega = omega h)."
+
+
+def _leading_term(function: Callable[[np.ndarray], np.ndarray], parity: int) -> tuple[float, int, str] | None:
+    """The first term of an odd or even power series in Omega, by a fit; None where all of it is round-off."""
+    Omega = np.linspace(0.03, 0.3, 28)
+    powers = (1, 3, 5, 7, 9, 11, 13) if parity else (2, 4, 6, 8, 10, 12, 14)
+    columns = Omega[:, None] ** np.array(powers)
+    series = np.linalg.lstsq(columns, function(Omega), rcond=None)[0]
+    for coefficient, power in zip(series.tolist(), powers, strict=True):
+        if abs(coefficient) * 0.3**power > 1e-8:
+            return coefficient, power, _term(coefficient, power)
+    return None
+
+
+def _term(coefficient: float, power: int) -> str:
+    variable = "Omega" if power == 1 else f"Omega^{power}"
+    fraction = Fraction(coefficient).limit_denominator(1000)
+    if fraction and abs(float(fraction) - coefficient) < 1e-5 * abs(coefficient):
+        above = "" if abs(fraction.numerator) == 1 else f"{abs(fraction.numerator)} "
+        below = "" if fraction.denominator == 1 else f"/{fraction.denominator}"
+        return f"{'-' if coefficient < 0 else ''}{above}{variable}{below}"
+    return f"{coefficient:.4g} {variable}"
+
+
+def _unwrapped(values: np.ndarray) -> Any:
+    """A Python scalar for one value, else the array."""
+    return values.item() if values.ndim == 0 else values
