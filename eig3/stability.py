@@ -19,6 +19,7 @@ from .methods import EIG3, Method
 
 _ROUND_OFF = 1e-11  # of an eigenvalue: its pair is 1e-5 apart where the limit is bisected to 1e-10
 _SIMPLE = 1e-6  # roots nearer to each other count as one
+_SOLVED_TOGETHER = 32  # oscillators of one call of an implicit method, whose matrix grows with them
 _REGULAR_STEP = 16  # a step index past every method's starting procedure
 _FURTHEST = 100.0  # omega h: what is stable there is taken to be stable for every step
 _TRACKING = 0.01  # omega h between two looks at where the principal root goes
@@ -50,17 +51,23 @@ def oscillator_matrices(method: str | Method, k: np.ndarray, c: np.ndarray) -> n
     method = check_method(method)
     size = state_size(method)
     flat_k, flat_c = k.ravel(), c.ravel()
-    # an iteration would couple the oscillators of one call
-    each = max(1, flat_k.size) if method.evaluations is not None else 1
-    matrices = np.empty((flat_k.size, size, size))
-    for first in range(0, flat_k.size, each):
-        part = slice(first, first + each)
-        params = np.concatenate([flat_k[part], flat_c[part]])
-        for i in range(size):
-            state = np.zeros((size, flat_k[part].size))
-            state[i] = 1.0
-            matrices[part, :, i] = step_once(method, _oscillators, params, state).T
+    each = max(1, flat_k.size) if method.evaluations is not None else _SOLVED_TOGETHER
+    parts = [_matrices(method, flat_k[i : i + each], flat_c[i : i + each]) for i in range(0, flat_k.size, each)]
+    matrices = np.concatenate(parts) if parts else np.empty((0, size, size))
     return matrices.reshape(*k.shape, size, size)
+
+
+def _matrices(method: Method, k: np.ndarray, c: np.ndarray) -> np.ndarray:
+    size = state_size(method)
+    params = np.concatenate([k, c])
+    matrices = np.empty((k.size, size, size))
+    for i in range(size):
+        state = np.zeros((size, k.size))
+        state[i] = 1.0
+        matrices[:, :, i] = step_once(method, _oscillators, params, state).T
+    if k.size > 1 and np.isnan(matrices).any():  # one solve that fails ends the step of all
+        return np.concatenate([_matrices(method, k[i : i + 1], c[i : i + 1]) for i in range(k.size)])
+    return matrices
 
 
 @jit
@@ -110,12 +117,7 @@ def characteristic_polynomial(method: str | Method, Omega: ArrayLike, xi: ArrayL
 
 def spectral_radius(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
     """The largest absolute value of an eigenvalue of the amplification matrix; infinite where a solve fails."""
-    return _unwrapped(radius(amplification_matrix(method, Omega, xi)))
-
-
-def radius(matrices: np.ndarray) -> np.ndarray:
-    """The spectral radius of each matrix of a stack; infinite for one that is not finite."""
-    return np.abs(eigenvalues(matrices)).max(axis=-1)
+    return _unwrapped(np.abs(eigenvalues(amplification_matrix(method, Omega, xi))).max(axis=-1))
 
 
 def eigenvalues(matrices: np.ndarray) -> np.ndarray:
