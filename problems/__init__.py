@@ -1,19 +1,33 @@
 """Problems, one a file."""
 
 from .damped_bar import damped_bar
+from .double_pendulum import double_pendulum
+from .duffing import duffing
 from .elastic_bar import elastic_bar
+from .friction_oscillator import friction_oscillator
 from .hardening_chain import hardening_chain
 from .hardening_spring import hardening_spring
+from .hertz_impact import hertz_impact
+from .kepler import kepler
 from .single_dof import single_dof
 from .softening_spring import softening_spring
 from .spring_pendulum import spring_pendulum
+from .two_frequency_oscillator import two_frequency_oscillator
+from .van_der_pol import van_der_pol
 
 __all__ = [
     "damped_bar",
+    "double_pendulum",
+    "duffing",
     "elastic_bar",
+    "friction_oscillator",
     "hardening_chain",
     "hardening_spring",
+    "hertz_impact",
+    "kepler",
     "single_dof",
     "softening_spring",
     "spring_pendulum",
+    "two_frequency_oscillator",
+    "van_der_pol",
 ]

@@ -1,0 +1,103 @@
+"""A planet around a fixed sun: at a large eccentricity one short passage asks for all the accuracy."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from eig3.callbacks import cached_jit
+from eig3.problem import Problem
+
+
+@cached_jit
+def rhs(t, u, v, p, a):
+    square = u[0] * u[0] + u[1] * u[1]
+    pull = p[0] / (square * math.sqrt(square))
+    a[0] = -pull * u[0]
+    a[1] = -pull * u[1]
+
+
+@cached_jit
+def energy(t, u, v, p):
+    return (v[0] * v[0] + v[1] * v[1]) / 2 - p[0] / math.sqrt(u[0] * u[0] + u[1] * u[1])
+
+
+@cached_jit
+def angular_momentum(t, u, v, p):
+    """Constant as the energy is; both are of the unit of mass."""
+    return u[0] * v[1] - u[1] * v[0]
+
+
+def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None = None) -> Problem:
+    """Kepler's problem in the plane, from the perihelion; u is (x, y), with the sun at the origin.
+
+    Parameters
+    ----------
+    GM : float
+        Gravitational parameter, m^3/s^2.
+    a : float
+        Semi-major axis, m.
+    e : float
+        Eccentricity, at least 0 and below 1.
+    t_end : float, optional
+        Duration, s; twenty orbits of 2 pi sqrt(a^3 / GM) if not given.
+
+    Raises
+    ------
+    ValueError
+        For GM or a that is not positive, or e not in [0, 1).
+
+    Notes
+    -----
+    `exact` solves Kepler's equation to round-off. ``eig3.problems.kepler.angular_momentum`` is another invariant; as
+    the package has the function under the module's name, import it by ``from eig3.problems.kepler import``.
+    """
+    for name, value in (("GM", GM), ("a", a)):
+        if not value > 0:
+            raise ValueError(f"{name} must be positive, not {value}.")
+    if not 0 <= e < 1:
+        raise ValueError(f"e must be at least 0 and below 1, as on an orbit that returns, not {e}.")
+    return Problem(
+        name="kepler",
+        rhs=rhs,
+        u0=(a * (1 - e), 0.0),
+        v0=(0.0, math.sqrt(GM / a * (1 + e) / (1 - e))),
+        params=(GM,),
+        t_span=(0.0, 40 * math.pi * math.sqrt(a**3 / GM) if t_end is None else t_end),
+        energy=energy,
+        exact=ellipse(GM, a, e),
+        uses_velocity=False,
+        source="Kepler, Astronomia nova, chapter 60; as a test, Hairer, Lubich and Wanner, Geometric Numerical "
+        "Integration, section I.2",
+    )
+
+
+def ellipse(GM: float, a: float, e: float) -> Callable:
+    """``exact(t) -> (u, v)`` of the motion from the perihelion."""
+    rate, b = math.sqrt(GM / a) / a, a * math.sqrt((1 - e) * (1 + e))
+
+    def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        t = np.asarray(t, dtype=np.float64)
+        # the sine and cosine take 2 pi off with all its digits; a remainder would lose some at every orbit
+        E = eccentric_anomaly(np.arctan2(np.sin(rate * t), np.cos(rate * t)), e)
+        sine, cosine = np.sin(E), np.cos(E)
+        E_rate = rate / (1 - e * cosine)
+        u = np.stack([a * (cosine - e), b * sine], axis=-1)
+        return u, np.stack([-a * E_rate * sine, b * E_rate * cosine], axis=-1)
+
+    return exact
+
+
+def eccentric_anomaly(M: np.ndarray, e: float) -> np.ndarray:
+    """E of Kepler's equation E - e sin E = M, for mean anomalies from -pi to pi.
+
+    For M >= 0 the left side is convex, so that Newton's method comes down from any bound above E without passing it,
+    and has ended where it no longer comes down.
+    """
+    sign, M = np.sign(M), np.abs(M)
+    E = np.minimum(np.minimum(M + e, M / (1 - e)), np.pi)
+    while True:
+        lower = np.minimum(E, E - (E - e * np.sin(E) - M) / (1 - e * np.cos(E)))
+        if not (lower < E).any():
+            return sign * E
+        E = lower
