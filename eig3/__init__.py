@@ -5,6 +5,7 @@ from typing import Any
 
 from ._version import __version__
 from .callbacks import jit
+from .critical import CriticalStep, NoCriticalStepError, critical_step
 from .integrate import IntegrationError, integrate
 from .methods import AB2, AB3, EIG3, METHODS, RK2, RK3, RK4, CentralDifference, Method
 from .plan import Plan, plan
@@ -21,14 +22,17 @@ __all__ = [
     "RK3",
     "RK4",
     "CentralDifference",
+    "CriticalStep",
     "IntegrationError",
     "Method",
+    "NoCriticalStepError",
     "Plan",
     "Problem",
     "Solution",
     "Status",
     "Stepper",
     "__version__",
+    "critical_step",
     "integrate",
     "jit",
     "plan",

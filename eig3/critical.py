@@ -23,6 +23,7 @@ _ROUND_OFF = 1e-8  # of the eigenvalues of one oscillator's step
 _COUPLED_ROUND_OFF = 1e-6  # of those of many
 _NEAR = 2e-3  # the accuracy to which the limit of modes that do not decouple is searched
 _SAME = 1e-3  # of an eigenvalue: far above what round-off does to a multiple one, far below what tells methods apart
+_SOLVED = 12  # directions of each kind, for an implicit method
 _SPAN = 100.0  # how far it is searched
 
 
@@ -131,7 +132,7 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
     if not np.abs(rates).max() > 0:
         raise NoCriticalStepError("nothing oscillates or decays at this state, so that every step is stable.")
     modes = _modes(system)
-    if modes is None and _sees_rates(method, system, rates):
+    if modes is None and method.evaluations is not None and _sees_rates(method, system, rates):
         modes = _oscillators_of(rates)
     limit, omega, xi = _coupled_limit(method, system, rates) if modes is None else _modal_limit(method, *modes)
     if math.isinf(limit):
@@ -218,6 +219,9 @@ def _sees_rates(method: Method, system: Linearised, rates: np.ndarray) -> bool:
 
 def _coupled_limit(method: Method, system: Linearised, rates: np.ndarray) -> tuple[float, float, float]:
     """The limit of modes that do not decouple, by the eigenvalues of the method's step of the projected system."""
+    if method.evaluations is None:
+        system = system.fastest(_SOLVED)  # a solve for each unit state of each step tried
+        rates = system.rates()
     fastest = rates[np.argmax(np.abs(rates))]
     omega = float(np.abs(fastest))
     xi = float(-fastest.real / omega)

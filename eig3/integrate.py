@@ -11,19 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import check_count, check_h, check_resolution, check_span
+from .divergence import before_divergence, divergence_message
 from .history import History
 from .interrupt import deferred_interrupt
 from .memory import check_history
 from .methods import Method
 from .progress import check_progress, progress_bar
 from .solution import Solution, Status
-from .stability import limit
 from .stepper import Stepper
 from .watch import Watch, watches_of
 
 _CHUNK_SECONDS = 0.1  # between looks at Ctrl-C and for divergence
 _CHUNK_GROWTH = 16
-_OVERFLOWING = 1e100  # states beyond this make a right-hand side infinite by themselves
 _SCRATCH_VALUES = 2**19  # of one array of states on which only invariants are evaluated: 4 MB, to stay in cache
 
 
@@ -106,7 +105,7 @@ def integrate(
     check_history(n_steps, every, np.size(u0))
     stepper = Stepper(rhs, u0, v0, h=h, t0=t0, params=params, method=method, inline=inline)
     history = History(n_steps, every, stepper)
-    watches = watches_of(invariants, stepper)
+    watches = watches_of(invariants, stepper, n_steps)
     with progress_bar(progress, n_steps) as advance_bar:
         solution = _run(stepper, n_steps, history, watches, advance_bar)
     if solution.success:
@@ -132,7 +131,7 @@ def _run(
     stepper: Stepper,
     n_steps: int,
     history: History,
-    watches: dict[str, Watch],
+    watches: list[Watch],
     tell: Callable[[int], object],
 ) -> Solution:
     status, message = Status.COMPLETED, "The run reached the end of its span."
@@ -150,7 +149,7 @@ def _run(
                 error.solution = _finish(stepper, history, watches, Status.INTERRUPTED, message)  # type: ignore[attr-defined]
                 raise
             if not stepper.is_finite:
-                stepper, message = _before_divergence(stepper)
+                stepper, message = before_divergence(stepper)
                 status = Status.DIVERGED
             elif taken < count:
                 status, message = _failed_solve(stepper)
@@ -163,7 +162,7 @@ def _run(
     return _finish(stepper, history, watches, status, message)
 
 
-def _advance(stepper: Stepper, count: int, history: History, watches: dict[str, Watch]) -> int:
+def _advance(stepper: Stepper, count: int, history: History, watches: list[Watch]) -> int:
     """Take `count` steps, keep the rows asked for, and follow the invariants over every one."""
     first = stepper.index
     u_rows, v_rows = history.window(first, count)
@@ -178,8 +177,8 @@ def _advance(stepper: Stepper, count: int, history: History, watches: dict[str, 
         kept = slice(history.every - 1 - first % history.every, taken, history.every)
         u_rows[: len(u_all[kept])], v_rows[: len(v_all[kept])] = u_all[kept], v_all[kept]
     finite = taken if stepper.is_finite else _count_finite(u_all[:taken], v_all[:taken])
-    for watch in watches.values():
-        watch.follow(first + 1, u_all[:finite], v_all[:finite])
+    for watch in watches:
+        watch.follow(u_all[:finite], v_all[:finite])
     return taken
 
 
@@ -194,48 +193,10 @@ def _next_count(count: int, seconds: float) -> int:
     return max(1, int(count * _CHUNK_SECONDS / seconds))
 
 
-def _before_divergence(stepper: Stepper) -> tuple[Stepper, str]:
-    """Bisect the last chunk for its last finite state; chunks agree bit for bit, so the search is exact."""
-    bad_index, seconds = stepper.index, stepper.seconds
-    stepper.back()
-    while bad_index - stepper.index > 1:
-        middle = stepper.fork()
-        middle.advance((bad_index - stepper.index) // 2)
-        if middle.is_finite:
-            stepper = middle
-        else:
-            bad_index = middle.index
-    bad = stepper.fork()
-    bad.advance(1)
-    stepper.seconds = seconds
-    return stepper, _divergence_message(stepper, _first_not_finite(bad.u, bad.v))
-
-
-def _first_not_finite(*arrays: Any) -> int:
-    finite = np.all([np.isfinite(np.atleast_1d(array)) for array in arrays], axis=0)
-    return int(np.argmin(finite))
-
-
-def _divergence_message(stepper: Stepper, degree: int) -> str:
-    where = "" if np.ndim(stepper.u) == 0 else f" in degree of freedom {degree}"
-    what = f"The run became non-finite at t = {stepper.t + stepper.h:g}{where}, with h = {stepper.h:g}"
-    a = stepper.acceleration(stepper.t, stepper.u, stepper.v)
-    if max(np.abs(stepper.u).max(), np.abs(stepper.v).max()) < _OVERFLOWING and not np.isfinite(a).all():
-        culprit = np.atleast_1d(a)[_first_not_finite(a)]
-        return f"{what}: rhs gives {culprit} at t = {stepper.t:g}, where u and v are the last of the solution."
-    bound = limit(stepper.method)
-    if bound == 0:
-        return f"{what}: {stepper.method!r} is unstable for undamped oscillations at every step."
-    return (
-        f"{what}: {stepper.method!r} is unstable for undamped frequencies above {bound / stepper.h:.4g} "
-        f"(omega h = {bound:.4g}); a smaller h may hold."
-    )
-
-
 def _failed_solve(stepper: Stepper) -> tuple[Status, str]:
     t = stepper.t + stepper.h
     if not math.isfinite(stepper.residual):
-        return Status.DIVERGED, _divergence_message(stepper, stepper.failed_degree)
+        return Status.DIVERGED, divergence_message(stepper, stepper.failed_degree)
     remedies = ["a smaller h", "more max_iterations", "a larger tol"]
     if getattr(stepper.method, "solver", "newton") != "newton":
         remedies.append("solver='newton'")
@@ -245,7 +206,7 @@ def _failed_solve(stepper: Stepper) -> tuple[Status, str]:
     )
 
 
-def _finish(stepper: Stepper, history: History, watches: dict[str, Watch], status: Status, message: str) -> Solution:
+def _finish(stepper: Stepper, history: History, watches: list[Watch], status: Status, message: str) -> Solution:
     t, u, v = history.close(stepper)
     return Solution(
         t=t,
@@ -259,5 +220,15 @@ def _finish(stepper: Stepper, history: History, watches: dict[str, Watch], statu
         message=message,
         kernel_seconds=stepper.seconds,
         method=stepper.method,
-        drift={name: watch.drift for name, watch in watches.items()},
+        drift={watch.name: watch.drift for watch in watches},
+        notes=tuple(_growth_note(watch, stepper) for watch in watches if watch.growth and status is Status.COMPLETED),
+    )
+
+
+def _growth_note(watch: Watch, stepper: Stepper) -> str:
+    amount = f"by {100 * watch.growth:.2g} %" if watch.growth < 1 else f"to {1 + watch.growth:.3g} times its size"
+    amount = amount if math.isfinite(watch.growth) else "beyond the largest number there is,"
+    return (
+        f"{watch.name} grows steadily, {amount} over the run, as where {stepper.method!r} is slowly unstable; "
+        "a smaller h grows less, and a method that is stable at this step not at all."
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .linear import linearise
 from .methods import METHODS, CentralDifference, Method
 from .problem import Problem
 from .solution import Solution, Status
@@ -23,7 +24,6 @@ _ORDER_TOLERANCE = 0.4  # between the order of a method and that seen, where its
 _UNSTABLE = 5.0  # a relative error that is that of an unstable run
 _CONVERGING = 0.2  # relative errors above this say nothing of those at smaller steps
 _NEAR = 10  # times the accuracy: from there an error is extrapolated without looking further
-_POWER_ITERATIONS = 10
 _LAST_TRIALS = 12
 _PARTS = (1, 1 / 8, 1 / 64)  # of the span
 _FURTHEST = 1e4  # times smaller than a pilot's step: what its error is extrapolated to at most
@@ -395,19 +395,9 @@ def _every(problem: Problem, n_steps: int) -> int:
 
 
 def _fastest(problem: Problem) -> float:
-    """Near the highest angular frequency at the start, by power iteration on differences of the acceleration."""
+    """The highest rate of vibration or decay at the start, in rad by unit of time."""
     stepper = problem.stepper(h=1.0, method="rk4")
-    t, u, v = stepper.t, stepper.u, stepper.v
-    a = stepper.acceleration(t, u, v)
-    shift = np.random.default_rng(1).standard_normal(np.shape(u))
-    small, square = 1e-6 * (float(np.max(np.abs(u))) or 1.0), 0.0
-    for _ in range(_POWER_ITERATIONS):
-        step = small * shift / np.linalg.norm(np.atleast_1d(shift))
-        change = stepper.acceleration(t, u + (step if np.ndim(u) else float(step)), v) - a
-        if not (np.isfinite(change).all() and np.any(change)):
-            break
-        square, shift = float(np.linalg.norm(np.atleast_1d(change)) / small), change
-    return math.sqrt(square)
+    return float(np.abs(linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v).rates()).max())
 
 
 def _record(problem: Problem, method: str | Method) -> Method:

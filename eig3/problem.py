@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import check_method
+from .critical import CriticalStep, critical_step
 from .integrate import integrate
 from .methods import Method
 from .solution import Solution
@@ -68,6 +69,14 @@ class Problem:
         """The problem at its start, prepared to advance."""
         options: dict[str, Any] = {"t0": self.t_span[0], "params": self.params, "inline": inline}
         return Stepper(self.rhs, self.u0, self.v0, h=h, method=self.method(method), **options)
+
+    def critical_step(
+        self, *, method: str | Method = "eig3", t: float | None = None, safety: float = 0.9
+    ) -> CriticalStep:
+        """The longest stable step about the start, as `eig3.critical_step` finds it."""
+        time = self.t_span[0] if t is None else t
+        options: dict[str, Any] = {"method": self.method(method), "t": time, "safety": safety}
+        return critical_step(self.rhs, self.u0, self.v0, self.params, **options)
 
     def energy_of(self, u: ArrayLike, v: ArrayLike) -> float:
         """The energy of a state at ``t_span[0]``."""

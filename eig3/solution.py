@@ -47,6 +47,8 @@ class Solution:
     kernel_seconds : float
         Time inside the stepping kernel: no compiling, no invariants.
     method : Method
+    notes : tuple of str
+        What a finite run does not show by itself: an invariant that grows steadily.
     """
 
     t: np.ndarray
@@ -61,6 +63,7 @@ class Solution:
     kernel_seconds: float
     method: Method
     drift: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def success(self) -> bool:
@@ -116,4 +119,5 @@ class Solution:
         ]
         lines += [f"  drift of {name}: {value:.4g}" for name, value in self.drift.items()]
         lines += [f"  {self.message}"] * (not self.success)
+        lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)

@@ -72,6 +72,7 @@ class Stepper:
         self._callbacks = [check_callback(rhs, "rhs", self.form)]
         if self.method.jacobian is not None:
             self._callbacks.append(check_callback(self.method.jacobian, "jacobian", self.form))
+        self._start = u, v
         a = self._first_acceleration(u, v)
         past = self.method.module.start(u, v, a, self.h)
         if self.form is SCALAR:
@@ -189,6 +190,11 @@ class Stepper:
         np.copyto(other._state, self._state)
         other._state_before, other._tally_before = self._state_before.copy(), self._tally_before.copy()
         return other
+
+    def restarted(self, h: float) -> Stepper:
+        """A new stepper at the start, with another step."""
+        options: dict[str, Any] = {"t0": self.t0, "params": self.params, "method": self.method, "inline": self.inline}
+        return Stepper(self._callbacks[0], *self._start, h=h, **options)
 
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
         """f(t, u, v): a float, or a new array of shape (n,)."""

@@ -16,7 +16,7 @@ from typing import Any
 
 import numba
 from numba.core.errors import NumbaExperimentalFeatureWarning
-from numba.types import Array, FunctionType, Tuple, float64, int64, none
+from numba.types import Array, FunctionType, Tuple, UniTuple, float64, int64, none
 
 # "contract" lets LLVM fuse a*b + c; "nsz" ignores the sign of zero. Full fastmath would delete tests for NaN and
 # infinity. The NumPy error model makes 1/0 infinite: Python's raises, and its check keeps loops from being vectorised.
@@ -83,11 +83,9 @@ def inline_kernel(function: Callable) -> Any:
 
 @functools.cache
 def invariant_kernel(function: Callable, form: Form) -> Any:
-    """Compile the loop along an invariant, called as ``kernel(invariant, e0, t0, h, p, first, u_rows, v_rows)``."""
-    return _compile(
-        function,
-        float64(FunctionType(form.invariant), float64, float64, float64, _vector, int64, form.rows, form.rows),
-    )
+    """Compile the loop along an invariant, called as ``kernel(invariant, t0, h, p, first, u_rows, v_rows)``."""
+    arguments = float64, float64, _vector, int64, form.rows, form.rows
+    return _compile(function, UniTuple(float64, 2)(FunctionType(form.invariant), *arguments))
 
 
 def _compile(function: Callable, signature: Any) -> Any:
