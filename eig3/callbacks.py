@@ -22,7 +22,8 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
 
     As always with Numba, globals keep the value they had when the function was compiled, so that what may change
     belongs in the parameters; and an index out of bounds is not noticed, unless the environment variable
-    NUMBA_BOUNDSCHECK is 1 when the program starts.
+    NUMBA_BOUNDSCHECK is 1 when the program starts. A function cached with ``cache=True`` is then to be cached anew, in
+    an empty NUMBA_CACHE_DIR: Numba would load the unchecked one.
     """
     options = {**OPTIONS, **options}
     return numba.njit(**options) if function is None else numba.njit(**options)(function)

@@ -98,7 +98,7 @@ def _reals(value: Any, name: str) -> np.ndarray:
     """A new contiguous array of float64."""
     try:
         array = np.asarray(value)
-        if array.dtype.kind not in "buif":
+        if array.dtype.kind not in "buif" or np.ma.is_masked(value):
             raise TypeError
         return np.array(array, dtype=np.float64, order="C")
     except (TypeError, ValueError):

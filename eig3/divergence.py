@@ -55,10 +55,12 @@ def divergence_message(last: Stepper, degree: int, moderate: Stepper | None = No
     """
     where = "" if np.ndim(last.u) == 0 else f" in degree of freedom {degree}"
     what = f"The run became non-finite at t = {last.t + last.h:g}{where}, with h = {last.h:g}"
-    a = last.acceleration(last.t, last.u, last.v)
-    if _size(last) < _OVERFLOWING and not np.isfinite(a).all():
-        culprit = np.atleast_1d(a)[_first_not_finite(a)]
-        return f"{what}: rhs gives {culprit} at t = {last.t:g}, where u and v are the last of the solution."
+    if _size(last) < _OVERFLOWING:
+        for t in (last.t, last.t + last.h / 2, last.t + last.h):  # where a step looks
+            a = last.acceleration(t, last.u, last.v)
+            if not np.isfinite(a).all():
+                culprit = np.atleast_1d(a)[_first_not_finite(a)]
+                return f"{what}: rhs gives {culprit} at t = {t:g}, for the last u and v of the solution."
     late, why_late = _critical(moderate or last)
     start, why_start = _critical(last.restarted(last.h))
     if late and start and abs(late.limit - start.limit) < _SAME * start.limit:

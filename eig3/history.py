@@ -17,6 +17,7 @@ class History:
         self.u[0], self.v[0] = u, v
         self._t = np.arange(rows, dtype=np.float64)  # made here, in place, so that memory runs out before the run
         self._t *= every
+        self._t[-1] = n_steps
         self._t *= stepper.h
         self._t += stepper.t0
 

@@ -96,14 +96,20 @@ def integrate(
     -----
     An exception raised by rhs comes through, with the part of the run up to the chunk that it ended as its attribute
     `solution`. `Stepper` is the same run in the caller's own chunks.
+
+    A rhs that changes u, v or p where the run starts, or p anywhere, is a ValueError. One that changes u or v only
+    later changes the motion, and nothing tells: those are the arrays that the method works on. An index out of bounds
+    of a, u, v or p is not noticed either, and overwrites whatever is there, unless NUMBA_BOUNDSCHECK=1 is set before
+    Python starts: it is then an IndexError. Numba's own ``cache=True`` does not tell checked code from unchecked, so
+    that such a rhs needs an empty NUMBA_CACHE_DIR as well.
     """
     t0, t1 = check_span(t_span)
     n_steps, h = divide(t1 - t0, check_h(h))
     check_resolution(h, t0, t1)
     every = n_steps if save_every is None else min(check_count(save_every, "save_every"), n_steps)
     check_progress(progress)
-    check_history(n_steps, every, np.size(u0))
     stepper = Stepper(rhs, u0, v0, h=h, t0=t0, params=params, method=method, inline=inline)
+    check_history(n_steps, every, np.size(stepper.u))
     history = History(n_steps, every, stepper)
     watches = watches_of(invariants, stepper, n_steps)
     with progress_bar(progress, n_steps) as advance_bar:
@@ -123,7 +129,8 @@ def divide(span: float, h: float) -> tuple[int, float]:
             f"h must be at least {span / 2**53:.3g} for this t_span, so that steps can be counted, not {h}."
         )
     # a step that divides the span but for round-off must not take one more step
-    n_steps = max(1, math.ceil(ratio * (1 - 1e-12)))
+    nearest = round(ratio)
+    n_steps = max(1, nearest if math.isclose(ratio, nearest, rel_tol=1e-12) else math.ceil(ratio))
     return n_steps, span / n_steps
 
 
@@ -135,7 +142,7 @@ def _run(
     tell: Callable[[int], object],
 ) -> Solution:
     status, message = Status.COMPLETED, "The run reached the end of its span."
-    count = 1
+    count, params = 1, stepper.params.copy()
     with deferred_interrupt() as interrupt:
         while stepper.index < n_steps:
             count = min(count, n_steps - stepper.index)
@@ -144,6 +151,9 @@ def _run(
             first, begin = stepper.index, time.perf_counter()
             try:
                 taken = _advance(stepper, count, history, watches)
+                if not np.array_equal(stepper.params, params, equal_nan=True):
+                    stepper.back()
+                    raise ValueError("p changed in the run; rhs, jacobian and invariants may only read it.")
             except Exception as error:
                 message = f"The right-hand side or an invariant raised {type(error).__name__} after t = {stepper.t:g}."
                 error.solution = _finish(stepper, history, watches, Status.INTERRUPTED, message)  # type: ignore[attr-defined]

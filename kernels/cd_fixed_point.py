@@ -25,10 +25,11 @@ def step_scalar(f, t, y, c, h, p):
         v = v_next
         tally[0] += 1
         tally[1] += 1
-        if is_solved(change, tally[2], abs(v) + abs(w), abs(u), tolerance, h):
-            return (u, v, w), True
-        if not math.isfinite(change):
+        scale = abs(v) + abs(w)
+        if not math.isfinite(change + scale):
             break
+        if is_solved(change, tally[2], scale, abs(u), tolerance, h, 1):
+            return (u, v, w), True
         tally[2] = change
     return (u, v, w), False
 
@@ -54,10 +55,10 @@ def step_vector(f, t, y, c, h, p, n):
             scale += abs(v_next) + abs(w[j])
             size += abs(u[j])
             v[j] = v_next
-        if is_solved(change, tally[2], scale, size, tolerance, h):
-            return True
-        if not math.isfinite(change):
+        if not math.isfinite(change + scale + size):
             break
+        if is_solved(change, tally[2], scale, size, tolerance, h, n):
+            return True
         tally[2] = change
     tally[3] = first_not_finite(v)
     for j in range(n):  # the state stays what the last good step left

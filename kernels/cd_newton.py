@@ -15,7 +15,9 @@ from .jit import element
 from .march import march_scalar, march_vector
 
 ROUND_OFF = 2.0**-50  # four units in the last place
+DENORMAL_ROUND_OFF = 2.0**-1072  # the same below the normal numbers, where it does not shrink with the number
 RELATIVE_INCREMENT = 2.0**-26  # the square root of the machine epsilon: balances truncation against round-off
+SMALLEST_NORMAL = 2.0**-1022
 
 
 @element
@@ -27,7 +29,7 @@ def move(u, v, w, h):
 @element
 def increment(v, scale):
     size = RELATIVE_INCREMENT * max(abs(v), scale)
-    return size if size > 0 else RELATIVE_INCREMENT
+    return size if size >= SMALLEST_NORMAL else RELATIVE_INCREMENT
 
 
 @element
@@ -46,10 +48,11 @@ def solve_scalar(f, jacobian, t, u, v, w, tolerance, limit, tally, h, p):
         a = f(t, u, v, p)
         residual = v - w - h / 2 * a
         scale = abs(v) + abs(w)
-        if iteration > 0 and is_solved(abs(residual), tally[2], scale, abs(u), tolerance, h):
+        finite = math.isfinite(residual + scale)
+        if iteration > 0 and finite and is_solved(abs(residual), tally[2], scale, abs(u), tolerance, h, 1):
             count(tally, iteration, differenced)
             return v - residual / (1 - h / 2 * slope), True
-        if iteration >= limit or not math.isfinite(residual):
+        if iteration >= limit or not finite:
             count(tally, iteration, differenced)
             return v, False
         tally[2] = abs(residual)
@@ -76,11 +79,12 @@ def solve_vector(f, jacobian, t, u, v, w, a, perturbed, residual, c, h, p, n):
             norm += abs(residual[j])  # a sum, since a maximum may pass over a NaN
             scale += abs(v[j]) + abs(w[j])
             size += abs(u[j])
-        if iteration > 0 and is_solved(norm, tally[2], scale, size, tolerance, h):
+        finite = math.isfinite(norm + scale + size)
+        if iteration > 0 and finite and is_solved(norm, tally[2], scale, size, tolerance, h, n):
             correct(v, n, residual, matrix, row_swaps, column_swaps)
             count(tally, iteration, differenced)
             return True
-        if iteration >= limit or not math.isfinite(norm):
+        if iteration >= limit or not finite:
             break
         tally[2] = norm
         if jacobian is None:
@@ -102,10 +106,12 @@ def solve_vector(f, jacobian, t, u, v, w, a, perturbed, residual, c, h, p, n):
 
 
 @element
-def is_solved(residual, last, speed, size, tolerance, h):
+def is_solved(residual, last, speed, size, tolerance, h, n):
     # The second test is for a system at rest under load, where all that is left of v is the round-off of f: iterating
-    # does not lessen it, and it moves u by less than the round-off of u.
-    return residual <= tolerance * speed or (residual > last / 2 and h * residual <= ROUND_OFF * size)
+    # does not lessen it, and it moves u by less than the round-off of u. The third is for v or h f that are denormal.
+    if residual <= tolerance * speed:
+        return True
+    return residual > last / 2 and (h * residual <= ROUND_OFF * size or residual <= n * (1 + h) * DENORMAL_ROUND_OFF)
 
 
 @element

@@ -100,10 +100,13 @@ def _compile(function: Callable, signature: Any) -> Any:
 
 
 def cached(function: Callable, signature: Any = None, **options: Any) -> Any:
-    """Compile with the disk cache, or without where there is no place for it."""
+    """Compile with the disk cache, or without where there is no place for it, and where indices are to be checked.
+
+    Numba's cache does not tell checked code from unchecked: each would be loaded for the other.
+    """
     options = options or OPTIONS
     try:
-        return numba.njit(signature, cache=True, **options)(function)
+        return numba.njit(signature, cache=not numba.config.BOUNDSCHECK, **options)(function)
     except RuntimeError as error:
         if "cannot cache" not in str(error):
             raise
