@@ -14,7 +14,7 @@ from .rivals import RIVALS
 if TYPE_CHECKING:
     from .paper import Result
 
-_STYLE = {
+STYLE = {
     "eig3": ("C3", "o"),
     "cd": ("C0", "s"),
     "cd newton": ("C0", "s"),
@@ -43,7 +43,7 @@ def work_precision(result: Result, path: Path) -> None:
         cells = [cell for cell in result.cells if cell.method == method]
         shown = [cell for cell in cells if cell.error < _BLOWN_UP]
         outside += [f"{cell.label} h = {cell.h:g} ({cell.error:.1e})" for cell in cells if cell not in shown]
-        color, marker = _STYLE[method]
+        color, marker = STYLE[method]
         times, errors = [cell.mean for cell in shown], [cell.error for cell in shown]
         axes.loglog(times, errors, color=color, marker=marker, label=cells[0].label, alpha=0.85)
     for cell in (cell for cell in result.cells if cell.method == "eig3" and cell.error < _BLOWN_UP):
@@ -74,7 +74,7 @@ def precision(result: precision_set.Result, path: Path) -> None:
     grid = figure.subplots(len(metrics), 2, sharey="row", squeeze=False)
     for row, metric in zip(grid, metrics, strict=True):
         for method, label in result.methods.items():
-            color, marker = _STYLE[method]
+            color, marker = STYLE[method]
             dashes = "--" if method in RIVALS else "-"
             points = [p for p in result.of(method) if p.stable and metric in p.errors and p.errors[metric] > 0]
             errors = [p.errors[metric] for p in points]

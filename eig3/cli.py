@@ -86,6 +86,14 @@ def _parser() -> argparse.ArgumentParser:
     _add_problem_option(hits)
     hits.set_defaults(run=_hits)
 
+    stability = benchmarks.add_parser(
+        "stability",
+        help="stability limits, and the article's figures",
+        description="Stability limits in closed form, by eigenvalues and by runs; the article's figures 1-7 and 9.",
+    )
+    stability.add_argument("--out", type=_folder, metavar="DIR", help="write stability.md and pictures there")
+    stability.set_defaults(run=_stability)
+
     report = benchmarks.add_parser(
         "report",
         help="everything on one page",
@@ -186,6 +194,13 @@ def _hits(arguments: argparse.Namespace) -> int:
     from .bench import hits
 
     hits.run(only=arguments.problems)
+    return 0
+
+
+def _stability(arguments: argparse.Namespace) -> int:
+    from .bench import stability
+
+    stability.run(out=arguments.out)
     return 0
 
 

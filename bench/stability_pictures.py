@@ -1,0 +1,301 @@
+"""Pictures of stability: the article's figures 1-7 and 9, and the limits under physical damping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from eig3 import problems
+from eig3.methods import METHODS, Method
+from eig3.problem import Problem
+from eig3.stability import damping_ratio, limit, period_error, spectral_radius, stable_region
+
+from .pictures import STYLE
+from .stability import DAMPED, EIG3_SETS, UNSTABLE_SETS, evaluations_per_step
+
+_OMEGA = r"$\Omega = \omega h$ (rad)"
+_RADIUS = r"spectral radius $\rho$ (-)"
+_DAMPING = r"algorithmic damping ratio $\bar\xi$ (-)"
+_PERIOD = r"relative period error $(T_h - T)/T$ (%)"
+_SET_STYLE = {
+    "EIG-3(1, 1/2)": (STYLE["eig3"][0], "-"),
+    "EIG-3(1.2, 1/2)": ("C1", "-"),
+    "EIG-3(1.5, 1/2)": ("C4", "-"),
+    "EIG-3(2, 1/2)": ("C5", "-"),
+    "EIG-3(1.2, 0.6)": ("C0", "--"),
+    "EIG-3(2, 1)": ("C2", "--"),
+    "EIG-3(1, 0.6)": ("0.3", ":"),
+    "EIG-3(0.8, 1/2)": ("C0", "-"),
+    "EIG-3(1/2, 1/2)": ("C2", "-"),
+    "EIG-3(1/3, 1/2)": ("C1", "-"),
+    "EIG-3(0, 0)": ("0.3", "--"),
+}
+_FOUR_STEPS = (0.4, 0.49, 0.5, 0.501)  # s
+_SHOWN = 20.0  # s of the 1000
+_DENSE = 400
+
+
+def save(figure: Figure, path: Path) -> None:
+    """As `path`.png and `path`.svg, without the date that an SVG carries by itself."""
+    figure.savefig(path.with_suffix(".png"), dpi=130)
+    figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
+
+
+def regions() -> Figure:
+    figure = Figure(figsize=(11.5, 5.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    Omega, weight = np.linspace(0.005, 2.4, 480), np.linspace(0, 2.5, 251)
+    color = STYLE["eig3"][0]
+
+    _region(left, Omega, weight, stable_region(Omega, weight[:, None], 0.5))
+    alpha = np.linspace(1, 2.5, _DENSE)
+    left.plot(np.sqrt(2 / (alpha - 0.5)), alpha, "k--", label=r"$\Omega = \sqrt{2/(\alpha - 1/2)}$")
+    left.plot(2, 1, color=color, marker="o", linestyle="none", label="EIG-3(1, 1/2)")
+    left.set(ylabel=r"$\alpha$ (-)", title=r"(a) $\beta = 1/2$")
+
+    is_line = weight[:, None] == 0.5  # which would be as thick as the grid
+    _region(right, Omega, weight, stable_region(Omega, 1.0, weight[:, None]) & ~is_line)
+    beta = np.linspace(0, 2.5, _DENSE)
+    right.plot(1 / np.sqrt(beta + 0.5), beta, "k--", label=r"$\Omega = 1/\sqrt{\beta + 1/2}$")
+    beta = np.linspace(0, 0.5, _DENSE)
+    right.plot(np.sqrt(2 / (1 - beta)), beta, "k:", label=r"$\Omega = \sqrt{2/(1 - \beta)}$")
+    right.plot([0, 2], [0.5, 0.5], color=color, marker="o", markevery=[1], linewidth=2.5, label="EIG-3(1, 1/2)")
+    right.set(ylabel=r"$\beta$ (-)", title=r"(b) $\alpha = 1$")
+
+    for axes in (left, right):
+        axes.legend(loc="upper right")
+    figure.suptitle("Figure 1: where EIG-3 is stable on the undamped oscillator")
+    return figure
+
+
+def _region(axes: Axes, Omega: np.ndarray, weight: np.ndarray, region: np.ndarray) -> None:
+    axes.contourf(Omega, weight, region, levels=[0.5, 1.5], colors=[STYLE["eig3"][0]], alpha=0.25)
+    axes.fill([], [], color=STYLE["eig3"][0], alpha=0.25, label="stable")
+    axes.set(xlim=(0, 2.4), ylim=(0, 2.5), xlabel=_OMEGA)
+    axes.grid(alpha=0.35)
+
+
+def sets_radius() -> Figure:
+    figure, (left, right) = _two_panels("Figure 2: spectral radius of EIG-3")
+    Omega = np.linspace(0.005, 2.4, _DENSE)
+    for label, method in EIG3_SETS.items():
+        _set_curve(left, label, Omega, spectral_radius(method, Omega))
+        left.plot(limit(method), 1, marker="o", color=_SET_STYLE[label][0])
+    for label, method in UNSTABLE_SETS.items():
+        _set_curve(right, label, Omega[Omega < 2], spectral_radius(method, Omega[Omega < 2]))
+    left.set(xlim=(0, 2.4), ylim=(0.3, 1.6))
+    right.set(xlim=(0, 2.0))
+    for axes in (left, right):
+        axes.set(xlabel=_OMEGA, ylabel=_RADIUS)
+        axes.legend(loc="upper left")
+    return figure
+
+
+def sets_damping() -> Figure:
+    return _sets("Figure 3: algorithmic damping ratio of EIG-3", damping_ratio, _DAMPING, 1.0)
+
+
+def sets_period() -> Figure:
+    return _sets("Figure 4: relative period error of EIG-3", period_error, _PERIOD, 100.0)
+
+
+def _sets(title: str, function: Callable[[Method, np.ndarray], np.ndarray], ylabel: str, unit: float) -> Figure:
+    """A quantity of the principal root, to the limit of each set, and to 1 where there is none."""
+    figure, (left, right) = _two_panels(title)
+    for label, method in EIG3_SETS.items():
+        Omega = _up_to(limit(method))
+        _set_curve(left, label, Omega, unit * function(method, Omega))
+    Omega = _up_to(1.0)
+    for label, method in UNSTABLE_SETS.items():
+        _set_curve(right, label, Omega, unit * function(method, Omega))
+    for axes in (left, right):
+        axes.set(xlabel=_OMEGA, ylabel=ylabel)
+        axes.set_xlim(left=0)
+        axes.legend(loc="best")
+    return figure
+
+
+def _two_panels(title: str) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(12, 5), layout="constrained")
+    panels = figure.subplots(1, 2)
+    for axes, heading in zip(panels, ("sets that have a limit", "sets without a stable step"), strict=True):
+        axes.set_title(heading, fontsize=11)
+        axes.grid(alpha=0.35)
+    figure.suptitle(f"{title} for several " + r"$(\alpha, \beta)$")
+    return figure, panels
+
+
+def _set_curve(axes: Axes, label: str, Omega: np.ndarray, values: np.ndarray) -> None:
+    color, line = _SET_STYLE[label]
+    axes.plot(Omega, values, color=color, linestyle=line, linewidth=1.8, label=label)
+
+
+def _up_to(bound: float) -> np.ndarray:
+    """From near zero to just below a limit, where the pair of roots may become real."""
+    return np.linspace(0.005, bound * (1 - 1e-6), _DENSE)
+
+
+def methods_radius() -> Figure:
+    figure, axes = _one_panel("Figure 5: spectral radius of the methods")
+    Omega = np.linspace(0.005, 3.1, 2 * _DENSE)
+    _methods(axes, lambda method, bound: (Omega, spectral_radius(method, Omega)))
+    for name, method in _free_methods().items():
+        if limit(method):
+            color, marker = STYLE[name]
+            axes.plot(limit(method), 1, marker=marker, color=color, markersize=13 if name == "eig3" else 7, zorder=3)
+    axes.set(xlim=(0, 3.1), ylim=(0.4, 1.8), ylabel=_RADIUS)
+    axes.legend(loc="upper left")
+    return figure
+
+
+def methods_damping() -> Figure:
+    figure, axes = _one_panel("Figure 6: algorithmic damping ratio of the methods")
+    _methods(axes, lambda method, bound: (x := _up_to(bound), damping_ratio(method, x)))
+    axes.set(xlim=(0, 3.1), ylabel=_DAMPING)
+    axes.legend(loc="best")
+    return figure
+
+
+def methods_period() -> Figure:
+    figure, axes = _one_panel("Figure 7: relative period error of the methods")
+    _methods(axes, lambda method, bound: (x := _up_to(bound), 100 * period_error(method, x)))
+    axes.set(xlim=(0, 3.1), ylabel=_PERIOD)
+    axes.legend(loc="best")
+    return figure
+
+
+def _one_panel(title: str) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    axes = figure.subplots()
+    axes.set_xlabel(_OMEGA)
+    axes.grid(alpha=0.35)
+    axes.set_title(title + ", undamped oscillator", fontsize=11)
+    return figure, axes
+
+
+def _free_methods() -> Mapping[str, Method]:
+    return {name: METHODS[name]().without_velocity() for name in ("eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3")}
+
+
+def _methods(axes: Axes, curve: Callable[[Method, float], tuple[np.ndarray, np.ndarray]]) -> None:
+    """A curve for each method, which may go to its limit; CD is EIG-3 here, a dashed line that lets it be seen."""
+    lines: dict[str, dict[str, Any]] = {"eig3": {"linewidth": 4, "alpha": 0.6}, "cd": {"linestyle": "--", "zorder": 3}}
+    labels = {"eig3": "EIG-3(1, 1/2)", "rk4": "RK4 (not in the article)"}
+    for name, method in _free_methods().items():
+        style = {"color": STYLE[name][0], "linewidth": 1.8, **lines.get(name, {})}
+        axes.plot(*curve(method, limit(method) or 1.0), label=labels.get(name, method.label), **style)
+
+
+def four_steps() -> Figure:
+    figure = Figure(figsize=(12, 7.2), layout="constrained")
+    fine = np.linspace(0, _SHOWN, 2001)
+    problem = problems.single_dof()
+    grid = figure.subplots(2, 2)
+    for axes, h in zip(grid.flat, _FOUR_STEPS, strict=True):
+        t, u = _run(problem, h)
+        axes.plot(fine, np.cos(4 * fine), color="0.65", label=r"exact: $\cos \omega t$")
+        axes.plot(t, u, color=STYLE["eig3"][0], marker="o", markersize=3.5, linewidth=1, label="EIG-3(1, 1/2)")
+        rho = spectral_radius("eig3", 4 * h)
+        axes.set_title(rf"$h = {h:g}$ s, $\omega h = {4 * h:g}$, $\rho = {rho:.3f}$", fontsize=11)
+        axes.set(xlim=(0, _SHOWN), xlabel="time (s)", ylabel="displacement (m)")
+        axes.grid(alpha=0.35)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    figure.suptitle(
+        r"Figure 9: EIG-3 around its limit $h = 0.5$ s: $\omega = 4$ rad/s, $\xi = 0$, $u_0 = 1$ m, at rest"
+    )
+    return figure
+
+
+def _run(problem: Problem, h: float) -> tuple[np.ndarray, np.ndarray]:
+    n_steps = int(_SHOWN / h)
+    u, v = np.empty(n_steps), np.empty(n_steps)
+    problem.stepper(h=h).advance(n_steps, 1, u, v)  # not integrate, which fits h to the span
+    return h * np.arange(n_steps + 1), np.concatenate([[problem.u0], u])
+
+
+_DAMPED_STYLE = {
+    "EIG-3(1, 1/2)": ("eig3", "-"),
+    "EIG-3(1.2, 1/2)": ("eig3", "--"),
+    "CD implicit": ("cd", "-"),
+    "CD lagged": ("cd", "--"),
+    **{name: (name.lower(), "-") for name in ("RK2", "RK3", "RK4", "AB2", "AB3")},
+}
+
+
+def damped_limits() -> Figure:
+    figure = Figure(figsize=(12, 5.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    dampings = np.concatenate([np.geomspace(1e-3, 0.2, 14), np.linspace(0.25, 2, 36)])  # corners near xi = 1
+    for case in DAMPED:
+        name, line = _DAMPED_STYLE[case.label]
+        limits = np.array([limit(case.method, xi) for xi in dampings.tolist()])
+        cost = [
+            evaluations_per_step(case.method, xi, 0.95 * bound)
+            for xi, bound in zip(dampings.tolist(), limits.tolist(), strict=True)
+        ]
+        style = {"color": STYLE[name][0], "linestyle": line, "linewidth": 1.8}
+        left.semilogx(dampings, limits, label=case.label, **style)
+        right.semilogx(dampings, limits / cost, label=f"{case.label} ({np.mean(cost):.2g})", **style)
+    left.set_ylabel(r"limit of $\Omega = \omega h$ (rad)")
+    right.set_ylabel(r"limit of $\Omega$ by evaluations per step (rad)")
+    for axes, title in ((left, "by step"), (right, "by evaluation (evaluations per step in brackets)")):
+        axes.set(xlim=(1e-3, 2), xlabel=r"physical damping ratio $\xi$ (-)")
+        axes.set_ylim(bottom=0)
+        axes.set_title(title, fontsize=11)
+        axes.grid(which="major", alpha=0.35)
+    figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    figure.suptitle("Stability limits under physical damping")
+    return figure
+
+
+_ENDS = "A curve ends at the limit, or before it where the principal pair of roots becomes real"
+
+#: The file of each picture, what draws it, and what to say of it.
+PICTURES: dict[str, tuple[Callable[[], Figure], str]] = {
+    "figure1": (
+        regions,
+        "Figure 1. Where EIG-3 is stable, undamped. (a) beta = 1/2: from alpha = 1 upwards. (b) alpha = 1: above "
+        "beta = 1/2 up to 1/sqrt(beta + 1/2); on the line beta = 1/2 itself up to 2; below it only between two limits, "
+        "so that no small step is stable.",
+    ),
+    "figure2": (
+        sets_radius,
+        "Figure 2. Spectral radius of EIG-3; dots mark the limits. On the left only (1, 1/2) keeps the radius 1 all "
+        "the way; the sets on the right exceed it at every step.",
+    ),
+    "figure3": (
+        sets_damping,
+        f"Figure 3. Algorithmic damping ratio of EIG-3. {_ENDS}; on the right, where there is no limit, at "
+        "Omega = 1. A negative ratio is growth.",
+    ),
+    "figure4": (sets_period, f"Figure 4. Relative period error of EIG-3. {_ENDS}; on the right at Omega = 1."),
+    "figure5": (
+        methods_radius,
+        "Figure 5. Spectral radius of the methods; markers stand at the limits. EIG-3(1, 1/2) and CD coincide. RK2 and "
+        "AB2 exceed 1 at every step.",
+    ),
+    "figure6": (
+        methods_damping,
+        f"Figure 6. Algorithmic damping ratio of the methods. {_ENDS}; RK2 and AB2, without a limit, are shown to "
+        "Omega = 1: theirs is negative, they excite.",
+    ),
+    "figure7": (methods_period, f"Figure 7. Relative period error of the methods. {_ENDS}; RK2 and AB2 at Omega = 1."),
+    "figure9": (
+        four_steps,
+        "Figure 9. The single degree of freedom of section 4.1 by EIG-3 with four steps around its limit. At h = 0.5 s "
+        "the roots meet in -1, which lets a disturbance grow in proportion to time; this run has none, since every "
+        "number in it is exact in binary.",
+    ),
+    "damped_limits": (
+        damped_limits,
+        "Not in the article: the limits under physical damping, by step and by evaluation of the right-hand side. CD "
+        "implicit keeps 2 at every damping and pays with a solve: its evaluations are counted in runs of 100 steps at "
+        "0.95 of the limit, Newton's method with differences for one degree of freedom. With n degrees of freedom the "
+        "differences take n evaluations an iteration; without damping CD needs one evaluation and no solve.",
+    ),
+}

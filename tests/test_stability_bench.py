@@ -1,0 +1,163 @@
+"""`eig3 bench stability`: closed forms, eigenvalues and runs agree, and every figure is drawn."""
+
+import sys
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3.bench import stability as bench
+from eig3.cli import main
+from eig3.stability import explain, is_stable
+
+FIGURES = [*(f"figure{i}" for i in (1, 2, 3, 4, 5, 6, 7, 9)), "damped_limits"]
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory):
+    """One whole run: what it printed, where it wrote, and its figures by name."""
+    pictures = pytest.importorskip("eig3.bench.stability_pictures")
+    out, lines, figures = tmp_path_factory.mktemp("stability"), [], {}
+    save = pictures.save
+
+    def keep(figure, path):
+        figures[path.name] = figure
+        save(figure, path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "save", keep)
+        bench.run(out=out, write=lines.append)
+    return "\n".join(lines), out, figures
+
+
+def rows(printed, title):
+    """The cells of the table below a title."""
+    lines = printed.split(f"## {title}")[1].split("##")[0].splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")][2:]
+
+
+@pytest.mark.parametrize(
+    ("title", "expected"),
+    [
+        ("Undamped", [[case.label] for case in bench.UNDAMPED]),
+        ("With physical damping", [[case.label, f"{xi:g}"] for case in bench.DAMPED for xi in bench.DAMPING]),
+    ],
+)
+def test_closed_form_eigenvalue_and_run_agree(everything, title, expected):
+    table = rows(everything[0], title)
+    assert [row[: len(expected[0])] for row in table] == expected
+    for *_, value, eigenvalue, run in table:
+        if value != "-":
+            assert float(value) == pytest.approx(float(eigenvalue), abs=1.5e-6)  # of six digits printed
+        assert float(run) == pytest.approx(float(eigenvalue), abs=bench.RESOLUTION + 5e-5)  # of four
+
+
+def test_growth_of_runs_is_that_of_the_eigenvalue_and_tends_to_its_leading_term(everything):
+    table = rows(everything[0], "No stable step")
+    assert len(table) == len(bench.GROWING) * len(bench.GROWTH_AT)
+    for _, _, Omega, leading, eigenvalue, run in (row[:2] + [float(cell) for cell in row[2:]] for row in table):
+        assert run == pytest.approx(eigenvalue, rel=1e-3)
+        assert leading == pytest.approx(eigenvalue, rel=2.5 * Omega**2)  # the next term: 2.1 Omega^2 for AB2
+
+
+def test_every_method_is_explained(everything):
+    for case in bench.DAMPED:
+        assert explain(case.method) in everything[0]
+    assert {type(case.method) for case in bench.DAMPED} == set(eig3.METHODS.values())
+
+
+def test_the_page_holds_the_tables_and_every_picture(everything):
+    printed, out, figures = everything
+    page = (out / "stability.md").read_text()
+    for title in ("Undamped", "With physical damping", "No stable step"):
+        assert rows(page, title) == rows(printed, title)
+    assert list(figures) == FIGURES
+    for name in FIGURES:
+        assert f"![{name}]({name}.svg)" in page
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_picture_is_whole(everything, name):
+    from matplotlib import image
+
+    _, out, figures = everything
+    pixels = image.imread(out / f"{name}.png")
+    assert min(pixels.shape[:2]) > 500
+    assert 0.01 < (pixels[..., :3].min(axis=-1) < 0.9).mean() < 0.9  # drawn on, and not painted over
+    svg = (out / f"{name}.svg").read_text()
+    assert ET.fromstring(svg).tag == "{http://www.w3.org/2000/svg}svg"
+    assert "<dc:date>" not in svg
+    for axes in figures[name].axes:
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            assert label.endswith(("(-)", "(rad)", "(%)", "(s)", "(m)"))
+        assert axes.get_legend() or figures[name].legends
+        for line in axes.lines:
+            assert np.isfinite(line.get_ydata()).any()
+
+
+def test_figure_1_shows_the_region_of_is_stable(everything):
+    """Points on both sides of each boundary drawn; below beta = 1/2 only steps between two limits are stable."""
+    for alpha, beta, Omega, stable in (
+        (1.5, 0.5, 1.40, True),
+        (1.5, 0.5, 1.43, False),
+        (0.99, 0.5, 0.5, False),
+        (1.0, 1.0, 0.81, True),
+        (1.0, 1.0, 0.82, False),
+        (1.0, 0.25, 1.1, False),
+        (1.0, 0.25, 1.2, True),
+        (1.0, 0.25, 1.6, True),
+        (1.0, 0.25, 1.7, False),
+    ):
+        assert is_stable(eig3.EIG3(alpha, beta), Omega) is stable
+    left, right = everything[2]["figure1"].axes
+    np.testing.assert_allclose([line.get_xdata()[-1] for line in left.lines], [1, 2])
+    np.testing.assert_allclose([line.get_xdata()[-1] for line in right.lines], [3**-0.5, 2, 2])
+
+
+def test_figure_9_stays_bounded_to_the_limit_and_blows_up_above(everything):
+    highest = [np.abs(axes.lines[1].get_ydata()).max() for axes in everything[2]["figure9"].axes]
+    assert highest[:3] == pytest.approx([1, 1, 1], abs=1e-12)
+    assert highest[3] > 50
+
+
+def test_central_difference_pays_for_its_solve():
+    case = next(case for case in bench.DAMPED if case.label == "CD implicit")
+    assert 3 <= bench.evaluations_per_step(case.method, 0.1, 1.9) <= 7  # one to three iterations of two, and one
+    assert bench.evaluations_per_step(eig3.RK4(), 0.1, 1.9) == 4
+
+
+def test_command_runs_it(monkeypatch, tmp_path):
+    calls = []
+    monkeypatch.setattr(bench, "run", lambda **settings: calls.append(settings))
+    out = tmp_path / "new" / "folder"
+    assert main(["bench", "stability"]) == 0
+    assert main(["bench", "stability", "--out", str(out)]) == 0
+    assert calls == [{"out": None}, {"out": out}]
+    assert out.is_dir()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--out", "/dev/null/x"], "cannot be made"),
+        (["--out"], "expected one argument"),
+        (["--repeats", "3"], "unrecognized arguments: --repeats"),
+    ],
+)
+def test_wrong_usage_is_told(arguments, message, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["bench", "stability", *arguments])
+    assert caught.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_without_matplotlib_the_pictures_are_skipped_with_a_word(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    for module in ("pictures", "stability_pictures"):
+        monkeypatch.delitem(sys.modules, f"eig3.bench.{module}", raising=False)
+    for table in ("UNDAMPED", "DAMPED"):
+        monkeypatch.setattr(bench, table, getattr(bench, table)[:1])
+    assert main(["bench", "stability", "--out", str(tmp_path)]) == 0
+    assert "no pictures, since matplotlib is not installed" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["stability.md"]
