@@ -168,7 +168,7 @@ def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
 def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray) -> tuple[float, float, float]:
     """The limit over all modes, and the frequency and damping ratio of the mode that sets it."""
     scale = float(np.maximum(np.sqrt(np.abs(k)), np.abs(c)).max())
-    k, c = k / scale**2, c / scale
+    k, c = k / scale / scale, c / scale
     moving = (k != 0) | (c != 0)
     k, c = k[moving], c[moving]
     root = np.sqrt((c * c / 4 - k).astype(complex))

@@ -92,7 +92,7 @@ def _critical(stepper: Stepper) -> tuple[CriticalStep | None, str]:
             return critical(stepper.acceleration, stepper.t, stepper.u, stepper.v, stepper.method), ""
     except NoCriticalStepError as error:
         return None, str(error)
-    except (ValueError, np.linalg.LinAlgError):  # so close to overflow that rhs cannot be differenced
+    except (ArithmeticError, ValueError):  # so close to overflow that rhs cannot be differenced
         return None, ""
 
 

@@ -126,7 +126,7 @@ class EIG3(Method):
         return float(self.alpha), float(self.beta)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CentralDifference(Method):
     """Central difference: the classical explicit method of structural dynamics, implicit where f depends on velocity.
 
@@ -170,6 +170,10 @@ class CentralDifference(Method):
             raise ValueError(f"tol must be a number between 0 and 1, not {self.tol!r}.")
         if not (isinstance(self.max_iterations, numbers.Integral) and self.max_iterations >= 1):
             raise ValueError(f"max_iterations must be a whole number of at least 1, not {self.max_iterations!r}.")
+
+    def __repr__(self) -> str:
+        told = [f for f in dataclasses.fields(self) if getattr(self, f.name) != f.default]
+        return f"CentralDifference({', '.join(f'{f.name}={getattr(self, f.name)!r}' for f in told)})"
 
     @property
     def kernel(self) -> str:  # type: ignore[override]

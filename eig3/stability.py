@@ -161,7 +161,6 @@ def _excess(matrices: np.ndarray) -> np.ndarray:
     return np.where(finite, excess.max(axis=-1), np.inf)
 
 
-@functools.cache
 def limit(method: str | Method, xi: float = 0.0) -> float:
     """The Omega = omega h below which `method` is stable on the oscillator.
 
@@ -174,13 +173,18 @@ def limit(method: str | Method, xi: float = 0.0) -> float:
     Returns
     -------
     float
-        To 1e-9; 0.0 where there is no stable step, infinity where none is unstable up to Omega = 100.
+        To 1e-9; 0.0 where small steps are unstable, infinity where no step is up to Omega = 100.
 
     Notes
     -----
-    A limit below 0.01 that only weak damping gives to a method without an undamped one is told as 0.0.
+    A step whose implicit solve fails counts as unstable. A limit below 0.01 that only weak damping gives to a method
+    without an undamped one is told as 0.0.
     """
+    return _limit(check_method(method), float(xi))
 
+
+@functools.cache
+def _limit(method: Method, xi: float) -> float:
     def excess(Omega: np.ndarray) -> np.ndarray:
         return _excess(amplification_matrix(method, Omega, xi))
 
@@ -309,36 +313,39 @@ def explain(method: str | Method) -> str:
     """What theory says of a method on the oscillator, in a few lines: order, limits, damping, period."""
     method = check_method(method)
     free = method.without_velocity()  # the same on an undamped oscillator, for less
-    evaluations = method.evaluations
-    undamped = limit(free)
-    each = "an implicit solve where the force reads velocity" if evaluations is None else f"{evaluations} a step"
-    lines = [
-        f"{method!r}: order {method.order}; evaluations: {each}.",
-        f"  Undamped, it is stable {_bound(undamped)}"
-        + (f", or {undamped / evaluations:.4g} per evaluation." if evaluations and 0 < undamped < math.inf else "."),
-        "  With a physical damping ratio xi, it is stable "
-        + ", ".join(f"{_bound(limit(method, xi))} for xi = {xi:g}" for xi in (0.01, 0.1, 0.5, 1.0))
-        + ".",
-        f"  {_leading_damping(free)}",
-        f"  {_leading_period_error(free)}",
-    ]
-    return "\n".join(lines)
+    undamped, evaluations = limit(free), method.evaluations
+    each = (
+        f"{evaluations} evaluation{'s' * (evaluations > 1)} a step"
+        if evaluations
+        else "a solve where the force reads velocity"
+    )
+    per_evaluation = f", {undamped / evaluations:.4g} per evaluation" if evaluations and 0 < undamped < math.inf else ""
+    damped = ", ".join(f"{limit(method, xi):.6g} (xi = {xi:g})" for xi in (0.01, 0.1, 0.5, 1.0))
+    return "\n".join(
+        [
+            f"{method!r}: order {method.order}, {each}.",
+            f"  Undamped, it is stable {_bound(undamped)}{per_evaluation}.",
+            f"  With physical damping, the limits are {damped}.",
+            f"  {_leading_damping(free)}",
+            f"  {_leading_period_error(free)}",
+        ]
+    )
 
 
 def _bound(Omega: float) -> str:
     if Omega == 0:
-        return "at no step"
+        return "at no small step"
     return "at every step" if math.isinf(Omega) else f"up to omega h = {Omega:.6g}"
 
 
 def _leading_damping(method: Method) -> str:
     term = _leading_term(lambda Omega: damping_ratio(method, Omega), parity=1)
     if term is None:
-        return "It does not damp."
+        return "Of itself it does not damp."
     coefficient, power, shown = term
     if coefficient > 0:
-        return f"It damps: the algorithmic damping ratio is {shown} + O(Omega^{power + 2})."
-    return f"It excites: the algorithmic damping ratio is {shown} + O(Omega^{power + 2}), negative."
+        return f"Of itself it damps: the algorithmic damping ratio is {shown} + O(Omega^{power + 2})."
+    return f"Of itself it excites: the algorithmic damping ratio is {shown} + O(Omega^{power + 2}), negative."
 
 
 def _leading_period_error(method: Method) -> str:
