@@ -94,6 +94,15 @@ def _parser() -> argparse.ArgumentParser:
     stability.add_argument("--out", type=_folder, metavar="DIR", help="write stability.md and pictures there")
     stability.set_defaults(run=_stability)
 
+    hard = benchmarks.add_parser(
+        "hard",
+        help="hard cases, each with what is expected",
+        description="Runs at the edge: stability limits, chaos, impacts, close passages, round-off. Fails where a "
+        "finding is not as expected.",
+    )
+    hard.add_argument("--case", dest="cases", action="append", type=_count, metavar="N", help="only this; repeatable")
+    hard.set_defaults(run=_hard)
+
     report = benchmarks.add_parser(
         "report",
         help="everything on one page",
@@ -202,6 +211,15 @@ def _stability(arguments: argparse.Namespace) -> int:
 
     stability.run(out=arguments.out)
     return 0
+
+
+def _hard(arguments: argparse.Namespace) -> int:
+    from .bench import hard
+
+    unknown = set(arguments.cases or ()) - set(hard.CASES)
+    if unknown:
+        raise SystemExit(f"eig3 bench hard: --case must be 1 to {len(hard.CASES)}, not {min(unknown)}.")
+    return min(1, hard.run(only=arguments.cases))
 
 
 def _report(arguments: argparse.Namespace) -> int:
