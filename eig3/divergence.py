@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,16 +18,23 @@ _TRIALS = 8
 _LEAST_SECONDS = 0.2  # to try shorter steps for; as long as the run took, if that is longer
 
 
-def before_divergence(stepper: Stepper) -> tuple[Stepper, str]:
-    """Bisect the last chunk for its last finite state; chunks agree bit for bit, so the search is exact."""
+def before_divergence(stepper: Stepper) -> tuple[Stepper, Callable[[], str]]:
+    """Bisect the last chunk for its last finite state; chunks agree bit for bit, so the search is exact.
+
+    Returns
+    -------
+    last : Stepper
+        There.
+    message : callable
+        Why the run ends; to be called when somebody asks, since finding out can take as long as the run.
+    """
     bad_index, seconds = stepper.index, stepper.seconds
     stepper.back()
     last = _last(stepper, bad_index, lambda s: s.is_finite)
     bad = last.fork()
     bad.advance(1)
-    moderate = _last(stepper, last.index + 1, lambda s: _size(s) < _OVERFLOWING)
     last.seconds = seconds
-    return last, divergence_message(last, _first_not_finite(bad.u, bad.v), moderate)
+    return last, partial(divergence_message, last, _first_not_finite(bad.u, bad.v), stepper)
 
 
 def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) -> Stepper:
@@ -41,7 +49,7 @@ def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) 
     return stepper
 
 
-def divergence_message(last: Stepper, degree: int, moderate: Stepper | None = None) -> str:
+def divergence_message(last: Stepper, degree: int, before: Stepper | None = None) -> str:
     """Why a run ends.
 
     Parameters
@@ -50,18 +58,16 @@ def divergence_message(last: Stepper, degree: int, moderate: Stepper | None = No
         At the last finite state.
     degree : int
         The degree of freedom that is not finite after the next step.
-    moderate : Stepper, optional
-        At the last state before that from which rhs can be differenced without overflow.
+    before : Stepper, optional
+        Somewhere before that.
     """
     where = "" if np.ndim(last.u) == 0 else f" in degree of freedom {degree}"
     what = f"The run became non-finite at t = {last.t + last.h:g}{where}, with h = {last.h:g}"
-    if _size(last) < _OVERFLOWING:
-        for t in (last.t, last.t + last.h / 2, last.t + last.h):  # where a step looks
-            a = last.acceleration(t, last.u, last.v)
-            if not np.isfinite(a).all():
-                culprit = np.atleast_1d(a)[_first_not_finite(a)]
-                return f"{what}: rhs gives {culprit} at t = {t:g}, for the last u and v of the solution."
-    late, why_late = _critical(moderate or last)
+    culprit = _culprit(last)
+    if culprit:
+        return f"{what}: {culprit}"
+    moderate = _last(before or last, last.index + 1, lambda s: _size(s) < _OVERFLOWING)
+    late, why_late = _critical(moderate)
     start, why_start = _critical(last.restarted(last.h))
     if late and start and abs(late.limit - start.limit) < _SAME * start.limit:
         told = [f"{late.limit:.4g} from the start to the end{_mode(late)}"]
@@ -74,6 +80,21 @@ def divergence_message(last: Stepper, degree: int, moderate: Stepper | None = No
         why = (why_start or why_late or "its critical step cannot be told, as rhs overflows").rstrip(".")
     limits = [step.limit for step in (start, late) if step]
     return f"{what}: {why}; {_remedy(last, max(limits, default=last.h))}"
+
+
+def _culprit(last: Stepper) -> str:
+    """What rhs itself does wrong, at the times of the next step; empty where it does nothing."""
+    if _size(last) >= _OVERFLOWING:
+        return ""
+    for t in (last.t, last.t + last.h / 2, last.t + last.h):
+        try:
+            a = last.acceleration(t, last.u, last.v)
+        except Exception:  # at a time that the method does not ask for
+            continue
+        if not np.isfinite(a).all():
+            value = np.atleast_1d(a)[_first_not_finite(a)]
+            return f"rhs gives {value} at t = {t:g}, for the last u and v of the solution."
+    return ""
 
 
 def _size(stepper: Stepper) -> float:
@@ -92,7 +113,7 @@ def _critical(stepper: Stepper) -> tuple[CriticalStep | None, str]:
             return critical(stepper.acceleration, stepper.t, stepper.u, stepper.v, stepper.method), ""
     except NoCriticalStepError as error:
         return None, str(error)
-    except (ArithmeticError, ValueError):  # so close to overflow that rhs cannot be differenced
+    except Exception:  # whatever rhs or the differences of it come to so near to overflow
         return None, ""
 
 
@@ -111,8 +132,8 @@ def _remedy(stepper: Stepper, limit: float) -> str:
         seconds -= n_steps * rate
         if seconds < 0:
             break
-        trial, tried = stepper.restarted(h), h
-        if trial.advance(n_steps) == n_steps and trial.is_finite and _size(trial) < _OVERFLOWING:
+        tried = h
+        if _holds(stepper.restarted(h), n_steps):
             return f"h = {_rounded(h):g} was tried and holds up to there."
         h /= 2
     if tried is None:
@@ -120,6 +141,13 @@ def _remedy(stepper: Stepper, limit: float) -> str:
     return (
         f"shorter steps down to h = {tried:.3g} were tried and fail too, so that the solution itself may be unbounded."
     )
+
+
+def _holds(trial: Stepper, n_steps: int) -> bool:
+    try:
+        return trial.advance(n_steps) == n_steps and trial.is_finite and _size(trial) < _OVERFLOWING
+    except Exception:  # of rhs
+        return False
 
 
 def _rounded(h: float) -> float:

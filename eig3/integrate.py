@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -141,7 +142,8 @@ def _run(
     watches: list[Watch],
     tell: Callable[[int], object],
 ) -> Solution:
-    status, message = Status.COMPLETED, "The run reached the end of its span."
+    status = Status.COMPLETED
+    message: str | Callable[[], str] = "The run reached the end of its span."
     count, params = 1, stepper.params.copy()
     with deferred_interrupt() as interrupt:
         while stepper.index < n_steps:
@@ -203,10 +205,10 @@ def _next_count(count: int, seconds: float) -> int:
     return max(1, int(count * _CHUNK_SECONDS / seconds))
 
 
-def _failed_solve(stepper: Stepper) -> tuple[Status, str]:
+def _failed_solve(stepper: Stepper) -> tuple[Status, str | Callable[[], str]]:
     t = stepper.t + stepper.h
     if not math.isfinite(stepper.residual):
-        return Status.DIVERGED, divergence_message(stepper, stepper.failed_degree)
+        return Status.DIVERGED, partial(divergence_message, stepper, stepper.failed_degree)
     remedies = ["a smaller h", "more max_iterations", "a larger tol"]
     if getattr(stepper.method, "solver", "newton") != "newton":
         remedies.append("solver='newton'")
@@ -216,7 +218,9 @@ def _failed_solve(stepper: Stepper) -> tuple[Status, str]:
     )
 
 
-def _finish(stepper: Stepper, history: History, watches: list[Watch], status: Status, message: str) -> Solution:
+def _finish(
+    stepper: Stepper, history: History, watches: list[Watch], status: Status, message: str | Callable[[], str]
+) -> Solution:
     t, u, v = history.close(stepper)
     return Solution(
         t=t,
@@ -227,7 +231,7 @@ def _finish(stepper: Stepper, history: History, watches: list[Watch], status: St
         n_rhs=stepper.n_rhs,
         n_newton=stepper.n_iterations,
         status=status,
-        message=message,
+        _told=message,
         kernel_seconds=stepper.seconds,
         method=stepper.method,
         drift={watch.name: watch.drift for watch in watches},
@@ -240,5 +244,5 @@ def _growth_note(watch: Watch, stepper: Stepper) -> str:
     amount = amount if math.isfinite(watch.growth) else "beyond the largest number there is,"
     return (
         f"{watch.name} grows steadily, {amount} over the run, as where {stepper.method!r} is slowly unstable; "
-        "a smaller h grows less, and a method that is stable at this step not at all."
+        "take a smaller h, or a method that is stable for this system."
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,7 +43,8 @@ class Solution:
         Iterations of CD's solver.
     status : Status
     message : str
-        What happened, in a sentence.
+        What happened, in a sentence. Of a diverged run it compares h with the critical step, and names a step that was
+        tried and holds; this is found out when first asked for, in about the time that the run took.
     drift : dict of str to float
         For each invariant, max |e_n - e_0| over every step.
     kernel_seconds : float
@@ -59,11 +62,15 @@ class Solution:
     n_rhs: int
     n_newton: int
     status: Status
-    message: str
+    _told: str | Callable[[], str]
     kernel_seconds: float
     method: Method
     drift: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def message(self) -> str:
+        return self._told if isinstance(self._told, str) else self._told()
 
     @property
     def success(self) -> bool:
@@ -106,6 +113,9 @@ class Solution:
         u = u0 + s * (length * v0 + s * (3 * rise - length * (2 * v0 + v1) + s * (length * (v0 + v1) - 2 * rise)))
         v = v0 + s * (2 * (3 * rise / length - 2 * v0 - v1) + s * 3 * (v0 + v1 - 2 * rise / length))
         return u, v
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_told": self.message}  # what finds it out holds compiled code
 
     def __repr__(self) -> str:
         per_step = 1e9 * self.kernel_seconds / self.n_steps if self.n_steps else 0.0

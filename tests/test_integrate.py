@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -152,6 +153,29 @@ def test_divergence_keeps_the_finite_part(save_every):
     assert step.u == run.u[-1]
     step.advance(1)
     assert not step.is_finite
+
+
+def test_a_diverged_solution_is_pickled_with_its_message():
+    run = oscillate(t_end=7e3, h=0.7)
+    copy = pickle.loads(pickle.dumps(run))
+    assert copy.message == run.message
+    assert "0.6667" in copy.message
+    np.testing.assert_array_equal(copy.u, run.u)
+
+
+@eig3.jit
+def raises_between_seconds(t, u, v, p):
+    if abs(t - round(t)) > 1e-9:
+        raise ValueError("not a whole second")
+    return -p[0] * u
+
+
+@pytest.mark.parametrize("stiffness", [9.0, 1e200])
+def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_it(stiffness):
+    run = integrate(raises_between_seconds, (0, 2000), 1.0, 0.0, h=1.0, params=stiffness)
+    assert run.status is eig3.Status.DIVERGED
+    assert "became non-finite" in run.message
+    assert "shorter steps" in run.message
 
 
 def test_a_right_hand_side_that_gives_nan_is_told_from_instability():

@@ -21,7 +21,7 @@ OUTPUT = [text for language, text in BLOCKS if language == "text"]
 
 def test_examples_print_what_they_show():
     examples, method = PYTHON[:-1], PYTHON[-1]
-    assert len(examples) == len(OUTPUT) == 6
+    assert len(examples) == len(OUTPUT) == 8
     assert "SymplecticEuler" in method
     namespace = {}
     for code, expected in zip(examples, OUTPUT, strict=True):
