@@ -170,12 +170,12 @@ def raises_between_seconds(t, u, v, p):
     return -p[0] * u
 
 
-@pytest.mark.parametrize("stiffness", [9.0, 1e200])
-def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_it(stiffness):
+@pytest.mark.parametrize(("stiffness", "remedy"), [(9.0, "shorter steps"), (1e200, "would take long to try")])
+def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_it(stiffness, remedy):
     run = integrate(raises_between_seconds, (0, 2000), 1.0, 0.0, h=1.0, params=stiffness)
     assert run.status is eig3.Status.DIVERGED
     assert "became non-finite" in run.message
-    assert "shorter steps" in run.message
+    assert remedy in run.message
 
 
 def test_a_right_hand_side_that_gives_nan_is_told_from_instability():
