@@ -123,7 +123,7 @@ def _mode(step: CriticalStep) -> str:
 
 def _remedy(stepper: Stepper, limit: float) -> str:
     """A step that was tried from the start to where the run failed, or why none is named."""
-    h = _SAFETY * min(limit, stepper.h)
+    h = _rounded(_SAFETY * min(limit, stepper.h))
     seconds = max(_LEAST_SECONDS, stepper.seconds)
     rate = stepper.seconds / max(1, stepper.index)
     tried = None
@@ -134,10 +134,10 @@ def _remedy(stepper: Stepper, limit: float) -> str:
             break
         tried = h
         if _holds(stepper.restarted(h), n_steps):
-            return f"h = {_rounded(h):g} was tried and holds up to there."
-        h /= 2
+            return f"h = {h:g} was tried and holds up to there."
+        h = _rounded(h / 2)
     if tried is None:
-        return f"h = {_rounded(h):g} should hold, which would take long to try."
+        return f"h = {h:g} should hold, which would take long to try."
     return (
         f"shorter steps down to h = {tried:.3g} were tried and fail too, so that the solution itself may be unbounded."
     )

@@ -397,7 +397,11 @@ def _every(problem: Problem, n_steps: int) -> int:
 def _fastest(problem: Problem) -> float:
     """The highest rate of vibration or decay at the start, in rad by unit of time."""
     stepper = problem.stepper(h=1.0, method="rk4")
-    return float(np.abs(linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v).rates()).max())
+    try:
+        system = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
+    except ValueError:  # rhs is not finite on one side of the start: no more than where to begin is lost
+        return 0.0
+    return float(np.abs(system.rates()).max())
 
 
 def _record(problem: Problem, method: str | Method) -> Method:
