@@ -161,8 +161,8 @@ def above_the_limit(method: Method) -> Iterator[Finding]:
         Omega = 1.001 * limit(method)
         steps = steps_until(problems.single_dof(omega=Omega), 1.0, 1e200, 10**6, method)
         # the share of the growing root in the start is some 0.1 to 10: 1 % of ln 1e200
-        expected = math.log(1e200) / math.log(spectral_radius(method, Omega))
-        yield near("steps to 1e200, Omega = 1.001 of the limit", round(expected), steps, rel=0.02)
+        expected = round(math.log(1e200) / math.log(spectral_radius(method, Omega)))
+        yield near("steps to 1e200, Omega = 1.001 of the limit", expected, steps, rel=0.02)
 
 
 @case(3, "two frequencies", "eig3", "cd", "rk4")
@@ -230,7 +230,7 @@ def relaxation(method: Method) -> Iterator[Finding]:
         problem = problems.van_der_pol(mu=mu, t_end=4.3 * period)
         solution = problem.integrate(h=0.02 / mu, method=method)
         rising = np.flatnonzero((solution.u[:-1] < 0) & (solution.u[1:] >= 0))
-        crossings = [_zero(solution, i) for i in rising]
+        crossings = [_zero(solution, i) for i in rising.tolist()]
         error = abs((crossings[-1] - crossings[1]) / (len(crossings) - 2) / period - 1)
         what = f"relative error of the period, mu = {mu:g}, h mu = 0.02"
         if method.name == "eig3":
@@ -269,6 +269,7 @@ def pulse(method: Method) -> Iterator[Finding]:
     """At CFL = 1.001 the pulse has hardly anything at the highest frequency, and round-off has to grow first."""
     problem = problems.elastic_bar(n=99)
     h = 1 / 100 / 5000.0  # an element's length over the wave speed
+    assert problem.continuum is not None
     exact = problem.continuum(h * np.arange(200))[0]  # 200 steps lead to the far end and back
     worst, index = 0.0, 1
     for u, _ in march(problem, h, 40_000, method):

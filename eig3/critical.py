@@ -142,7 +142,7 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
     if limit == 0:
         raise NoCriticalStepError(
             f"{method!r} is unstable at every step for this system, with a mode at {omega:.4g} rad per unit of time "
-            f"and damping ratio {xi:.2g}; choose a method with a stable step for it, such as 'eig3', 'cd' or 'rk4'."
+            f"and damping ratio {xi:.2g}; choose a method with a stable step for it, such as 'cd' or 'rk4'."
         )
     return CriticalStep(safety * limit, omega, xi, system.evaluations, limit)
 
