@@ -6,12 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
+import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from .kernels.jit import OPTIONS, SCALAR, VECTOR, Form
 from .kernels.jit import cached as cached_jit
 
-__all__ = ["cached_jit", "check_callback", "jit"]
+__all__ = ["cached_jit", "check_callback", "compile_for_own_arrays", "jit", "read_only"]
 
 
 def jit(function: Callable | None = None, **options: Any) -> Any:
@@ -68,10 +69,30 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
         function.compile(signature.args)
         returned = function.overloads[signature.args].signature.return_type
     except Exception as error:  # Numba lets errors of Python's own through too
+        if "readonly array" in str(error):
+            raise TypeError(f"{name} must not write to u, v or p; it may only read them.") from error
         raise TypeError(f"{name} does not compile for the arguments {wanted}: {_gist(error)}.") from error
     if returned != signature.return_type:
         raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
     return function
+
+
+def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
+    """Compile a checked callback for the arrays of the loop that it is inlined in, which that loop may write.
+
+    Compiled by the loop itself it could not allocate, as the loop cannot.
+    """
+    arguments = getattr(form, kind).args
+    function.compile(tuple(x.copy(readonly=False) if isinstance(x, numba.types.Array) else x for x in arguments))
+
+
+def read_only(x: Any) -> Any:
+    """A view that compiled callbacks take as it is; a number stays what it is."""
+    if np.ndim(x) == 0:
+        return x
+    view = x.view()
+    view.flags.writeable = False
+    return view
 
 
 def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .callbacks import check_callback, jit
+from .callbacks import check_callback, jit, read_only
 from .checks import check_method, check_params, check_state, check_time
 from .kernels.jit import SCALAR
 from .linear import Linearised, linearise
@@ -104,7 +104,7 @@ def critical_step(
     """
     method = check_method(method)
     u, v, form = check_state(u0, v0)
-    p, t = check_params(params), check_time(t, "t")
+    p, t = read_only(check_params(params)), check_time(t, "t")
     if not (isinstance(safety, int | float) and 0 < safety <= 1):
         raise ValueError(f"safety must be a number above 0 and up to 1, not {safety!r}.")
     f = check_callback(rhs, "rhs", form)
@@ -113,7 +113,7 @@ def critical_step(
         if form is SCALAR:
             return f(t, u, v, p)
         a = np.full(u.size, np.nan)
-        f(t, u, v, p, a)
+        f(t, read_only(u), read_only(v), p, a)
         return a
 
     if not np.isfinite(acceleration(t, u, v)).all():

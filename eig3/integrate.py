@@ -56,7 +56,7 @@ def integrate(
     ----------
     rhs : jitted function
         The acceleration: ``f(t, u, v, p) -> a`` for one degree of freedom, ``f(t, u, v, p, a)`` writing every a[j] for
-        n. Decorate it with ``@eig3.jit`` or ``@numba.njit``. It must not change u, v or p.
+        n. Decorate it with ``@eig3.jit`` or ``@numba.njit``. One that writes to u, v or p does not compile.
     t_span : (float, float)
         First and last time.
     u0, v0 : float or array_like, shape (n,)
@@ -98,11 +98,9 @@ def integrate(
     An exception raised by rhs comes through, with the part of the run up to the chunk that it ended as its attribute
     `solution`. `Stepper` is the same run in the caller's own chunks.
 
-    A rhs that changes u, v or p where the run starts, or p anywhere, is a ValueError. One that changes u or v only
-    later changes the motion, and nothing tells: those are the arrays that the method works on. An index out of bounds
-    of a, u, v or p is not noticed either, and overwrites whatever is there, unless NUMBA_BOUNDSCHECK=1 is set before
-    Python starts: it is then an IndexError. Numba's own ``cache=True`` does not tell checked code from unchecked, so
-    that such a rhs needs an empty NUMBA_CACHE_DIR as well.
+    An index out of bounds of a, u, v or p is not noticed, and overwrites whatever is there, unless NUMBA_BOUNDSCHECK=1
+    is set before Python starts: it is then an IndexError. Numba's own ``cache=True`` does not tell checked code from
+    unchecked, so that such a rhs needs an empty NUMBA_CACHE_DIR as well.
     """
     t0, t1 = check_span(t_span)
     n_steps, h = divide(t1 - t0, check_h(h))
@@ -144,7 +142,7 @@ def _run(
 ) -> Solution:
     status = Status.COMPLETED
     message: str | Callable[[], str] = "The run reached the end of its span."
-    count, params = 1, stepper.params.copy()
+    count = 1
     with deferred_interrupt() as interrupt:
         while stepper.index < n_steps:
             count = min(count, n_steps - stepper.index)
@@ -153,9 +151,6 @@ def _run(
             first, begin = stepper.index, time.perf_counter()
             try:
                 taken = _advance(stepper, count, history, watches)
-                if not np.array_equal(stepper.params, params, equal_nan=True):
-                    stepper.back()
-                    raise ValueError("p changed in the run; rhs, jacobian and invariants may only read it.")
             except Exception as error:
                 message = f"The right-hand side or an invariant raised {type(error).__name__} after t = {stepper.t:g}."
                 error.solution = _finish(stepper, history, watches, Status.INTERRUPTED, message)  # type: ignore[attr-defined]

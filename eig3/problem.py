@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import check_method
+from .callbacks import check_callback, read_only
+from .checks import check_method, check_params, check_state
 from .critical import CriticalStep, critical_step
 from .integrate import integrate
 from .methods import Method
@@ -80,9 +80,9 @@ class Problem:
 
     def energy_of(self, u: ArrayLike, v: ArrayLike) -> float:
         """The energy of a state at ``t_span[0]``."""
-        u, v = (np.array(x, dtype=np.float64, order="C") for x in (u, v))
-        state = (u, v) if u.ndim else (float(u), float(v))
-        return float(self.energy(self.t_span[0], *state, np.array(self.params, dtype=np.float64)))
+        u, v, form = check_state(u, v)
+        energy = check_callback(self.energy, "invariant", form, "energy")
+        return energy(self.t_span[0], read_only(u), read_only(v), read_only(check_params(self.params)))
 
     def method(self, method: str | Method) -> Method:
         """The record for this problem: a name stands for the form without velocity where rhs does not read v."""

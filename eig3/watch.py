@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .callbacks import check_callback
+from .callbacks import check_callback, read_only
 from .kernels.invariant import extent
 from .kernels.jit import invariant_kernel
 from .stepper import Stepper
@@ -24,7 +24,7 @@ class Watch:
         self.drift = 0.0
         self._function = check_callback(function, "invariant", stepper.form, f"invariants[{name!r}]")
         self._kernel = invariant_kernel(extent, stepper.form)
-        self._start = self._function(stepper.t0, stepper.u, stepper.v, stepper.params)
+        self._start = self._function(stepper.t0, *map(read_only, (stepper.u, stepper.v, stepper.params)))
         self._context = (stepper.t0, stepper.h, stepper.params)
         # of unequal lengths, lest every part ends in the same phase of a periodic motion
         self._ends = np.ceil(n_steps * (np.arange(1, _PARTS + 1) / _PARTS) ** 1.1).astype(int)

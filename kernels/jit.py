@@ -31,6 +31,7 @@ _KERNEL_OPTIONS: dict[str, Any] = {"_nrt": False, **OPTIONS}
 element = numba.njit(forceinline=True, **_KERNEL_OPTIONS)
 
 _vector, _matrix = Array(float64, 1, "C"), Array(float64, 2, "C")
+_given = Array(float64, 1, "C", readonly=True)  # what a callback may only read: to write it does not compile
 
 
 @dataclass(frozen=True)
@@ -47,17 +48,17 @@ class Form:
 
 SCALAR = Form(
     name="scalar",
-    rhs=float64(float64, float64, float64, _vector),
-    jacobian=float64(float64, float64, float64, _vector),
-    invariant=float64(float64, float64, float64, _vector),
+    rhs=float64(float64, float64, float64, _given),
+    jacobian=float64(float64, float64, float64, _given),
+    invariant=float64(float64, float64, float64, _given),
     state=_vector,
     rows=_vector,
 )
 VECTOR = Form(
     name="vector",
-    rhs=none(float64, _vector, _vector, _vector, _vector),
-    jacobian=none(float64, _vector, _vector, _vector, _matrix),
-    invariant=float64(float64, _vector, _vector, _vector),
+    rhs=none(float64, _given, _given, _given, _vector),
+    jacobian=none(float64, _given, _given, _given, _matrix),
+    invariant=float64(float64, _given, _given, _given),
     state=_matrix,
     rows=_matrix,
 )
