@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+import numbers
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -10,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .callbacks import check_callback, jit, read_only
-from .checks import check_method, check_params, check_state, check_time
-from .kernels.jit import SCALAR
+from .callbacks import cached_jit
+from .checks import check_method, check_time
 from .linear import Linearised, linearise
 from .methods import Method
 from .stability import eigenvalues, first_exit, oscillator_matrices, state_size, step_once
+from .stability import limit as limit_of
+from .stepper import Stepper
 
 _COMMUTING = 1e-5  # of K or C: what an eigenvector of both leaves of each, where differences give K and C
 _RIGID = 1e-7  # of the largest: rates below this are those of rigid motion, with the round-off of differences
@@ -23,8 +26,12 @@ _ROUND_OFF = 1e-8  # of the eigenvalues of one oscillator's step
 _COUPLED_ROUND_OFF = 1e-6  # of those of many
 _NEAR = 2e-3  # the accuracy to which the limit of modes that do not decouple is searched
 _SAME = 1e-3  # of an eigenvalue: far above what round-off does to a multiple one, far below what tells methods apart
-_SOLVED = 12  # directions of each kind, for an implicit method
-_SPAN = 100.0  # how far it is searched
+_STEPPED = 20  # directions of each kind that modes which do not decouple are looked at on
+_SOLVED = 12  # and by an implicit method, with a solve for each unit state of each step looked at
+_STEADY = ("eig3", "cd", "rk4")  # what to name where a method has no stable step
+_SHORTEST, _LONGEST = 1e-3, 100.0  # steps looked at, in radians of the fastest mode and of the slowest
+_COUPLED_SHORTEST = 0.03
+_FINE, _COARSE = 1.02, 1.3  # from one step looked at to the next
 
 
 @dataclass(frozen=True)
@@ -34,15 +41,17 @@ class CriticalStep:
     Attributes
     ----------
     h : float
-        The step to take: `limit` times the safety factor.
+        The step to take, in the unit of time of rhs: `limit` times the safety factor.
     omega_max : float
-        Angular frequency of the mode that limits the step, undamped; 0.0 where nothing restores it.
+        Undamped angular frequency of the mode that limits the step, in radians by that unit; 0.0 where nothing restores
+        it.
     xi : float
-        Its damping ratio; infinite where nothing restores it.
+        Its damping ratio, negative where it is excited; infinite where nothing restores it.
     evaluations : int
         Of the right-hand side.
     limit : float
-        The step beyond which the linearised system is unstable.
+        The step beyond which the linearised system is unstable or, with fixed-point iteration, the solve does not
+        converge.
     """
 
     h: float
@@ -79,7 +88,8 @@ def critical_step(
     t : float
         The time of the state.
     safety : float
-        What to multiply the step by: a system that is not linear has other frequencies elsewhere on its way.
+        What to multiply the limit by: a system that is not linear has other frequencies elsewhere on its way. A stable
+        step is not yet an accurate one: `eig3.plan` looks for that.
 
     Returns
     -------
@@ -88,37 +98,26 @@ def critical_step(
     Raises
     ------
     TypeError, ValueError
-        For arguments `eig3.integrate` would refuse.
+        For arguments `eig3.integrate` would refuse, a rhs that is not finite close to the state, and a method with
+        velocity="none" where rhs reads v.
     NoCriticalStepError
-        A ValueError: where nothing oscillates or decays, so that every step is stable, and where the method is unstable
-        at every step, as RK2 and AB2 without damping.
+        A ValueError: where nothing at this state limits the step, and where the method is unstable at every step, as
+        RK2 and AB2 are without damping.
 
     Notes
     -----
-    K = -df/du and C = -df/dv are projected on all directions in systems of up to 64 degrees of freedom, else on up to
-    90, which Arnoldi's iteration finds from differences of rhs. Where K and C have common modes, each is an oscillator
-    u'' + c u' + k u = 0. Where they do not commute, a Runge-Kutta or Adams method sees the rates of the system's own
-    modes, but EIG-3 and central difference do not: there the method's kernel takes one step of the projected system
-    from each unit state, and the eigenvalues of that matrix tell. Solutions that grow by themselves, as from an
-    unstable position, are allowed to.
+    K = -df/du and C = -df/dv come from differences of rhs, on the stiffer side of a kink: in full up to 64 degrees of
+    freedom, else on 60 to 90 directions of Arnoldi's iteration, by which the limit is some 0.1 % too long. Where K and
+    C have common modes, each is an oscillator u'' + c u' + k u = 0. Where they do not commute, a Runge-Kutta or Adams
+    method sees the rates of the system's own modes, but EIG-3 and central difference do not: there the method's kernel
+    takes one step of the projected system from each unit state, and the eigenvalues of that matrix tell. Solutions that
+    grow by themselves, as from an unstable position, are allowed to.
     """
-    method = check_method(method)
-    u, v, form = check_state(u0, v0)
-    p, t = read_only(check_params(params)), check_time(t, "t")
-    if not (isinstance(safety, int | float) and 0 < safety <= 1):
+    method, t = check_method(method), check_time(t, "t")
+    if isinstance(safety, bool) or not (isinstance(safety, numbers.Real) and 0 < safety <= 1):
         raise ValueError(f"safety must be a number above 0 and up to 1, not {safety!r}.")
-    f = check_callback(rhs, "rhs", form)
-
-    def acceleration(t: float, u: Any, v: Any) -> Any:
-        if form is SCALAR:
-            return f(t, u, v, p)
-        a = np.full(u.size, np.nan)
-        f(t, read_only(u), read_only(v), p, a)
-        return a
-
-    if not np.isfinite(acceleration(t, u, v)).all():
-        raise ValueError("u0 and v0 must be a state where rhs is finite, and here it is not.")
-    return critical(acceleration, t, u, v, method, float(safety))
+    start = Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method="rk4")  # which checks them
+    return critical(start.acceleration, t, start.u, start.v, method, float(safety))
 
 
 def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:
@@ -126,25 +125,45 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
     system = linearise(acceleration, t, u, v)
     if method.ignores_velocity and system.C.any():
         raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
-    if not system.C.any():
-        method = method.without_velocity()  # the same step, without a solve
     rates = system.rates()
-    if not np.abs(rates).max() > 0:
-        raise NoCriticalStepError("nothing oscillates or decays at this state, so that every step is stable.")
-    modes = _modes(system)
-    if modes is None and method.evaluations is not None and _sees_rates(method, system, rates):
-        modes = _oscillators_of(rates)
-    limit, omega, xi = _coupled_limit(method, system, rates) if modes is None else _modal_limit(method, *modes)
+    limit, omega, xi = _limit(method, system, rates) if np.abs(rates).max() > 0 else (math.inf, 0.0, 0.0)
     if math.isinf(limit):
         raise NoCriticalStepError(
-            "nothing that oscillates or decays limits the step at this state; choose h for accuracy."
+            "nothing that oscillates or decays limits the step at this state: choose h for accuracy, and for the "
+            "states on the way."
         )
     if limit == 0:
+        others = [name for name in _STEADY if _limit(check_method(name), system, rates)[0] > 0]
+        such = f", such as {', '.join(map(repr, others))}" if others else ""
         raise NoCriticalStepError(
-            f"{method!r} is unstable at every step for this system, with a mode at {omega:.4g} rad per unit of time "
-            f"and damping ratio {xi:.2g}; choose a method with a stable step for it, such as 'cd' or 'rk4'."
+            f"{method!r} is unstable at every step for this system, with a mode of omega = {omega:.4g} and xi = "
+            f"{xi:.2g}; choose a method that has a stable step for it{such}."
         )
     return CriticalStep(safety * limit, omega, xi, system.evaluations, limit)
+
+
+def _limit(method: Method, system: Linearised, rates: np.ndarray) -> tuple[float, float, float]:
+    """The limit, and the frequency and damping ratio of the mode that sets it."""
+    if not system.C.any():
+        method = method.without_velocity()  # the same step, without a solve
+    modes = _modes(system)
+    if modes is None and method.evaluations is not None and _sees_rates(method):
+        modes = _oscillators_of(rates)
+    if modes is None:
+        system = system.fastest(_SOLVED if method.evaluations is None else _STEPPED)
+    limit, k, c = _coupled_limit(method, system) if modes is None else _modal_limit(method, *modes)
+    return limit, *_frequency(k, c)
+
+
+def _frequency(k: complex, c: complex) -> tuple[float, float]:
+    """Undamped frequency and damping ratio of a mode u'' + c u' + k u = 0; c is imaginary in a gyroscopic one."""
+    omega = math.sqrt(max(0.0, k.real))
+    if abs(c.imag) > _COMMUTING * abs(c):
+        rate = max(np.roots([1.0, c, k]), key=abs)
+        omega, xi = abs(rate), -rate.real / abs(rate)
+    else:
+        xi = c.real / (2 * omega) if omega > 0 else math.inf
+    return float(omega), 0.0 if abs(xi) < _COMMUTING else float(xi)
 
 
 def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
@@ -166,7 +185,7 @@ def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray) -> tuple[float, float, float]:
-    """The limit over all modes, and the frequency and damping ratio of the mode that sets it."""
+    """The limit over all modes, and k and c of the mode that sets it."""
     scale = float(np.maximum(np.sqrt(np.abs(k)), np.abs(c)).max())
     k, c = k / scale / scale, c / scale
     moving = (k != 0) | (c != 0)
@@ -174,32 +193,37 @@ def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray) -> tuple[float, f
     root = np.sqrt((c * c / 4 - k).astype(complex))
     rates = np.stack([-c / 2 + root, -c / 2 - root], axis=-1)
 
-    def excess_of_modes(h: np.ndarray) -> np.ndarray:
+    def growth(h: np.ndarray) -> np.ndarray:
         h = h[:, None]
-        return _excess(oscillator_matrices(method, h * h * k, h * c), h, rates)
+        return _growth(oscillator_matrices(method, h * h * k, h * c), h, rates)
 
-    limit = first_exit(lambda h: excess_of_modes(h).max(axis=1), _ROUND_OFF)
+    slowest = float(np.where(k != 0, np.sqrt(np.abs(k)), np.abs(c)).min())
+    steps = _geometric(_SHORTEST, _LONGEST / slowest, _FINE)
+    limit = first_exit(lambda h: growth(h).max(axis=1), _ROUND_OFF, blocks=np.array_split(steps, len(steps) // 50 + 1))
     if math.isinf(limit):
         return limit, 0.0, 0.0
-    limiting = int(np.argmax(excess_of_modes(np.array([1.001 * limit or 0.1]))[0]))
-    omega = math.sqrt(max(0.0, k[limiting])) * scale
-    return limit / scale, omega, float(c[limiting] * scale / (2 * omega)) if omega > 0 else math.inf
+    limiting = int(np.argmax(growth(np.array([1.001 * limit if limit > 0 else 0.1]))[0]))
+    return limit / scale, float(k[limiting]) * scale * scale, float(c[limiting]) * scale
 
 
-def _excess(matrices: np.ndarray, h: Any, rates: np.ndarray) -> np.ndarray:
+def _geometric(first: float, last: float, ratio: float) -> np.ndarray:
+    return first * ratio ** np.arange(math.ceil(math.log(last / first) / math.log(ratio)) + 1)
+
+
+def _growth(matrices: np.ndarray, h: Any, rates: np.ndarray) -> np.ndarray:
     """By how much a step's matrix lets something grow that does not grow in the system with these rates.
 
     As many roots may be outside the unit circle as the system has growing rates, and they not further than at twice the
     fastest of these.
     """
-    sizes = -np.sort(-np.abs(eigenvalues(matrices)), axis=-1)
+    sizes = np.abs(eigenvalues(matrices))
     growing = (rates.real > _RIGID * np.abs(rates).max()).sum(axis=-1)
     fastest = np.where(growing > 0, rates.real.max(axis=-1), 0.0)
     with np.errstate(over="ignore"):
-        beyond = sizes[..., 0] - np.exp(2 * h * fastest)
+        beyond = sizes.max(axis=-1) - np.exp(2 * h * fastest)
     allowed = np.arange(sizes.shape[-1]) < growing[..., None]
-    others = np.where(allowed, 0.0, sizes).max(axis=-1) - 1
-    return np.where(np.isfinite(sizes[..., 0]), np.maximum(beyond, others), np.inf)
+    others = np.where(allowed, 0.0, -np.sort(-sizes, axis=-1)).max(axis=-1) - 1
+    return np.where(np.isfinite(sizes).all(axis=-1), np.maximum(beyond, others), np.inf)
 
 
 def _oscillators_of(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -208,42 +232,63 @@ def _oscillators_of(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.abs(upper) ** 2, -2 * upper.real
 
 
-def _sees_rates(method: Method, system: Linearised, rates: np.ndarray) -> bool:
-    """Whether the method's step depends on the rates of the system only, as that of a method of first-order systems."""
-    h = 1 / np.abs(rates).max()
-    k, c = _oscillators_of(rates)
-    by_rates = eigenvalues(oscillator_matrices(method, h * h * k, h * c)).ravel()
-    apart = np.abs(eigenvalues(_step_matrix(method, system, h))[:, None] - by_rates)
+@functools.cache
+def _sees_rates(method: Method) -> bool:
+    """Whether the method's step depends on the rates of a system only, as that of a method of first-order systems.
+
+    Judged by a system in which stiffness, damping and gyroscopic forces are of one size and have no modes in common.
+    """
+    system = Linearised(np.array([[1.0, 0.0], [0.0, 0.5]]), np.array([[0.3, 0.5], [-0.4, 0.6]]), 0)
+    k, c = _oscillators_of(system.rates())
+    by_rates = eigenvalues(oscillator_matrices(method, k, c)).ravel()
+    apart = np.abs(eigenvalues(_step_matrix(method, system, 1.0))[:, None] - by_rates)
     return bool(apart.min(axis=1).max() < _SAME and apart.min(axis=0).max() < _SAME)
 
 
-def _coupled_limit(method: Method, system: Linearised, rates: np.ndarray) -> tuple[float, float, float]:
+def _coupled_limit(method: Method, system: Linearised) -> tuple[float, complex, complex]:
     """The limit of modes that do not decouple, by the eigenvalues of the method's step of the projected system."""
-    if method.evaluations is None:
-        system = system.fastest(_SOLVED)  # a solve for each unit state of each step tried
-        rates = system.rates()
-    fastest = rates[np.argmax(np.abs(rates))]
-    omega = float(np.abs(fastest))
-    xi = float(-fastest.real / omega)
-    xi = 0.0 if abs(xi) < _RIGID else xi
+    rates = system.rates()
 
     def is_stable(h: float, tolerance: float = _COUPLED_ROUND_OFF) -> bool:
-        return bool(_excess(_step_matrix(method, system, h), h, rates) <= tolerance)
+        return bool(_growth(_step_matrix(method, system, h), h, rates) <= tolerance)
 
-    low = high = 2 / omega
-    while is_stable(high):
-        low, high = high, 1.5 * high
-        if high > _SPAN / omega:
-            return math.inf, omega, xi
-    while not is_stable(low):
-        low, high = low / 1.5, low
-        if low < 1 / (_SPAN * omega):
-            return 0.0, omega, xi
-    while high > (1 + _NEAR) * low:
+    low = high = 0.0
+    for high in _steps(method, system, float(np.abs(rates).max())):
+        if not is_stable(high):
+            break
+        low = high
+    else:
+        return math.inf, 0.0, 0.0
+    while low > 0 and high > (1 + _NEAR) * low:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if is_stable(middle) else (low, middle)
-    # as in `first_exit`: a growth at every step passes the tolerance too, but not steeply
-    return (0.0 if is_stable(1.1 * high, 2 * _COUPLED_ROUND_OFF) else low), omega, xi
+    # As in `first_exit`: a growth at every step passes the tolerance too, but not steeply. Two steps are looked at, as
+    # the system may be stable again just beyond a limit.
+    if all(is_stable(h, 2 * _COUPLED_ROUND_OFF) for h in (high, 1.01 * high)):
+        low = 0.0
+    values, vectors = np.linalg.eig(_step_matrix(method, system, 1.01 * high))
+    # what is unstable alternates or oscillates, unlike what grows by itself
+    limiting = np.argmax(np.where(np.abs(values) > 1, np.abs(values - 1), 0.0))
+    shape = vectors[: len(system.K), limiting]
+    k, c = (complex((shape.conj() @ x @ shape) / (shape.conj() @ shape)) for x in (system.K, system.C))
+    return low, k, c
+
+
+def _steps(method: Method, system: Linearised, fastest: float) -> list[float]:
+    """The steps at which an instability is looked for, from the shortest to the longest.
+
+    Gyroscopic forces can stabilise two modes again that central difference, which sees no velocity in what alternates
+    from step to step, loses one by one: hence those just above the undamped limit of the stiffest.
+    """
+    stiffness = np.abs(np.linalg.eigvals(system.K))
+    stiffest = math.sqrt(stiffness.max())
+    restored = stiffness[stiffness > _RIGID * stiffness.max()]
+    slowest = math.sqrt(restored.min()) if restored.size else fastest
+    steps = _geometric(_COUPLED_SHORTEST / fastest, _LONGEST / slowest, _COARSE)
+    if stiffest > 0:
+        beyond = limit_of(method.without_velocity()) / stiffest * np.array([1.0005, 1.002, 1.01])
+        steps = np.concatenate([steps, beyond[(beyond > steps[0]) & (beyond < steps[-1])]])
+    return sorted(steps.tolist())
 
 
 def _step_matrix(method: Method, system: Linearised, h: float) -> np.ndarray:
@@ -262,7 +307,7 @@ def _step_matrix(method: Method, system: Linearised, h: float) -> np.ndarray:
     return np.concatenate(columns).T
 
 
-@jit
+@cached_jit
 def _copies(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
     m = int(p[0])
     for first in range(0, u.size, m):

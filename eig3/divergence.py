@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -12,10 +13,13 @@ from .critical import CriticalStep, NoCriticalStepError, critical
 from .stepper import Stepper
 
 _OVERFLOWING = 1e100  # states beyond this make a right-hand side infinite by themselves
+_BLOWN_UP = 1e3  # times the size before: the growth of an instability
+_BROUGHT_ABOUT = 1e-3  # of h: critical steps shorter than this are those of a blow-up, not of what led to it
+_SAME_LIMIT = 0.02  # critical steps closer than this are told once
 _SAFETY = 0.9
-_SAME = 0.02  # critical steps closer than this are told once
-_TRIALS = 8
-_LEAST_SECONDS = 0.2  # to try shorter steps for; as long as the run took, if that is longer
+_HALVINGS = 8
+_LEAST_SECONDS = 0.2  # to try shorter steps for
+_PATIENCE = 2.5  # or so many times as long as the run took, where that is longer
 
 
 def before_divergence(stepper: Stepper) -> tuple[Stepper, Callable[[], str]]:
@@ -63,23 +67,39 @@ def divergence_message(last: Stepper, degree: int, before: Stepper | None = None
     """
     where = "" if np.ndim(last.u) == 0 else f" in degree of freedom {degree}"
     what = f"The run became non-finite at t = {last.t + last.h:g}{where}, with h = {last.h:g}"
+    start = last.restarted(last.h)
+    sane = _last(before or last, last.index + 1, lambda s: _size(s) < (_BLOWN_UP * _size(start) or _OVERFLOWING))
+    steps, unstable = _critical_steps(start, sane)
+    limits = [step.limit for _, step in steps]
     culprit = _culprit(last)
-    if culprit:
-        return f"{what}: {culprit}"
-    moderate = _last(before or last, last.index + 1, lambda s: _size(s) < _OVERFLOWING)
-    late, why_late = _critical(moderate)
-    start, why_start = _critical(last.restarted(last.h))
-    if late and start and abs(late.limit - start.limit) < _SAME * start.limit:
-        told = [f"{late.limit:.4g} from the start to the end{_mode(late)}"]
-    else:
-        ends = (start, "at the start"), (late, "at the end")
-        told = [f"{step.limit:.4g} {at}{_mode(step)}" for step, at in ends if step]
-    if told:
-        why = f"the critical step of {last.method!r} is {' and '.join(told)}"
-    else:
-        why = (why_start or why_late or "its critical step cannot be told, as rhs overflows").rstrip(".")
-    limits = [step.limit for step in (start, late) if step]
-    return f"{what}: {why}; {_remedy(last, max(limits, default=last.h))}"
+    if culprit and not (limits and last.h > min(limits)):
+        return f"{what}: {culprit}."
+    told = [f"{step.limit:.4g} {when}{_mode(step)}" for when, step in steps]
+    why = f"the critical step of {last.method!r} is {' and '.join(told)}" if told else unstable
+    reasons = [reason for reason in (culprit, why, _remedy(last, limits) if not unstable else "") if reason]
+    return f"{what}: {'; '.join(reasons)}."
+
+
+def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, CriticalStep]], str]:
+    """Critical steps and when they are so: at the start, and where the motion was last sane.
+
+    The second is why there is none, where the method is unstable at every step.
+    """
+    steps: list[tuple[str, CriticalStep]] = []
+    for stepper in (start, sane):
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                step = critical(stepper.acceleration, stepper.t, stepper.u, stepper.v, stepper.method)
+        except NoCriticalStepError as error:
+            if "unstable" in str(error):
+                return steps, str(error).rstrip(".")
+        except Exception:  # whatever rhs or the differences of it come to so near to overflow
+            continue
+        else:
+            if steps and abs(step.limit / steps[0][1].limit - 1) < _SAME_LIMIT:
+                return [(f"from t = {start.t:g} to {sane.t:g}", step)], ""
+            steps.append((f"at t = {stepper.t:g}", step))
+    return steps, ""
 
 
 def _culprit(last: Stepper) -> str:
@@ -93,7 +113,7 @@ def _culprit(last: Stepper) -> str:
             continue
         if not np.isfinite(a).all():
             value = np.atleast_1d(a)[_first_not_finite(a)]
-            return f"rhs gives {value} at t = {t:g}, for the last u and v of the solution."
+            return f"rhs gives {value} at t = {t:g}, for the last u and v of the solution"
     return ""
 
 
@@ -106,48 +126,44 @@ def _first_not_finite(*arrays: Any) -> int:
     return int(np.argmin(finite))
 
 
-def _critical(stepper: Stepper) -> tuple[CriticalStep | None, str]:
-    """The critical step where `stepper` stands, or why there is none."""
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            return critical(stepper.acceleration, stepper.t, stepper.u, stepper.v, stepper.method), ""
-    except NoCriticalStepError as error:
-        return None, str(error)
-    except Exception:  # whatever rhs or the differences of it come to so near to overflow
-        return None, ""
-
-
 def _mode(step: CriticalStep) -> str:
     return f" (omega = {step.omega_max:.4g}, xi = {step.xi:.2g})"
 
 
-def _remedy(stepper: Stepper, limit: float) -> str:
+def _remedy(last: Stepper, limits: list[float]) -> str:
     """A step that was tried from the start to where the run failed, or why none is named."""
-    h = _rounded(_SAFETY * min(limit, stepper.h))
-    seconds = max(_LEAST_SECONDS, stepper.seconds)
-    rate = stepper.seconds / max(1, stepper.index)
-    tried = None
-    for _ in range(_TRIALS):
-        n_steps = int((stepper.t + stepper.h - stepper.t0) / h) + 2
+    end = last.t + last.h
+    seconds = max(_LEAST_SECONDS, _PATIENCE * last.seconds)
+    rate = last.seconds / max(1, last.index)
+    tried = last.h
+    for h in _candidates(last.h, limits):
+        n_steps = math.ceil((end - last.t0) / h)
         seconds -= n_steps * rate
         if seconds < 0:
-            break
+            return f"h = {h:g} was not tried, which would take long"
+        if _holds(last.restarted(h), n_steps):
+            return f"h = {h:g} was tried and holds up to then"
         tried = h
-        if _holds(stepper.restarted(h), n_steps):
-            return f"h = {h:g} was tried and holds up to there."
-        h = _rounded(h / 2)
-    if tried is None:
-        return f"h = {h:g} should hold, which would take long to try."
-    return (
-        f"shorter steps down to h = {tried:.3g} were tried and fail too, so that the solution itself may be unbounded."
-    )
+    return f"shorter steps down to h = {tried:g} were tried and fail too: the solution itself may be unbounded"
+
+
+def _candidates(h: float, limits: list[float]) -> list[float]:
+    """Steps to try, the longest first: below the largest critical step and h, and then ever shorter."""
+    longest = _SAFETY * min([h, *([max(limits)] if limits else [])])
+    least = _SAFETY * min([limit for limit in limits if limit > _BROUGHT_ABOUT * h], default=longest)
+    halved = [longest / 2**i for i in range(_HALVINGS)]
+    return [_rounded(step) for step in sorted({*halved, least}, reverse=True)]
 
 
 def _holds(trial: Stepper, n_steps: int) -> bool:
+    """Whether the second half of a run leaves the motion of about the size that it has after the first."""
     try:
-        return trial.advance(n_steps) == n_steps and trial.is_finite and _size(trial) < _OVERFLOWING
+        trial.advance(n_steps // 2)
+        size = max(_size(trial), _size(trial.restarted(trial.h)))
+        taken = trial.advance(n_steps - n_steps // 2)
     except Exception:  # of rhs
         return False
+    return taken == n_steps - n_steps // 2 and trial.is_finite and _size(trial) < _BLOWN_UP * (size or 1.0)
 
 
 def _rounded(h: float) -> float:

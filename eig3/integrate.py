@@ -34,6 +34,9 @@ class IntegrationError(RuntimeError):
         super().__init__(solution.message)
         self.solution = solution
 
+    def __reduce__(self) -> tuple:
+        return type(self), (self.solution,)
+
 
 def integrate(
     rhs: Any,
@@ -238,6 +241,6 @@ def _growth_note(watch: Watch, stepper: Stepper) -> str:
     amount = f"by {100 * watch.growth:.2g} %" if watch.growth < 1 else f"to {1 + watch.growth:.3g} times its size"
     amount = amount if math.isfinite(watch.growth) else "beyond the largest number there is,"
     return (
-        f"{watch.name} grows steadily, {amount} over the run, as where {stepper.method!r} is slowly unstable; "
-        "take a smaller h, or a method that is stable for this system."
+        f"{watch.name} grows steadily, {amount} over the run; if the motion should keep it, {stepper.method!r} is "
+        "slowly unstable here: take a smaller h, or a method that is stable for this system."
     )

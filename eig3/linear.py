@@ -10,10 +10,14 @@ from typing import Any
 import numpy as np
 
 _FULL = 64  # degrees of freedom up to which all directions are taken
-_DIRECTIONS = 60  # of a force without velocity; of one with, half of them for each of three operators
+_DIRECTIONS = 60
 _VALUES = 2**25  # of all the vectors kept: 256 MB
-_INCREMENT = 2.0**-26  # of u or v, relatively: balances truncation against round-off
-_NEGLIGIBLE = 1e-10  # what differences leave of a vector within the space spanned
+_INCREMENT = 2.0**-26  # of u or v, relatively, to begin with: balances truncation against round-off
+_LONGEST_INCREMENT = 2.0**-10
+_TELLING = 2.0**-40  # of the acceleration: a change that its round-off leaves three digits of
+_STRAIGHT = 1e-2  # difference of two quotients of a function that is straight enough
+_ROUND_OFF = 1e-6  # of products, where differences give them
+_UNDAMPED = 1e-6  # damping ratio
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class Linearised:
     ----------
     K, C : ndarray, shape (m, m)
         On m orthonormal directions: all of them in a system of up to 64 degrees of freedom, else those of Krylov
-        spaces, in which the highest frequencies and the strongest dampings of the whole are met closely.
+        spaces, in which the highest frequencies and the strongest dampings of the whole are met to some 0.1 %.
     evaluations : int
         Of f.
     """
@@ -46,41 +50,39 @@ class Linearised:
         return Linearised(V @ self.K @ V.T, V @ self.C @ V.T, self.evaluations)
 
 
-class _Derivatives:
-    """Products of -df/du and -df/dv with vectors, by differences of f."""
+class _Derivative:
+    """Products of -df/dx with vectors, by differences of ``f(x)``, of which `a` is the value in the middle."""
 
-    def __init__(self, f: Callable, t: float, u: Any, v: Any) -> None:
-        self._f, self._t, self._shape = f, t, np.shape(u)
-        self.n = int(np.size(u))
-        self._u, self._v = np.atleast_1d(u), np.atleast_1d(v)
-        self.evaluations = 0
-        self._at_rest = self._evaluate(self._u, self._v)
-        self._scales = [float(np.abs(x).max()) or 1.0 for x in (self._u, self._v)]
-        w = np.random.default_rng(2).standard_normal(self.n)
-        self.has_velocity = bool(np.any(self.c(w)))
+    def __init__(self, f: Callable, x: np.ndarray, a: np.ndarray, scale: float) -> None:
+        self._f, self._x, self._a, self._scale = f, x, a, scale
+        self._noise = _TELLING * float(np.abs(a).max())
 
-    def k(self, w: np.ndarray) -> np.ndarray:
-        dw = self._increment(w, self._scales[0])
-        return self._difference(self._evaluate(self._u + dw * w, self._v), dw, "u")
+    def __call__(self, w: np.ndarray, increment: float) -> np.ndarray:
+        """The stiffer of the two sides: at a kink, as where a contact begins, they differ."""
+        dx = increment / float(np.abs(w).max())
+        ahead = (self._a - self._f(self._x + dx * w)) / dx
+        behind = (self._f(self._x - dx * w) - self._a) / dx
+        product = np.where(np.abs(ahead) >= np.abs(behind), ahead, behind)
+        if not np.isfinite(product).all():
+            raise ValueError("rhs is not finite close to this state; give another.")
+        return product
 
-    def c(self, w: np.ndarray) -> np.ndarray:
-        dw = self._increment(w, self._scales[1])
-        return self._difference(self._evaluate(self._u, self._v + dw * w), dw, "v")
-
-    def _increment(self, w: np.ndarray, scale: float) -> float:
-        return _INCREMENT * scale / float(np.abs(w).max())
-
-    def _difference(self, a: np.ndarray, dw: float, name: str) -> np.ndarray:
-        change = (self._at_rest - a) / dw
-        if not np.isfinite(change).all():
-            raise ValueError(f"rhs is not finite close to this state ({name} changed by some 1e-8 of its size).")
-        return change
-
-    def _evaluate(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        self.evaluations += 1
-        if self._shape == ():
-            return np.atleast_1d(self._f(self._t, float(u[0]), float(v[0])))
-        return self._f(self._t, u, v)
+    def increment(self, w: np.ndarray, scale: float = 0.0) -> float:
+        """A change of x along w, by its largest entry, that is short for f to be straight and tells for its digits."""
+        scale = scale or self._scale
+        size, longest = _INCREMENT * scale, _LONGEST_INCREMENT * scale
+        largest = float(np.abs(w).max())
+        product = self(w, size)
+        while float(np.abs(product).max()) * size / largest < self._noise and 64 * size <= longest:
+            size *= 64
+            product = self(w, size)
+        for _ in range(20):
+            finer = self(w, size / 16)
+            told = float(np.abs(finer).max()) * size / 16 / largest
+            if told <= self._noise or np.abs(finer - product).max() <= _STRAIGHT * np.abs(product).max():
+                break
+            size, product = size / 16, finer
+        return size
 
 
 def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
@@ -91,22 +93,65 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     ValueError
         Where f is not finite close to the state.
     """
-    d = _Derivatives(f, t, u, v)
-    V = np.eye(d.n) if d.n <= _FULL else _fast_directions(d)
-    K = V @ np.transpose([d.k(w) for w in V])
-    C = V @ np.transpose([d.c(w) for w in V]) if d.has_velocity else np.zeros_like(K)
-    return Linearised(K, C, d.evaluations)
+    scalar, evaluations = np.ndim(u) == 0, 0
+    u, v = np.atleast_1d(u), np.atleast_1d(v)
+
+    def evaluate(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        nonlocal evaluations
+        evaluations += 1
+        return np.atleast_1d(f(t, float(u[0]), float(v[0]))) if scalar else f(t, u, v)
+
+    a = evaluate(u, v)
+    u_size, v_size, a_size = (float(np.abs(x).max()) for x in (u, v, a))
+    natural = math.sqrt(a_size) * math.sqrt(u_size)  # the velocity of a motion that turns at u, and rests there now
+    by_u = _Derivative(lambda x: evaluate(x, v), u, a, u_size or 1.0)
+    by_v = _Derivative(lambda x: evaluate(u, x), v, a, max(v_size, natural) or 1.0)
+    K, C = _all_directions(by_u, by_v, u, v) if u.size <= _FULL else _fast_directions(by_u, by_v, u.size)
+    if np.linalg.norm(C, 2) <= _UNDAMPED * math.sqrt(np.linalg.norm(K, 2)):
+        C = np.zeros_like(K)  # differences see a damping where f has the square of a velocity that is zero here
+    return Linearised(K, C, evaluations)
 
 
-def _fast_directions(d: _Derivatives) -> np.ndarray:
-    """Orthonormal directions in which K and C are largest, and so is the combination of both that limits the step."""
-    most = max(8, min(_DIRECTIONS, _VALUES // (2 * d.n)))
-    if not d.has_velocity:
-        return _krylov_space(d.k, d.n, most)[0]
-    stiff, k = _krylov_space(d.k, d.n, most // 2)
-    strong, c = _krylov_space(d.c, d.n, most // 2)
-    both, _ = _krylov_space(lambda w: _combination(k, c, d.k(w), d.c(w)), d.n, most // 2)
-    return _orthonormal(np.concatenate([stiff, strong, both]))
+def _all_directions(
+    by_u: _Derivative, by_v: _Derivative, u: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Both matrices in full, every column with an increment of its own: u may hold metres beside radians."""
+    units = np.eye(u.size)
+    K, C = (
+        np.transpose([d(w, d.increment(w, abs(float(x[j])))) for j, w in enumerate(units)])
+        for d, x in ((by_u, u), (by_v, v))
+    )
+    return K, C
+
+
+def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Both matrices on directions in which K and C are largest, and so is the combination that limits the step."""
+    w = np.random.default_rng(2).standard_normal(n)
+    du, dv = by_u.increment(w), by_v.increment(w)
+
+    def k(w: np.ndarray) -> np.ndarray:
+        return by_u(w, du)
+
+    def c(w: np.ndarray) -> np.ndarray:
+        return by_v(w, dv)
+
+    stiff, H = _krylov_space(k, n)
+    if not c(w).any():
+        return H, np.zeros_like(H)
+    CV = np.array([c(w) for w in stiff])
+    # Damping proportional to mass and stiffness stays within the space, but for the last direction, which leads out.
+    if np.linalg.norm(CV[:-1] - (CV[:-1] @ stiff.T) @ stiff) <= _ROUND_OFF * np.linalg.norm(CV):
+        m = max(1, len(stiff) - 1)
+        return H[:m, :m], stiff[:m] @ CV[:m].T
+    strong, G = _krylov_space(c, n)
+    norms = _largest(H), _largest(G)
+    both, _ = _krylov_space(lambda w: _combination(*norms, k(w), c(w)), n)
+    V = _orthonormal(np.concatenate([part[: _DIRECTIONS // 2] for part in (stiff, strong, both)]))
+    return V @ np.transpose([k(w) for w in V]), V @ np.transpose([c(w) for w in V])
+
+
+def _largest(H: np.ndarray) -> float:
+    return float(np.abs(np.linalg.eigvals(H)).max())
 
 
 def _combination(k: float, c: float, K: np.ndarray, C: np.ndarray) -> np.ndarray:
@@ -120,10 +165,23 @@ def _combination(k: float, c: float, K: np.ndarray, C: np.ndarray) -> np.ndarray
     return h * h * K + 3 * h * C
 
 
-def _krylov_space(apply: Callable, n: int, most: int) -> tuple[np.ndarray, float]:
-    """An orthonormal basis by Arnoldi's iteration, and the largest absolute eigenvalue there."""
-    V, H = np.empty((most, n)), np.zeros((most, most))
+def _krylov_space(apply: Callable, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """An orthonormal basis by Arnoldi's iteration, and the operator there.
+
+    Where memory allows but few vectors, the iteration starts again from the best of what it found.
+    """
+    most = max(8, min(_DIRECTIONS, _VALUES // (3 * n)))
     w = np.random.default_rng(1).standard_normal(n)
+    for _ in range(math.ceil(_DIRECTIONS / most)):
+        V, H = _arnoldi(apply, w, most)
+        values, vectors = np.linalg.eig(H)
+        best = vectors[:, np.argmax(np.abs(values))]
+        w = (best.real + best.imag) @ V
+    return V, H
+
+
+def _arnoldi(apply: Callable, w: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    V, H = np.empty((most, w.size)), np.zeros((most, most))
     V[0] = w / np.linalg.norm(w)
     for j in range(most):
         w = apply(V[j])
@@ -133,15 +191,15 @@ def _krylov_space(apply: Callable, n: int, most: int) -> tuple[np.ndarray, float
             H[: j + 1, j] += along
             w = w - along @ V[: j + 1]
         after = np.linalg.norm(w)
-        if not after > _NEGLIGIBLE * before or j + 1 == most:
+        if not after > _ROUND_OFF * before or j + 1 == most:
             break
         H[j + 1, j] = after
         V[j + 1] = w / after
-    return V[: j + 1], float(np.abs(np.linalg.eigvals(H[: j + 1, : j + 1])).max())
+    return V[: j + 1], H[: j + 1, : j + 1]
 
 
 def _orthonormal(W: np.ndarray) -> np.ndarray:
     """An orthonormal basis of the space that the rows span, without what is there by round-off only."""
-    sizes, mixtures = np.linalg.eigh(W @ W.T)
-    kept = sizes > _NEGLIGIBLE * sizes[-1]
-    return (mixtures[:, kept] / np.sqrt(sizes[kept])).T @ W
+    Q, R = np.linalg.qr(W.T)
+    left, sizes, _ = np.linalg.svd(R)
+    return (Q @ left[:, sizes > _ROUND_OFF * sizes[0]]).T

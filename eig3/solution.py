@@ -5,7 +5,6 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -44,7 +43,7 @@ class Solution:
     status : Status
     message : str
         What happened, in a sentence. Of a diverged run it compares h with the critical step, and names a step that was
-        tried and holds; this is found out when first asked for, in about the time that the run took.
+        tried and holds; this is found out when first asked for, in two or three times the time that the run took.
     drift : dict of str to float
         For each invariant, max |e_n - e_0| over every step.
     kernel_seconds : float
@@ -68,9 +67,11 @@ class Solution:
     drift: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
-    @cached_property
+    @property
     def message(self) -> str:
-        return self._told if isinstance(self._told, str) else self._told()
+        if not isinstance(self._told, str):
+            self._told = self._told()  # what finds it out holds the state of the run
+        return self._told
 
     @property
     def success(self) -> bool:
@@ -115,7 +116,7 @@ class Solution:
         return u, v
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_told": self.message}  # what finds it out holds compiled code
+        return {**vars(self), "_told": self.message}  # what finds it out holds compiled code too
 
     def __repr__(self) -> str:
         per_step = 1e9 * self.kernel_seconds / self.n_steps if self.n_steps else 0.0

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .callbacks import check_callback, jit
+from .callbacks import cached_jit, check_callback
 from .checks import check_method
 from .kernels.jit import VECTOR, pointer_kernel
 from .methods import EIG3, Method
@@ -20,6 +20,7 @@ from .methods import EIG3, Method
 _ROUND_OFF = 1e-11  # of an eigenvalue: its pair is 1e-5 apart where the limit is bisected to 1e-10
 _SIMPLE = 1e-6  # roots nearer to each other count as one
 _SOLVED_TOGETHER = 32  # oscillators of one call of an implicit method, whose matrix grows with them
+_OSCILLATES = 1e-7  # an imaginary part above what round-off gives to a double real root
 _REGULAR_STEP = 16  # a step index past every method's starting procedure
 _FURTHEST = 100.0  # omega h: what is stable there is taken to be stable for every step
 _TRACKING = 0.01  # omega h between two looks at where the principal root goes
@@ -70,7 +71,7 @@ def _matrices(method: Method, k: np.ndarray, c: np.ndarray) -> np.ndarray:
     return matrices
 
 
-@jit
+@cached_jit
 def _oscillators(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
     n = u.size
     for j in range(n):
@@ -173,7 +174,7 @@ def limit(method: str | Method, xi: float = 0.0) -> float:
     Returns
     -------
     float
-        To 1e-9; 0.0 where small steps are unstable, infinity where no step is up to Omega = 100.
+        To 1e-9; 0.0 where every small step is unstable, infinity where every step up to Omega = 100 is stable.
 
     Notes
     -----
@@ -191,11 +192,18 @@ def _limit(method: Method, xi: float) -> float:
     return first_exit(excess, _ROUND_OFF)
 
 
-def first_exit(excess: Callable[[np.ndarray], np.ndarray], tolerance: float, accuracy: float = 1e-10) -> float:
-    """The least x at which ``excess(x)`` passes `tolerance`; 0.0 where it rises from x = 0 on, infinity where it never
-    does."""
+def first_exit(
+    excess: Callable[[np.ndarray], np.ndarray],
+    tolerance: float,
+    accuracy: float = 1e-10,
+    blocks: Sequence[np.ndarray] | None = None,
+) -> float:
+    """The least x at which ``excess(x)`` passes `tolerance`, looked for at the growing numbers of `blocks`.
+
+    0.0 where it rises from x = 0 on, infinity where it never does.
+    """
     stable = 0.0
-    for block in _blocks():
+    for block in _blocks() if blocks is None else blocks:
         unstable = np.flatnonzero(excess(block) > tolerance)
         if unstable.size:
             break
@@ -207,8 +215,10 @@ def first_exit(excess: Callable[[np.ndarray], np.ndarray], tolerance: float, acc
     while high - low > accuracy * min(1.0, high):
         middle = (low + high) / 2
         low, high = (low, middle) if excess(np.array([middle]))[0] > tolerance else (middle, high)
-    # A limit is left steeply. What grows as a power of x passes the tolerance too, and hardly more a little further on.
-    is_limit = excess(np.array([high * 1.001]))[0] > 2 * tolerance
+    # A limit is left steeply, or what is well before it decays. What grows as a power of x passes the tolerance too,
+    # and hardly more a little further on.
+    further, before = excess(np.array([high * 1.001, high / 2]))
+    is_limit = further > 2 * tolerance or before < -tolerance
     return low if is_limit else 0.0
 
 
@@ -258,7 +268,7 @@ def damping_ratio(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -
     """
     root = principal_root(method, Omega, xi)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return _unwrapped(np.where(root.imag > 0, -np.log(np.abs(root)) / np.angle(root), np.nan))
+        return _unwrapped(np.where(root.imag > _OSCILLATES, -np.log(np.abs(root)) / np.angle(root), np.nan))
 
 
 def period_error(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
@@ -278,7 +288,7 @@ def period_error(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) ->
     root = principal_root(method, Omega, xi)
     with np.errstate(divide="ignore", invalid="ignore"):
         exact = np.asarray(Omega) * np.sqrt(1 - np.square(xi))
-        return _unwrapped(np.where(root.imag > 0, exact / np.angle(root) - 1, np.nan))
+        return _unwrapped(np.where(root.imag > _OSCILLATES, exact / np.angle(root) - 1, np.nan))
 
 
 def principal_root(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
@@ -304,8 +314,10 @@ def _follow(method: str | Method, Omega: np.ndarray, xi: float) -> np.ndarray:
     root, before = 1.0 + 0j, 0.0
     for i, (here, values) in enumerate(zip(way.tolist(), candidates, strict=True)):
         expected = root * np.exp(rate * (here - before))
-        root, before = values[np.argmin(np.abs(values - expected))], here
-        track[i] = root
+        nearest = values[np.argmin(np.abs(values - expected))]
+        if np.isfinite(nearest):
+            root, before = nearest, here
+        track[i] = nearest if np.isfinite(nearest) else np.nan  # where a solve fails
     return track[np.searchsorted(way, Omega)]
 
 
@@ -334,7 +346,7 @@ def explain(method: str | Method) -> str:
 
 def _bound(Omega: float) -> str:
     if Omega == 0:
-        return "at no small step"
+        return "at no step, however small"
     return "at every step" if math.isinf(Omega) else f"up to omega h = {Omega:.6g}"
 
 
