@@ -69,8 +69,7 @@ class _Derivative:
 
     def increment(self, w: np.ndarray, scale: float = 0.0) -> float:
         """A change of x along w, by its largest entry, that is short for f to be straight and tells for its digits."""
-        scale = scale or self._scale
-        size, longest = _INCREMENT * scale, _LONGEST_INCREMENT * scale
+        size, longest = _INCREMENT * (scale or self._scale), _LONGEST_INCREMENT * self._scale
         largest = float(np.abs(w).max())
         product = self(w, size)
         while float(np.abs(product).max()) * size / largest < self._noise and 64 * size <= longest:

@@ -1,7 +1,17 @@
+import importlib
+import re
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import eig3
+
+ROOT = Path(__file__).parent.parent
+#: The README's fenced blocks, as (language, text).
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
+PYTHON = [code for language, code in BLOCKS if language == "python"]
 
 ALL_METHODS = [
     eig3.EIG3(),
@@ -62,3 +72,12 @@ def hardening_chain(t, u, v, p, a):
 @pytest.fixture(params=ALL_METHODS, ids=lambda method: repr(method).partition(", jacobian")[0])
 def method(request):
     return request.param
+
+
+@pytest.fixture
+def symplectic_euler(tmp_path, monkeypatch):
+    """The method of the README, a user's own."""
+    (tmp_path / "symplectic_euler.py").write_text(PYTHON[-1])
+    monkeypatch.syspath_prepend(tmp_path)
+    yield importlib.import_module("symplectic_euler").SymplecticEuler
+    del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]

@@ -145,7 +145,7 @@ def test_divergence_keeps_the_finite_part(save_every):
     assert np.isfinite(run.u).all()
     assert np.isfinite(run.v).all()
     assert run.t[-1] == pytest.approx(run.n_steps * run.h)
-    for word in ("non-finite at t =", "h = 0.7", "is 0.6667", "(omega = 3, xi = 0)", "h = 0.599 was tried and holds"):
+    for word in ("non-finite at t =", "h = 0.7", "is 0.6667", "(omega = 3, xi = 0)", "h = 0.6 was tried and holds"):
         assert word in run.message
     step = eig3.Stepper(oscillator, 1.0, 0.0, h=run.h, params=PARAMS)
     step.advance(run.n_steps)
@@ -170,7 +170,9 @@ def raises_between_seconds(t, u, v, p):
     return -p[0] * u
 
 
-@pytest.mark.parametrize(("stiffness", "remedy"), [(9.0, "shorter steps"), (1e200, "would take long to try")])
+@pytest.mark.parametrize(
+    ("stiffness", "remedy"), [(9.0, "shorter steps"), (1e200, "was not tried, which would take long")]
+)
 def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_it(stiffness, remedy):
     run = integrate(raises_between_seconds, (0, 2000), 1.0, 0.0, h=1.0, params=stiffness)
     assert run.status is eig3.Status.DIVERGED
@@ -222,6 +224,9 @@ def test_raise_on_failure_carries_the_solution():
         oscillate(t_end=1e4, h=0.7, raise_on_failure=True)
     assert caught.value.solution.status is eig3.Status.DIVERGED
     assert len(caught.value.solution.t) > 100
+    copy = pickle.loads(pickle.dumps(caught.value))  # as from another process
+    assert str(copy) == str(caught.value)
+    np.testing.assert_array_equal(copy.solution.u, caught.value.solution.u)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
-from eig3.stability import amplification_matrix, limit
+from eig3.stability import amplification_matrix
 
 from .conftest import (
     ALL_METHODS,
@@ -219,45 +219,3 @@ def test_n_rhs_counts_the_calls():
         calls.clear()
         stepper.advance(50)
         assert 1 + len(calls) == stepper.n_rhs  # and the one at the start
-
-
-@pytest.mark.parametrize(
-    ("method", "expected", "tolerance"),
-    [
-        (eig3.EIG3(), 2, 1e-9),
-        (eig3.EIG3(1.2, 0.5), 1.690, 1e-3),
-        (eig3.EIG3(1.5, 0.5), 1.414, 1e-3),
-        (eig3.EIG3(2, 0.5), 1.155, 1e-3),
-        (eig3.EIG3(2, 1), 2**0.5, 1e-3),
-        (eig3.EIG3(0.8, 0.5), 0, 0),
-        (eig3.EIG3(0.9999, 0.5), 0, 0),
-        (eig3.EIG3(0, 0), 0, 0),
-        (eig3.CentralDifference(), 2, 1e-6),
-        (eig3.CentralDifference(velocity="none"), 2, 1e-9),
-        (eig3.RK2(), 0, 0),
-        (eig3.RK3(), 3**0.5, 1e-8),
-        (eig3.RK4(), 8**0.5, 1e-8),
-        (eig3.AB2(), 0, 0),
-        (eig3.AB3(), 0.7236, 1e-4),
-    ],
-)
-def test_stability_limits(method, expected, tolerance):
-    """The limits of method.md, to the digits printed there, or closed forms to 1e-8 and better."""
-    assert limit(method) == pytest.approx(expected, abs=tolerance)
-
-
-def test_damped_limit_of_eig3():
-    for xi in (0.01, 0.1, 0.5, 1.0):
-        assert limit(eig3.EIG3(), xi) == pytest.approx(2 * ((1 + 4 * xi * xi) ** 0.5 - 2 * xi), abs=1e-8)
-
-
-@pytest.mark.parametrize("method", [eig3.EIG3(), eig3.CentralDifference(velocity="none"), eig3.AB3(), eig3.RK4()])
-def test_limit_from_both_sides(method):
-    """0.999 of the limit stays bounded over 1e5 steps, 1.001 passes any bound."""
-    bound = limit(method)
-    runs = [
-        eig3.integrate(oscillator, (0, 1e5), 1.0, 0.0, h=1.0, params=(factor * bound, 0.0), method=method, save_every=1)
-        for factor in (0.999, 1.001)
-    ]
-    assert np.abs(runs[0].u).max() < 30  # 1/sqrt(1 - 0.999^2) = 22 for EIG-3 and CD
-    assert not runs[1].success or np.abs(runs[1].u).max() > 1e6

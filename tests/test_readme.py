@@ -1,11 +1,7 @@
 """The README's blocks run: Python as written with the output it shows, and the first two commands as CI runs them."""
 
 import contextlib
-import importlib
 import io
-import re
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +9,8 @@ import pytest
 import eig3
 from eig3.stability import limit
 
-ROOT = Path(__file__).parent.parent
-BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
-PYTHON = [code for language, code in BLOCKS if language == "python"]
+from .conftest import BLOCKS, PYTHON, ROOT
+
 OUTPUT = [text for language, text in BLOCKS if language == "text"]
 
 
@@ -40,14 +35,6 @@ def spring(t, u, v, p):
 def springs(t, u, v, p, a):
     for j in range(u.size):
         a[j] = -u[j]
-
-
-@pytest.fixture
-def symplectic_euler(tmp_path, monkeypatch):
-    (tmp_path / "symplectic_euler.py").write_text(PYTHON[-1])
-    monkeypatch.syspath_prepend(tmp_path)
-    yield importlib.import_module("symplectic_euler").SymplecticEuler
-    del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]
 
 
 def test_the_method_of_the_readme_works(symplectic_euler):

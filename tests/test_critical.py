@@ -1,0 +1,614 @@
+"""eig3.critical_step: against closed forms, and against runs on both sides of the limit it tells."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import eig3
+from eig3 import NoCriticalStepError, critical_step, problems
+from eig3.critical import critical
+from eig3.stability import limit
+
+from .conftest import gyroscope, hardening, oscillator, oscillator_vector
+
+LAGGED = eig3.CentralDifference(velocity="lagged")
+EVERY = ["eig3", "cd", LAGGED, "rk3", "rk4", "ab3"]
+STEADY = {"eig3": 2.0, "cd": 2.0, "rk3": 3**0.5, "rk4": 8**0.5, "ab3": 12 / (5 * 11**0.5)}
+
+
+@eig3.jit
+def structure(t, u, v, p, a):
+    """u'' = -K u - C v, with the matrices in p."""
+    n = u.size
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total -= p[i * n + j] * u[j] + p[n * n + i * n + j] * v[j]
+        a[i] = total
+
+
+@eig3.jit
+def structure_jacobian(t, u, v, p, J):
+    n = u.size
+    for i in range(n):
+        for j in range(n):
+            J[i, j] = -p[n * n + i * n + j]
+
+
+def name_of(method):
+    return method if isinstance(method, str) else repr(method)
+
+
+# One degree of freedom -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", EVERY, ids=name_of)
+@pytest.mark.parametrize("xi", [0.0, 0.02, 0.3, 1.0, 4.0])
+@pytest.mark.parametrize("omega", [1e-3, 7.0, 3e5])
+def test_oscillator(method, xi, omega):
+    """Differences over 1.5e-8 of u and omega u leave 1.5e-8 of round-off in k and in c / omega, and a limit goes with
+    either times eight at most, as the two rates do at xi = 4. Where xi = 1 its square root parts the double rate."""
+    expected = limit(method, xi)
+    for v0 in (0.0, 0.5 * omega):
+        found = critical_step(oscillator, 1.0, v0, (omega, xi), method=method)
+        assert found.limit == pytest.approx(expected / omega, rel=3e-4 if xi == 1 else 1e-6)
+    assert found.h == 0.9 * found.limit
+    assert found.omega_max == pytest.approx(omega, rel=1e-6)
+    assert found.xi == pytest.approx(xi, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize(("method", "xi"), [("rk2", 0.1), ("ab2", 0.1), ("rk2", 1e-5), ("ab2", 1e-5), ("rk2", 3.0)])
+def test_oscillator_that_only_damping_makes_stable(method, xi):
+    """A growth of 1e-8 a step is round-off of differences, and hides some per cent of xi Omega = 4e-7 at xi = 1e-5."""
+    found = critical_step(oscillator, 1.0, 0.5, (2.0, xi), method=method)
+    assert found.limit == pytest.approx(limit(method, xi) / 2, rel=0.02 if xi < 1e-3 else 1e-6)
+
+
+def test_a_slowly_unstable_set_of_eig3_has_a_step_with_damping():
+    method = eig3.EIG3(0.9)
+    assert critical_step(oscillator, 1.0, 0.0, (1.0, 3e-5), method=method).limit == pytest.approx(
+        limit(method, 3e-5), rel=0.01
+    )
+    with pytest.raises(NoCriticalStepError, match="unstable at every step"):
+        critical_step(oscillator, 1.0, 0.0, (1.0, 0.0), method=method)
+
+
+def test_closed_forms():
+    for xi in (0.05, 0.5, 3.0):
+        expected = 2 * (math.sqrt(1 + 4 * xi * xi) - 2 * xi) / 5
+        assert critical_step(oscillator, 1.0, 0.0, (5.0, xi)).limit == pytest.approx(expected, rel=1e-6)
+        assert critical_step(oscillator, 1.0, 0.0, (5.0, min(xi, 1)), method="cd").limit == pytest.approx(0.4, rel=1e-6)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    omega=st.floats(1e-12, 1e12),
+    xi=st.sampled_from([0.0, 1e-3, 0.05, 0.7, 3.0, 10.0]),
+    u0=st.sampled_from([0.0, 1.0, -1e-9, 1e9]),
+    vector=st.booleans(),
+    method=st.sampled_from(EVERY),
+)
+def test_limit_is_positive_and_scales_with_time(omega, xi, u0, vector, method):
+    expected = limit(method, xi)
+    state = ([u0, u0], [0.0, 1.0]) if vector else (u0, 0.0)
+    arguments = (oscillator_vector if vector else oscillator, *state, (omega, xi))
+    found = critical_step(*arguments, method=method)
+    assert 0 < found.h < found.limit < math.inf
+    # v = 1 in the vector form can be more than omega u, and c v then hides omega^2 u in round-off
+    if not vector:
+        assert found.limit == pytest.approx(expected / omega, rel=1e-5)
+    assert all(math.isfinite(x) for x in (found.h, found.limit, found.omega_max))
+
+
+def test_safety_multiplies():
+    for safety in (1, 1.0, 0.5, 0.9):
+        found = critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), safety=safety)
+        assert found.h == safety * found.limit
+        assert found.limit == pytest.approx(0.5, rel=1e-6)
+
+
+def test_hardening_stiffens_with_the_state():
+    """omega^2 = p (1 + 3 u^2) of the tangent."""
+    for u0 in (0.0, 0.5, 2.0):
+        found = critical_step(hardening, u0, 0.0, 9.0)
+        assert found.omega_max == pytest.approx(3 * math.sqrt(1 + 3 * u0 * u0), rel=1e-6)
+        assert found.limit == pytest.approx(2 / found.omega_max, rel=1e-6)
+
+
+def test_time_of_the_state_is_told_to_rhs():
+    @eig3.jit
+    def aging(t, u, v, p):
+        return -(1 + t) * u
+
+    assert critical_step(aging, 1.0, 0.0, t=3.0).omega_max == pytest.approx(2, rel=1e-6)
+    with pytest.raises(ValueError, match="t must be a finite number"):
+        critical_step(aging, 1.0, 0.0, t=math.nan)
+
+
+# Bars and chains -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [2, 64, 65, 100, 100_000])
+def test_elastic_bar(n):
+    """From 65 masses on a Krylov space of 60 directions finds the highest frequency, to 1e-3 in a long bar."""
+    bar = problems.elastic_bar(n)
+    highest = 2 * math.sqrt(bar.params[0]) * math.cos(math.pi / (2 * (n + 1)))
+    for method in ("eig3", "cd", "rk4")[: 1 if n > 1000 else 3]:
+        found = bar.critical_step(method=method)
+        assert found.omega_max == pytest.approx(highest, rel=1e-3)
+        assert found.limit == pytest.approx(STEADY[method] / highest, rel=1e-3)
+        assert found.xi == 0
+        if n > 64:  # two for each of 60 directions, and a few to find increments
+            assert found.evaluations < 150
+
+
+@pytest.mark.parametrize(("n", "xi"), [(100, 0.1), (1000, 0.1), (1000, 1.0)])
+def test_damped_bar(n, xi):
+    """Its modes are those of the elastic bar, damped by xi omega / (2 sqrt(k))."""
+    bar = problems.damped_bar(n, xi=xi)
+    ratio = math.cos(math.pi / (2 * (n + 1)))
+    highest = 2 * math.sqrt(bar.params[0]) * ratio
+    for method in ("eig3", "cd", LAGGED):
+        found = bar.critical_step(method=method)
+        assert found.limit == pytest.approx(limit(method, xi * ratio) / highest, rel=2e-3)
+        assert found.omega_max == pytest.approx(highest, rel=2e-3)
+        assert found.xi == pytest.approx(xi * ratio, rel=2e-3)
+
+
+@pytest.mark.parametrize("n", [30, 200])
+def test_hardening_chain(n):
+    """At rest it is linear, with one free end: 2 sqrt(k) cos(pi / (4 n + 2))."""
+    chain = problems.hardening_chain(n)
+    highest = 2 * math.sqrt(chain.params[0]) * math.cos(math.pi / (4 * n + 2))
+    assert chain.critical_step().limit == pytest.approx(2 / highest, rel=1e-3)
+    assert chain.critical_step(method="ab3").limit == pytest.approx(STEADY["ab3"] / highest, rel=1e-3)
+
+
+# Systems with modes in common, and without ---------------------------------------------------------------------------
+
+
+def system(kind, n):
+    """K and C of a random system: frequencies from 1 to 10."""
+    random = np.random.default_rng(n)
+    Q = np.linalg.qr(random.normal(size=(n, n)))[0]
+    K = Q @ np.diag(np.concatenate([[100.0], random.uniform(1, 90, n - 1)])) @ Q.T
+    if kind == "undamped":
+        return K, np.zeros((n, n))
+    if kind == "modal":
+        return K, 0.05 * np.eye(n) + 0.01 * K
+    if kind == "local":
+        C = np.zeros((n, n))
+        C[0, 0] = 4.0
+        return K, C
+    B = random.normal(size=(n, n))
+    return K, B @ B.T / n  # has no modes in common with K
+
+
+def largest(method, K, C, h, n_steps):
+    """The largest size of a state of a run from a random start, as a multiple of that start's, in sqrt(v^2 + u K u)."""
+    n = len(K)
+    root = np.linalg.cholesky(K)
+    random = np.random.default_rng(99)
+    u0 = np.linalg.solve(root.T, random.normal(size=n))
+    v0 = random.normal(size=n)
+    params = np.concatenate([K.ravel(), C.ravel()])
+    if method == "cd" and n > 3:  # without it Newton's method evaluates n times for each iteration
+        method = eig3.CentralDifference(jacobian=structure_jacobian) if C.any() else "cd"
+    record = method if isinstance(method, eig3.Method) else eig3.METHODS[method]()
+    record = record if C.any() else record.without_velocity()
+    stepper = eig3.Stepper(structure, u0, v0, h=h, params=params, method=record)
+    u_rows, v_rows = np.empty((n_steps, n)), np.empty((n_steps, n))
+    taken = stepper.advance(n_steps, 1, u_rows, v_rows)
+    with np.errstate(over="ignore", invalid="ignore"):
+        sizes = np.sqrt((v_rows[:taken] ** 2).sum(axis=1) + ((u_rows[:taken] @ root) ** 2).sum(axis=1))
+    highest = np.nan_to_num(sizes, nan=np.inf).max(initial=0.0)
+    return highest / math.sqrt(v0 @ v0 + u0 @ K @ u0) if taken == n_steps else math.inf
+
+
+@pytest.mark.parametrize("n", [3, 20, 150])
+@pytest.mark.parametrize("kind", ["undamped", "modal", "full", "local"])
+@pytest.mark.parametrize("method", EVERY, ids=name_of)
+def test_runs_on_both_sides_of_the_limit(method, kind, n):
+    """0.99 of the limit stays bounded, 1.01 grows without bound.
+
+    In one undamped mode at 0.99 of the limit, central difference's positions come to 1/sqrt(1 - 0.99^2) = 7.1 times the
+    start, EIG-3's reported velocities to (1 + 2 * 0.99) times that at most; Runge-Kutta steps never grow, the parasites
+    of AB3 little. Damped systems without common modes can grow on the way by as much as their modes are skew: 30 allows
+    for twice, and what is left of the limit's 0.2 per cent. Above the limit the slowest to grow is RK3, by
+    1 - Omega^4/24 + Omega^6/72, 0.75 per cent a step, e^18 in 2500 steps; Newton's method at 150 degrees of freedom
+    gets 200 steps, in which an alternating mode grows by 20 per cent each.
+    """
+    K, C = system(kind, n)
+    found = critical_step(structure, np.zeros(n), np.zeros(n), np.concatenate([K.ravel(), C.ravel()]), method=method)
+    n_steps = 200 if method == "cd" and n == 150 and C.any() else 5000 if n < 150 else 2500
+    assert largest(method, K, C, 0.99 * found.limit, n_steps) < 30
+    assert not largest(method, K, C, 1.01 * found.limit, n_steps) < 1e6
+    if kind == "undamped":
+        expected = STEADY.get(name_of(method), 2.0) / 10
+        assert found.limit == pytest.approx(expected, rel=1e-5)
+        assert found.omega_max == pytest.approx(10, rel=1e-5)
+
+
+@pytest.mark.parametrize("method", ["rk2", "ab2"])
+@pytest.mark.parametrize("n", [3, 20])
+def test_slowly_unstable_methods_on_both_sides(method, n):
+    """Every mode has a damping ratio of 0.1 in a system damped in proportion to sqrt(K), so that the fastest limits."""
+    random = np.random.default_rng(n)
+    Q = np.linalg.qr(random.normal(size=(n, n)))[0]
+    omega = np.concatenate([[10.0], random.uniform(1, 9, n - 1)])
+    K, C = Q @ np.diag(omega**2) @ Q.T, Q @ np.diag(0.2 * omega) @ Q.T
+    found = critical_step(structure, np.zeros(n), np.zeros(n), np.concatenate([K.ravel(), C.ravel()]), method=method)
+    assert found.limit == pytest.approx(limit(method, 0.1) / 10, rel=1e-5)
+    # at 1.01 the growth is 0.01 Omega (Omega^3/2 - xi) > 0.0003 a step: e^15 = 3e6 in 50 000
+    assert largest(method, K, C, 0.99 * found.limit, 50_000) < 30
+    assert not largest(method, K, C, 1.01 * found.limit, 50_000) < 1e6
+
+
+def test_default_safety_holds_in_every_system():
+    for kind in ("undamped", "modal", "full", "local"):
+        K, C = system(kind, 20)
+        for method in EVERY:
+            params = np.concatenate([K.ravel(), C.ravel()])
+            h = critical_step(structure, np.zeros(20), np.zeros(20), params, method=method).h
+            assert largest(method, K, C, h, 1000) < 10
+
+
+# Gyroscopic systems --------------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def spinning(t, u, v, p, a):
+    """Springs p[0] and p[1] in a plane that turns at the rate p[2] / 2, without the centrifugal force."""
+    a[0] = -p[0] * u[0] - p[2] * v[1]
+    a[1] = -p[1] * u[1] + p[2] * v[0]
+
+
+def farthest(rhs, params, method, h, n_steps):
+    run = eig3.integrate(rhs, (0, n_steps * h), [1.0, 0.3], [0.2, 0.5], h=h, params=params, method=method)
+    return max(np.abs(run.u).max(), np.abs(run.v).max()) if run.success else math.inf
+
+
+@pytest.mark.parametrize("method", ["rk3", "rk4", "ab3"])
+@pytest.mark.parametrize(("rhs", "params", "rate"), [(gyroscope, (3.0,), 3.0), (spinning, (4.0, 4.0, 3.0), 4.0)])
+def test_gyroscopic_systems_limit_methods_by_their_rates(method, rhs, params, rate):
+    """s^2 -+ 3 i s + 4 = 0: rates of 4 and -1; and 3 without springs."""
+    found = critical_step(rhs, [1.0, 0.3], [0.2, 0.5], params, method=method)
+    assert found.limit == pytest.approx(STEADY[method] / rate, rel=1e-5)
+    assert found.omega_max == pytest.approx(rate, rel=1e-6)
+    assert str(found.xi) == "0.0"
+    # at 0.99 nothing grows; u may drift by v / rate, and AB3's start has an error of its own
+    assert farthest(rhs, params, method, 0.99 * found.limit, 20_000) < 10
+    assert farthest(rhs, params, method, 1.01 * found.limit, 20_000) > 1e6
+
+
+def test_gyroscopic_limit_of_central_difference():
+    """2 cos phi - g sin phi = 2 - s has four real solutions while s < 2 + sqrt(4 + g^2), s = k h^2 and g = kappa h,
+    that is h < sqrt(4 k + kappa^2) / k; the search tells it to 0.2 per cent."""
+    found = critical_step(spinning, [1.0, 0.3], [0.2, 0.5], (4.0, 4.0, 3.0), method="cd")
+    assert found.limit == pytest.approx(1.25, rel=2.1e-3)
+    assert farthest(spinning, (4.0, 4.0, 3.0), "cd", 0.99 * found.limit, 5000) < 30
+    assert farthest(spinning, (4.0, 4.0, 3.0), "cd", 1.01 * found.limit, 5000) > 1e6
+    with pytest.raises(NoCriticalStepError, match="nothing that oscillates or decays limits the step"):
+        critical_step(gyroscope, [1.0, 0.3], [0.2, 0.5], 3.0, method="cd")
+
+
+@pytest.mark.parametrize(
+    ("k1", "k2", "kappa"), [(1.8, 1.3, 0.8), (1.39, 1.49, -5.84), (12.77, 13.06, -4.65), (2.6, 3.0, 14.8)]
+)
+def test_gyroscopic_forces_do_not_hide_a_window_of_instability(k1, k2, kappa):
+    """In what alternates from step to step v is zero: one mode is lost at h = 2 / sqrt(k) of the stiffer spring, and
+    the two are stable together again once the other one is lost as well."""
+    found = critical_step(spinning, [1.0, 0.3], [0.2, 0.5], (k1, k2, kappa), method="cd")
+    expected = 2 / math.sqrt(max(k1, k2))
+    assert found.limit == pytest.approx(expected, rel=2.1e-3)
+    assert farthest(spinning, (k1, k2, kappa), "cd", 0.99 * found.limit, 5000) < 1000  # springs that all but cancel
+    window = (expected + 2 / math.sqrt(min(k1, k2))) / 2
+    assert farthest(spinning, (k1, k2, kappa), "cd", window, 5000) > 1e6
+
+
+@pytest.mark.parametrize("method", ["eig3", "rk2", "ab2", LAGGED], ids=name_of)
+@pytest.mark.parametrize(("rhs", "params"), [(gyroscope, (3.0,)), (spinning, (4.0, 4.0, 3.0))])
+def test_gyroscopic_systems_have_no_step_with_methods_that_excite_them(method, rhs, params):
+    with pytest.raises(NoCriticalStepError) as caught:
+        critical_step(rhs, [1.0, 0.3], [0.2, 0.5], params, method=method)
+    message = str(caught.value)
+    assert "is unstable at every step for this system" in message
+    assert message.endswith("choose a method that has a stable step for it, such as 'cd', 'rk4'.")  # not 'eig3'
+    assert " and xi = 0;" in message
+    # the growth is kappa^4 h^4 / 8 a step for RK2 and twice that for the others, at kappa h = 0.3 0.1 per cent
+    assert farthest(rhs, params, method, 0.1, 40_000) > 1e6
+
+
+@pytest.mark.parametrize("n", [2, 5, 20])
+@pytest.mark.parametrize("size", [0.01, 0.1, 3.0])
+def test_weak_gyroscopic_forces_excite_lagged_central_difference(n, size):
+    """However weak: by half of kappa h a step, where kappa is a hundredth of the frequencies too."""
+    random = np.random.default_rng(n)
+    Q = np.linalg.qr(random.normal(size=(n, n)))[0]
+    B = random.normal(size=(n, n))
+    params = np.concatenate([(Q @ np.diag(random.uniform(1, 10, n)) @ Q.T).ravel(), (size * (B - B.T)).ravel()])
+    with pytest.raises(NoCriticalStepError, match="unstable at every step"):
+        critical_step(structure, np.zeros(n), np.zeros(n), params, method=LAGGED)
+
+
+# Where nothing oscillates --------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def spring_and_drag(t, u, v, p):
+    return -p[0] * u - p[1] * v
+
+
+@pytest.mark.parametrize("method", [*EVERY, "rk2", "ab2"], ids=name_of)
+def test_a_free_particle_has_every_step(method):
+    with pytest.raises(NoCriticalStepError, match="limits the step"):
+        critical_step(spring_and_drag, 1.0, 2.0, (0.0, 0.0), method=method)
+
+
+@pytest.mark.parametrize(
+    ("method", "interval"),
+    [("eig3", 1), (LAGGED, 2), ("rk2", 2), ("rk3", 2.5127453266), ("rk4", 2.7852935634), ("ab2", 1), ("ab3", 6 / 11)],
+)
+def test_pure_drag(method, interval):
+    """v' = -c v: the real interval of each method; that of AB2 for EIG-3's velocity, of Euler for a lagged one."""
+    found = critical_step(spring_and_drag, 1.0, 2.0, (0.0, 5.0), method=method)
+    assert found.limit == pytest.approx(interval / 5, rel=1e-6)
+    assert (found.omega_max, found.xi) == (0.0, math.inf)
+    runs = [
+        eig3.Stepper(spring_and_drag, 1.0, 2.0, h=factor * found.limit, params=(0.0, 5.0), method=method)
+        for factor in (0.99, 1.01)
+    ]
+    for run in runs:
+        run.advance(5000)
+    assert abs(runs[0].v) < 1e-6
+    assert not abs(runs[1].v) < 1e6  # 1.01 of an interval grows by 0.3 per cent a step at least
+
+
+def test_drag_does_not_limit_an_implicit_method():
+    with pytest.raises(NoCriticalStepError, match="limits the step"):
+        critical_step(spring_and_drag, 1.0, 2.0, (0.0, 5.0), method="cd")
+
+
+def test_a_saddle_may_grow_by_itself():
+    """u'' = 4 u: what grows like exp(2 t) may; what decays like exp(-2 t) limits the methods of first-order systems."""
+    for method, interval in (("rk2", 2), ("rk4", 2.7852935634), ("ab2", 1)):
+        assert critical_step(spring_and_drag, 1.0, 0.0, (-4.0, 0.0), method=method).limit == pytest.approx(
+            interval / 2, rel=1e-6
+        )
+    for method in ("eig3", "cd", LAGGED):
+        with pytest.raises(NoCriticalStepError, match="limits the step"):
+            critical_step(spring_and_drag, 1.0, 0.0, (-4.0, 0.0), method=method)
+
+
+def test_a_saddle_beside_a_spring():
+    for method, expected in STEADY.items():
+        found = critical_step(spinning, [1.0, 0.0], [0.0, 0.0], (-4.0, 9.0, 0.0), method=method)
+        assert found.limit == pytest.approx(expected / 3, rel=1e-6)
+        assert found.omega_max == pytest.approx(3, rel=1e-6)
+
+
+# Hard to difference, or to span --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("c", [10.0, 51.0, 60.0, 1e3])
+def test_a_strong_damper_does_not_hide_the_limit_of_central_difference(c):
+    found = critical_step(spring_and_drag, 1.0, 0.0, (1.0, c), method="cd")
+    assert found.limit == pytest.approx(2, rel=1e-5)
+    assert found.xi == pytest.approx(c / 2, rel=1e-5)
+
+
+@pytest.mark.parametrize("n", [20, 200])
+def test_a_strong_damper_at_the_end_of_a_chain(n):
+    """Central difference does not see it, and EIG-3's limit is 1/c."""
+    K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    C = np.zeros((n, n))
+    C[-1, -1] = 100.0
+    params = np.concatenate([K.ravel(), C.ravel()])
+    stiffest = 2 * math.cos(math.pi / (2 * (n + 1)))
+    for method, expected in (("cd", 2 / stiffest), ("eig3", 0.01)):
+        found = critical_step(structure, np.zeros(n), np.zeros(n), params, method=method)
+        assert found.limit == pytest.approx(expected, rel=5e-3)  # the search's 0.2 %, and the spring beside the damper
+
+
+@eig3.jit
+def contact(t, u, v, p):
+    return p[0] * max(0.0, -u) - 9.81
+
+
+@eig3.jit
+def contacts(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = p[0] * max(0.0, -u[j]) - u[j]
+
+
+def test_the_stiffer_side_of_a_kink_counts():
+    assert critical_step(contact, 0.0, 0.0, 1e6).limit == pytest.approx(2e-3, rel=1e-5)
+    for n in (3, 64, 65, 200):
+        assert critical_step(contacts, np.zeros(n), np.zeros(n), 1e6).limit == pytest.approx(2e-3, rel=1e-5)
+
+
+@eig3.jit
+def metres_and_radians(t, u, v, p, a):
+    a[0] = -1e-6 * u[0]
+    a[1] = -100 * np.sin(u[1])
+
+
+@eig3.jit
+def small_wave(t, u, v, p):
+    return -p[0] * np.sin(u / p[0])
+
+
+@eig3.jit
+def heavy(t, u, v, p):
+    return p[0] - p[1] * u
+
+
+def test_increments_fit_the_system():
+    """Of a sine to 1 % of its curvature, which is what two increments are let differ by."""
+    for far in (1.0, 1e4, 1e8, 1e10):
+        found = critical_step(metres_and_radians, [far, 0.0], [0.0, 0.0])
+        assert found.limit == pytest.approx(0.2, rel=5e-3)
+    for length in (1e3, 1.0, 1e-6, 1e-9, 1e-12):
+        assert critical_step(small_wave, 0.0, 0.0, length).limit == pytest.approx(2, rel=5e-3)
+    for stiffness in (1.0, 30.0, 100.0, 1e6):
+        assert critical_step(heavy, 0.0, 0.0, (9.81e9, stiffness)).limit == pytest.approx(2 / stiffness**0.5, rel=1e-3)
+
+
+def beam(elements, inertia):
+    """M^-1 K of Hermite elements in metres and radians, pinned: not symmetric, and its units differ."""
+    L, EI, n = 0.1, 1e3, 2 * (elements + 1)
+    element = np.array([[12, 6 * L, -12, 6 * L], [6 * L, 4 * L * L, -6 * L, 2 * L * L]])
+    element = EI / L**3 * np.concatenate([element, [[-12, -6 * L, 12, -6 * L], [6 * L, 2 * L * L, -6 * L, 4 * L * L]]])
+    K = np.zeros((n, n))
+    for e in range(elements):
+        K[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += element
+    K /= np.tile([1.0, inertia], elements + 1)[:, None]
+    free = np.delete(np.arange(n), [0, n - 2])
+    return K[np.ix_(free, free)]
+
+
+@pytest.mark.parametrize("inertia", [1e-1, 1e-2, 1e-3])
+@pytest.mark.parametrize(("mass", "stiffness"), [(0.0, 0.0), (1e-4, 0.0), (0.0, 0.1), (0.05, 0.05)])
+def test_a_beam_in_metres_and_radians(inertia, mass, stiffness):
+    """Damping proportional to mass and to stiffness, by its ratios at the highest frequency."""
+    K = beam(100, inertia)
+    highest = math.sqrt(np.linalg.eigvals(K).real.max())
+    C = 2 * mass * highest * np.eye(len(K)) + 2 * stiffness / highest * K
+    for method in (eig3.EIG3(), eig3.RK4(), LAGGED):
+        found = critical(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(len(K)), np.zeros(len(K)), method)
+        assert found.limit == pytest.approx(limit(method, mass + stiffness) / highest, rel=5e-3)
+
+
+def test_the_mode_told_is_the_one_that_limits():
+    """Central difference is limited by the stiff mode, not by the fast decay of the other."""
+    K, C = np.diag([1.0, 100.0]), np.array([[30.0, 0.1], [0.1, 0.0]])
+    found = critical(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(2), np.zeros(2), eig3.CentralDifference())
+    assert found.limit == pytest.approx(0.2, rel=5e-3)
+    assert found.omega_max == pytest.approx(10, rel=1e-3)
+    assert found.xi < 1e-3
+
+
+# What it costs -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["undamped", "modal", "full", "local"])
+@pytest.mark.parametrize("n", [1, 3, 64, 65, 150])
+def test_evaluations_are_those_made(kind, n):
+    K, C = system(kind, n)
+    calls = []
+
+    def acceleration(t, u, v):
+        calls.append(1)
+        return -K @ u - C @ v
+
+    for method in (eig3.EIG3(), eig3.CentralDifference(), eig3.RK4()):
+        calls.clear()
+        found = critical(acceleration, 0.0, np.ones(n), np.zeros(n), method)
+        assert found.evaluations == len(calls)
+        # two for a difference, of which a small system takes one in each direction for u and for v, after some to find
+        # its increment; a large one 60 for each of three Krylov spaces, of which
+        # one is of both, 60 to see whether C stays in the first, and two for each of 90 directions
+        assert found.evaluations <= (1 + 40 * n if n <= 64 else 1 + 2 * (5 * 60 + 2 * 90) + 80)
+
+
+def test_state_is_not_changed():
+    u0, v0, params = np.ones(2), np.zeros(2), np.array([4.0, 5.0, 0.1])
+    critical_step(spinning, u0, v0, params, method="rk4")
+    assert (u0.tolist(), v0.tolist(), params.tolist()) == ([1, 1], [0, 0], [4, 5, 0.1])
+
+
+# Problems, records and users' methods --------------------------------------------------------------------------------
+
+
+def test_a_problem_takes_the_form_without_velocity_by_name(monkeypatch):
+    bar = problems.elastic_bar(10)
+    given = []
+    original = eig3.problem.critical_step
+    monkeypatch.setattr(
+        eig3.problem, "critical_step", lambda *args, **kw: given.append(kw["method"]) or original(*args, **kw)
+    )
+    found = bar.critical_step(method="cd", safety=0.8)
+    assert given == [eig3.CentralDifference(velocity="none")]
+    assert found.h == 0.8 * found.limit
+    assert problems.damped_bar(10).critical_step(method="cd").limit > 0
+    assert given[1] == eig3.CentralDifference()
+
+
+@pytest.mark.parametrize("record", [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity="none")])
+def test_a_record_without_velocity_refuses_a_force_that_reads_it(record):
+    with pytest.raises(ValueError, match="velocity='none' needs a rhs that ignores v"):
+        critical_step(oscillator, 1.0, 0.0, (2.0, 0.1), method=record)
+    assert critical_step(oscillator, 1.0, 0.0, (2.0, 0.0), method=record).limit == pytest.approx(1, rel=1e-6)
+
+
+def test_other_sets_of_eig3():
+    for alpha, beta in ((1.2, 0.5), (2.0, 1.0), (1.2, 0.6)):
+        found = critical_step(oscillator, 1.0, 0.0, (3.0, 0.0), method=eig3.EIG3(alpha, beta))
+        assert found.limit == pytest.approx(math.sqrt(2 / (alpha - beta)) / 3, rel=1e-6)
+
+
+def test_a_users_method(symplectic_euler):
+    for xi in (0.0, 0.2, 1.0):
+        found = critical_step(oscillator, 1.0, 0.0, (3.0, xi), method="symplectic-euler")
+        assert found.limit == pytest.approx(2 * (math.sqrt(1 + xi * xi) - xi) / 3, rel=1e-6)
+    K, C = system("full", 20)
+    params = np.concatenate([K.ravel(), C.ravel()])
+    found = critical_step(structure, np.zeros(20), np.zeros(20), params, method=symplectic_euler())
+    assert largest(symplectic_euler(), K, C, 0.99 * found.limit, 5000) < 30
+    assert not largest(symplectic_euler(), K, C, 1.01 * found.limit, 5000) < 1e6
+
+
+# What is refused -----------------------------------------------------------------------------------------------------
+
+
+def plain(t, u, v, p):
+    return -u
+
+
+@eig3.jit
+def lonely(t, u, v, p):
+    return 0.0 if u == 0 else np.nan
+
+
+@eig3.jit
+def undefined(t, u, v, p):
+    return np.nan
+
+
+GOOD = {"rhs": oscillator, "u0": 1.0, "v0": 0.0, "params": (2.0, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"safety": 0}, ValueError, "safety must be a number above 0 and up to 1, not 0."),
+        ({"safety": -0.5}, ValueError, "safety must be a number above 0 and up to 1, not -0.5."),
+        ({"safety": 1.1}, ValueError, "safety must be a number above 0 and up to 1, not 1.1."),
+        ({"safety": math.nan}, ValueError, "safety must be a number above 0 and up to 1, not nan."),
+        ({"safety": True}, ValueError, "safety must be a number above 0 and up to 1, not True."),
+        ({"safety": "0.9"}, ValueError, "safety must be a number above 0 and up to 1, not '0.9'."),
+        ({"u0": [1.0, 2.0]}, ValueError, "u0 and v0 must have the same shape, not (2,) and ()."),
+        ({"u0": [1.0], "v0": [0.0]}, TypeError, "rhs has the scalar form"),
+        ({"u0": np.nan}, ValueError, "u0 must be finite, but it holds nan."),
+        ({"rhs": plain}, TypeError, "rhs must be compiled: decorate it with @eig3.jit or @numba.njit."),
+        ({"rhs": oscillator_vector}, TypeError, "rhs has the vector form"),
+        ({"method": "euler"}, ValueError, "method must be one of 'eig3', 'cd'"),
+        ({"params": "k"}, TypeError, "params must be made of real numbers, not 'k'."),
+        ({"rhs": undefined}, ValueError, "rhs gives nan for degree of freedom 0 at the start"),
+        ({"rhs": lonely, "u0": 0.0}, ValueError, "rhs is not finite close to this state; give another."),
+    ],
+)
+def test_bad_input_is_told_in_a_sentence(change, error, message):
+    with pytest.raises(error) as caught:
+        critical_step(**{**GOOD, **change})
+    text = str(caught.value)
+    assert message in text
+    assert "\n" not in text
+    assert text.endswith(".")
+
+
+def test_no_critical_step_is_a_value_error():
+    assert issubclass(NoCriticalStepError, ValueError)

@@ -1,0 +1,355 @@
+"""What a run that diverges says of its step, and what a finite one that grows steadily is noted for."""
+
+import math
+import re
+import sys
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import integrate, problems
+from eig3.stability import limit, spectral_radius
+
+from .conftest import gyroscope, hardening, oscillator, oscillator_vector
+
+CD = eig3.CentralDifference(velocity="none")
+OMEGA = 3.0
+
+
+def said(pattern, text):
+    found = re.search(pattern, text)
+    assert found, text
+    return float(found[1])
+
+
+def tried_step_holds(run, rhs, u0, v0, params):
+    """Run with the step that the message names to where the run failed, and return that step and the largest |u|."""
+    h = said(r"; h = ([\d.e+-]+) was tried and holds up to then\.$", run.message)
+    n_steps = math.ceil((run.t[-1] + run.h) / h)
+    again = integrate(rhs, (0, n_steps * h), u0, v0, h=h * (1 + 1e-9), params=params, method=run.method)
+    assert again.success
+    assert again.h == pytest.approx(h, rel=1e-8)
+    return h, np.abs(again.u).max()
+
+
+# Linear systems ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rhs", "u0"), [(oscillator, 1.0), (oscillator_vector, [1.0, 2.0])], ids=["scalar", "vector"])
+@pytest.mark.parametrize(
+    ("method", "xi", "h"),
+    [
+        (eig3.EIG3(), 0.0, 0.7),
+        (eig3.EIG3(), 0.1, 0.6),
+        (eig3.EIG3(1.2), 0.0, 0.6),
+        (CD, 0.0, 0.7),
+        (eig3.CentralDifference(), 0.0, 0.7),
+        (eig3.CentralDifference(), 0.1, 0.7),
+        (eig3.CentralDifference(velocity="lagged"), 0.1, 0.7),
+        (eig3.RK3(), 0.05, 0.8),
+        (eig3.RK4(), 0.0, 1.0),
+        (eig3.AB3(), 0.0, 0.3),
+        (eig3.RK2(), 0.2, 0.7),
+    ],
+    ids=lambda value: repr(value).partition(", jacobian")[0],
+)
+def test_a_linear_run_is_told_its_limit_and_a_step_that_holds(rhs, u0, method, xi, h):
+    v0 = np.zeros_like(u0)
+    run = integrate(rhs, (0, 1e5 * h), u0, v0, h=h, params=(OMEGA, xi), method=method)
+    assert run.status is eig3.Status.DIVERGED
+    assert np.isfinite(run.u).all()
+    assert run.message.startswith(f"The run became non-finite at t = {run.t[-1] + run.h:g}")
+    assert ("in degree of freedom" in run.message) == (np.ndim(u0) == 1)
+    assert f", with h = {run.h:g}: the critical step of {method!r} is " in run.message
+    told = said(r" is ([\d.]+) from t = 0 to ", run.message)
+    assert told == pytest.approx(limit(method, xi) / OMEGA, rel=1e-3)  # four digits of it
+    assert said(r"\(omega = ([\d.]+), xi", run.message) == pytest.approx(OMEGA, rel=1e-3)
+    assert said(r", xi = ([\d.e+-]+)\)", run.message) == pytest.approx(xi, abs=1e-6)
+    step, largest = tried_step_holds(run, rhs, u0, v0, (OMEGA, xi))
+    # rounded down to three digits
+    assert 0.99 * 0.9 * min(told, run.h) <= step <= 0.9 * min(told, run.h) * 1.001
+    # at 0.9 of the limit the principal pair of CD, 1/sqrt(1 - 0.81) = 2.3, is the most that an undamped motion comes to
+    assert largest < 3 * np.max(u0)
+
+
+def test_the_degree_of_freedom_that_fails_is_named():
+    @eig3.jit
+    def two(t, u, v, p, a):
+        a[0] = -u[0]
+        a[1] = -p[0] * u[1]
+
+    run = integrate(two, (0, 1e4), [1.0, 1.0], [0.0, 0.0], h=0.5, params=25.0)
+    assert "in degree of freedom 1, with h = 0.5" in run.message
+    assert re.search(r"is 0\.4 from t = 0 to [\d.]+ \(omega = 5, xi = 0\)", run.message)
+
+
+def test_a_bar_beyond_its_limit():
+    bar = problems.elastic_bar(100)
+    exact = 2 / (2 * math.sqrt(bar.params[0]) * math.cos(math.pi / 202))
+    for method in ("eig3", "cd"):
+        run = bar.integrate(h=1.01 * exact, method=method, t_end=5000 * exact)
+        assert run.status is eig3.Status.DIVERGED
+        assert said(r" is ([\d.e-]+) from t = 0 to ", run.message) == pytest.approx(exact, rel=2e-3)
+        tried_step_holds(run, bar.rhs, bar.u0, bar.v0, bar.params)
+
+
+@pytest.mark.parametrize("method", ["rk2", "ab2"])
+def test_a_method_without_a_stable_step_says_so(method):
+    run = integrate(oscillator, (0, 1e4), 1.0, 0.0, h=0.5, params=(OMEGA, 0.0), method=method)
+    assert run.status is eig3.Status.DIVERGED
+    assert f"{run.method!r} is unstable at every step for this system, with a mode of omega = 3 and xi" in run.message
+    assert run.message.endswith("such as 'eig3', 'cd', 'rk4'.")  # and no step is told to hold
+    # the growth of the roots, from one to the largest number there is
+    radius = spectral_radius(method, OMEGA * run.h)
+    assert run.n_steps == pytest.approx(math.log(sys.float_info.max) / math.log(radius), rel=0.01)
+
+
+def test_eig3_on_a_gyroscope_is_sent_to_others():
+    run = integrate(gyroscope, (0, 1e5), [0.0, 0.0], [1.0, 0.0], h=0.3, params=3.0)
+    assert run.status is eig3.Status.DIVERGED
+    assert "EIG3(alpha=1.0, beta=0.5) is unstable at every step" in run.message
+    assert run.message.endswith("such as 'cd', 'rk4'.")
+
+
+# Systems that are not linear -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk4", "ab3"])
+def test_hardening_is_told_at_both_ends(method):
+    """At the start omega^2 = 9 (1 + 3 u^2); once the step was too long it is larger."""
+    run = integrate(hardening, (0, 1e3), 3.0, 0.0, h=0.4, params=9.0, method=method)
+    assert run.status is eig3.Status.DIVERGED
+    record = run.method.without_velocity()
+    omega = 3 * math.sqrt(1 + 3 * 9)
+    assert said(r" is ([\d.e-]+) at t = 0", run.message) == pytest.approx(limit(record) / omega, rel=1e-3)
+    assert said(r"at t = 0 \(omega = ([\d.]+), xi = 0\)", run.message) == pytest.approx(omega, rel=1e-3)
+    end = re.search(r"and ([\d.e-]+) at t = [\d.]+ \(omega = ([\d.e+]+), xi = 0\)", run.message)
+    assert float(end[1]) * float(end[2]) == pytest.approx(limit(record), rel=2e-3)
+    assert float(end[1]) < limit(record) / omega
+    tried_step_holds(run, hardening, 3.0, 0.0, 9.0)
+
+
+def test_a_run_that_grows_into_instability_holds_with_the_step_named():
+    """The chain hardens as it is struck: stable at rest with a step that its compressed springs do not allow."""
+    chain = problems.hardening_chain(20, hardening=1e8)
+    h = 0.95 * chain.critical_step().limit
+    run = chain.integrate(h=h)
+    assert run.status is eig3.Status.DIVERGED
+    assert said(r" is ([\d.e-]+) at t = 0", run.message) > h
+    step, _ = tried_step_holds(run, chain.rhs, chain.u0, chain.v0, chain.params)
+    assert step < h
+
+
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
+def test_a_solution_that_is_unbounded_itself_is_told_as_such(method):
+    """u'' = 6 u^2 from 1 and 2: u = 1 / (1 - t)^2 is infinite at t = 1."""
+
+    @eig3.jit
+    def exploding(t, u, v, p):
+        return 6 * u * u
+
+    run = integrate(exploding, (0, 10), 1.0, 2.0, h=1e-3, method=method)
+    assert run.status is eig3.Status.DIVERGED
+    assert run.t[-1] == pytest.approx(1, abs=0.05)
+    assert "were tried and fail too: the solution itself may be unbounded." in run.message
+    assert said(r"shorter steps down to h = ([\d.e-]+) were tried", run.message) < 1e-3 / 50
+    assert "holds up to then" not in run.message
+
+
+def test_cubic_repulsion_is_unbounded():
+    @eig3.jit
+    def repelling(t, u, v, p):
+        return u * u * u
+
+    run = integrate(repelling, (0, 10), 1.0, 1.0, h=0.01)
+    assert run.status is eig3.Status.DIVERGED
+    # v^2 = (u^4 + 1) / 2, so that the time to infinity is the integral of sqrt(2 / (u^4 + 1)) from 1 on
+    assert run.t[-1] == pytest.approx(1.311, abs=0.1)
+    assert "the solution itself may be unbounded" in run.message
+
+
+@pytest.mark.parametrize("limited", [True, False])
+def test_a_force_that_leaves_its_domain_does_not_hide_a_step_that_is_too_long(limited):
+    @eig3.jit
+    def hardening_to_infinity(t, u, v, p):
+        return -np.sinh(u)
+
+    @eig3.jit
+    def with_a_domain(t, u, v, p):
+        return -u - 0 * np.sqrt(1 - u * u)
+
+    rhs = hardening_to_infinity if limited else with_a_domain
+    run = integrate(rhs, (0, 1000), 1e-3, 0.0, h=2.04)
+    assert re.search(r"rhs gives (-?inf|nan) at t = ", run.message)
+    assert said(r"is ([\d.]+) (?:at|from) t = 0", run.message) == pytest.approx(2, rel=1e-3)
+    tried_step_holds(run, rhs, 1e-3, 0.0, ())
+
+
+def test_a_system_that_stiffens_on_its_way_is_told_the_step_for_the_end():
+    @eig3.jit
+    def stiffens(t, u, v, p):
+        return -u * (1 + 1e6 * (t > 50))
+
+    run = integrate(stiffens, (0, 1e4), 1.0, 0.0, h=1.0, save_every=None)
+    assert said(r"is ([\d.]+) at t = 0 ", run.message) == pytest.approx(2, rel=1e-3)
+    assert said(r"and ([\d.e-]+) at t = 5", run.message) == pytest.approx(0.002, rel=1e-2)
+    assert said(r"h = ([\d.e-]+) was tried and holds", run.message) <= 0.0018
+
+
+def test_a_long_run_is_given_the_time_to_try():
+    chain = problems.hardening_chain(2000, hardening=0.0, t_end=200.0)
+    run = chain.integrate(h=0.0102, save_every=None, invariants={})
+    assert run.status is eig3.Status.DIVERGED
+    assert "was tried and holds" in run.message
+
+
+# Growth that is noted ------------------------------------------------------------------------------------------------
+
+
+def noted_growth(run, name="energy"):
+    """The growth in the note, as a factor less one."""
+    assert run.success
+    (note,) = run.notes
+    assert note.startswith(f"{name} grows steadily, ")
+    assert f"if the motion should keep it, {run.method!r} is slowly unstable here" in note
+    percent = re.search(r"by ([\d.e+-]+) % over the run", note)
+    return float(percent[1]) / 100 if percent else said(r"to ([\d.e+]+) times its size", note) - 1
+
+
+@pytest.mark.parametrize("save_every", [1, 50, None])
+@pytest.mark.parametrize("h", [0.004, 0.01, 0.03, 0.05])
+@pytest.mark.parametrize(("method", "rate"), [("rk2", 1 / 4), ("ab2", 1 / 2)])
+def test_slow_growth_is_noted_with_its_size(method, rate, h, save_every):
+    """Energy grows (1 + Omega^4 / 4)^N with RK2, and to the order of Omega^6 as the square of that with AB2.
+
+    The note compares the middles of the first and the last of sixteen parts, 0.94 of the run, or where it more than
+    doubled the two ends. The next term of AB2's rate is 4.2 Omega^2 of it.
+    """
+    run = problems.single_dof().integrate(h=h, method=method, save_every=save_every)
+    exponent = rate * (4 * h) ** 4 * run.n_steps
+    if method == "rk2":
+        assert abs(math.log1p((4 * h) ** 4 / 4) - 2 * math.log(spectral_radius("rk2", 4 * h))) < 1e-12
+    growth = noted_growth(run)
+    grown, share = math.log1p(growth), 1.0 if growth > 1 else 0.94
+    # the middle of a part is that of its extremes, not of its exponential: by up to the growth in a part
+    within = 0.03 + 5 * (4 * h) ** 2 * (method == "ab2") + math.tanh(exponent / 16) * 0.06
+    assert share * (1 - within) * exponent < grown < share * (1 + within) * exponent
+    assert f"  Note: {run.notes[0]}" in repr(run)
+
+
+def test_small_growth_is_noted_down_to_its_threshold():
+    """RK2 adds N Omega^4/4 to the energy, of which 1e-6 is told."""
+    for h, noted in ((0.0003, True), (0.0002, False)):
+        growth = (4 * h) ** 4 / 4 * 1000 / h
+        assert (growth > 1e-6) is noted
+        assert bool(problems.single_dof().integrate(h=h, method="rk2", save_every=None).notes) is noted
+
+
+@eig3.jit
+def speed_squared(t, u, v, p):
+    return v[0] * v[0] + v[1] * v[1]
+
+
+def test_eig3_on_a_gyroscope_is_noted():
+    """Its velocity is AB2's: |v| grows by kappa^4/4 a step."""
+    run = integrate(gyroscope, (0, 1000), [0.0, 0.0], [1.0, 0.0], h=0.1, params=1.0, invariants={"v^2": speed_squared})
+    expected = 2 * 0.1**4 / 4 * run.n_steps
+    assert math.log1p(noted_growth(run, "v^2")) == pytest.approx(0.94 * expected, rel=0.06)
+    # the second-order start, and the next term
+    assert np.hypot(*run.v[-1]) == pytest.approx(math.exp(expected / 2), rel=0.02)
+
+
+@pytest.mark.parametrize("method", ["rk2", "ab2"])
+def test_growth_on_the_softening_spring_is_noted(method):
+    run = problems.softening_spring().integrate(h=1e-3, method=method, save_every=None)
+    finer = problems.softening_spring().integrate(h=5e-4, method=method, save_every=None)
+    # of third order in h, as a rate of h^4 a step; the energy is 331, the growth is 1e-4 of it, told in two digits
+    assert noted_growth(run) / noted_growth(finer) == pytest.approx(8, rel=0.1)
+
+
+QUIET = {
+    "single_dof": (problems.single_dof, [0.01, 0.1, 0.3], None),
+    "hardening_spring": (problems.hardening_spring, [1e-4, 1e-3], None),
+    "two_frequency_oscillator": (problems.two_frequency_oscillator, [2e-4, 1.7e-3], 50.0),
+    "elastic_bar": (lambda: problems.elastic_bar(50), [2e-7, 1.6e-6, 3.3e-6], None),
+}
+
+
+@pytest.mark.parametrize("problem", QUIET)
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk3", "rk4"])
+def test_what_does_not_grow_is_not_noted(problem, method):
+    build, steps, t_end = QUIET[problem]
+    for h in steps:
+        run = build().integrate(h=h, method=method, t_end=t_end, save_every=None)
+        assert run.success
+        assert run.notes == ()
+        assert "Note" not in repr(run)
+
+
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk2", "ab2"])
+def test_a_run_shorter_than_the_period_is_not_noted(method):
+    """The energy error of a part of a period rises with the motion."""
+    period = 2 * math.pi / 4
+    for part in (0.1, 0.24, 0.5, 0.74, 0.99):
+        for v0 in (0.0, 3.0):
+            run = problems.single_dof(v0=v0).integrate(h=1e-3, method=method, t_end=part * period)
+            assert run.success
+            assert run.notes == ()
+
+
+def test_what_grows_by_itself_without_turning_back_is_not_noted():
+    @eig3.jit
+    def falling(t, u, v, p):
+        return -9.81
+
+    run = integrate(falling, (0, 10), 0.0, 0.0, h=0.01, invariants={"e": speed_squared_scalar})
+    assert run.success
+    assert run.notes == ()
+
+
+@eig3.jit
+def speed_squared_scalar(t, u, v, p):
+    return v * v
+
+
+def test_only_the_invariant_that_grows_is_noted():
+    @eig3.jit
+    def one(t, u, v, p):
+        return 1.0
+
+    @eig3.jit
+    def falls(t, u, v, p):
+        return -v * v - p[0] * p[0] * u * u
+
+    invariants = {"energy": problems.single_dof().energy, "one": one, "falls": falls}
+    run = problems.single_dof().integrate(h=0.01, method="rk2", invariants=invariants)
+    assert len(run.notes) == 1
+    noted_growth(run)
+    assert integrate(oscillator, (0, 1000), 1.0, 0.0, h=0.01, params=(4.0, 0.0), method="rk2").notes == ()
+
+
+def test_an_invariant_that_overflows_is_noted_and_its_drift_infinite():
+    """u comes to some 1e230, whose square is not finite."""
+    run = problems.single_dof().integrate(h=0.4, method="rk2", t_end=436.8)
+    assert 1e200 < spectral_radius("rk2", 1.6) ** run.n_steps < 1e300
+    assert run.success
+    assert run.drift["energy"] == math.inf
+    (note,) = run.notes
+    assert note.startswith("energy grows steadily, beyond the largest number there is, over the run")
+
+
+def test_an_invariant_that_is_not_a_number_is_not_noted():
+    @eig3.jit
+    def undefined(t, u, v, p):
+        return np.nan if t > 500 else v * v + 16 * u * u
+
+    run = problems.single_dof().integrate(h=0.01, method="rk2", invariants={"e": undefined})
+    assert math.isnan(run.drift["e"])
+    assert run.notes == ()
+
+
+def test_a_run_that_fails_is_told_by_its_message_only():
+    run = problems.single_dof().integrate(h=0.5, method="rk2")
+    assert run.status is eig3.Status.DIVERGED
+    assert run.notes == ()

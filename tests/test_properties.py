@@ -1,0 +1,320 @@
+"""What holds for every linear system: bounds, changes of scale, reversal, and copies of one system side by side."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import eig3
+from eig3 import NoCriticalStepError, critical_step, integrate, problems
+
+from .conftest import ALL_METHODS, WITHOUT_VELOCITY, hardening, oscillator, oscillator_vector
+
+EPS = 2.0**-52
+LAGGED = eig3.CentralDifference(velocity="lagged")
+
+
+@eig3.jit
+def structure(t, u, v, p, a):
+    """u'' = -K u - C v, with the matrices in p."""
+    n = u.size
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total -= p[i * n + j] * u[j] + p[n * n + i * n + j] * v[j]
+        a[i] = total
+
+
+@eig3.jit
+def spring(t, u, v, p):
+    return -p[0] * p[0] * u
+
+
+@eig3.jit
+def hardening_vector(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = np.sin(t) - p[0] * u[j] * (1 + u[j] * u[j])
+
+
+@eig3.jit
+def duffing(t, u, v, p):
+    return np.cos(t) - p[1] * v * (1 + v * v) - p[0] * u * (1 + u * u)
+
+
+@eig3.jit
+def duffing_vector(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = np.cos(t) - p[1] * v[j] * (1 + v[j] * v[j]) - p[0] * u[j] * (1 + u[j] * u[j])
+
+
+@st.composite
+def linear_systems(draw, damped):
+    """K positive definite with frequencies from 1 to 10, C positive semidefinite or zero, and a state."""
+    n = draw(st.integers(1, 4))
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    Q = np.linalg.qr(random.normal(size=(n, n)))[0]
+    K = Q @ np.diag(random.uniform(1, 100, n)) @ Q.T
+    B = random.normal(size=(n, n)) * draw(st.sampled_from([0.0, 0.1, 0.5, 2.0])) if damped else np.zeros((n, n))
+    return (K + K.T) / 2, B @ B.T, random.normal(size=n), random.normal(size=n) * 5
+
+
+def params_of(K, C):
+    return np.concatenate([K.ravel(), C.ravel()])
+
+
+def energies(K, run):
+    return ((run.v**2).sum(axis=1) + np.einsum("ij,jk,ik->i", run.u, K, run.u)) / 2
+
+
+# Bounds --------------------------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=60)
+@given(system=linear_systems(damped=False), method=st.sampled_from(["eig3", "cd", "rk3", "rk4", "ab3"]))
+def test_undamped_systems_stay_below_the_bound_of_theory(system, method):
+    """Leapfrog keeps v^2 + k (1 - q^2) u^2 in every mode, q = Omega / 2 = 0.95 at most, v its mean velocity: energy
+    comes to 1/(1 - q^2) = 10 times the start. EIG-3's velocity differs by 2 q^2 (u_{n-1} - u_n) / h at
+    most, of the size of 2 q^2 omega u. Runge-Kutta steps multiply the energy by |R|^2 <= 1. AB3, whose start is RK3's,
+    damps the principal motion, by 3/8 Omega^3: 2 allows for its parasites.
+    """
+    K, C, u0, v0 = system
+    found = critical_step(structure, u0, v0, params_of(K, C), method=method)
+    h = 0.95 * found.limit
+    record = eig3.METHODS[method]().without_velocity()
+    run = integrate(structure, (0, 2000 * h), u0, v0, h=h, params=params_of(K, C), method=record)
+    assert run.success
+    q = 0.95
+    leapfrog = 1 / (1 - q * q)
+    extrapolated = (1 + 2 * q * q * math.sqrt(leapfrog)) ** 2 + leapfrog
+    bound = {"eig3": extrapolated, "cd": leapfrog, "rk3": 1, "rk4": 1, "ab3": 2}[method]
+    energy = energies(K, run)
+    assert energy.max() <= bound * energy[0] * (1 + 1e-6)  # the limit is known to 1e-8
+    if method in ("rk3", "rk4"):
+        assert (np.diff(energy) <= 1e-12 * energy[0]).all()
+
+
+@settings(deadline=None, max_examples=60)
+@given(system=linear_systems(damped=True), method=st.sampled_from(["eig3", "cd", LAGGED, "rk3", "rk4", "ab3"]))
+def test_damped_systems_do_not_grow_below_the_limit(system, method):
+    """At 0.95 of the limit no root is outside the unit circle: what skewed modes add passes, and then nothing grows.
+
+    What is overdamped comes to h C v0 / 2 in its first steps, and modes at 5 per cent from the limit to a few times
+    their start: energies to 92 times in some thousands of systems. The second half of a run is below the first but for
+    an undamped mode, which comes back to its size.
+    """
+    K, C, u0, v0 = system
+    h = 0.95 * critical_step(structure, u0, v0, params_of(K, C), method=method).limit
+    run = integrate(structure, (0, 2000 * h), u0, v0, h=h, params=params_of(K, C), method=method)
+    assert run.success
+    energy = energies(K, run)
+    assert energy.max() <= 1000 * energy[0]
+    assert energy[1000:].max() <= 1.01 * energy[:1000].max()
+
+
+@settings(deadline=None, max_examples=30)
+@given(system=linear_systems(damped=True))
+def test_central_difference_dissipates_with_damping(system):
+    """With implicit velocity the quantity that leapfrog keeps falls by h v C v a step: the bound is that of C = 0."""
+    K, C, u0, v0 = system
+    h = 0.95 * 2 / math.sqrt(np.linalg.eigvalsh(K)[-1])
+    run = integrate(structure, (0, 1000 * h), u0, v0, h=h, params=params_of(K, C), method="cd")
+    assert run.success
+    w = np.diff(run.u, axis=0) / h
+    kept = (w**2).sum(axis=1) + np.einsum("ij,jk,ik->i", run.u[:-1], K, run.u[1:])
+    # the solve stops at 1e-12 (|v| + |w|)
+    assert (np.diff(kept) <= 1e-9 * kept[0]).all()
+    lost = h * np.einsum("ij,jk,ik->i", run.v, C, run.v)[1:-1]
+    np.testing.assert_allclose(-np.diff(kept) / 2, lost, rtol=0, atol=1e-9 * kept[0])
+
+
+# Scales --------------------------------------------------------------------------------------------------------------
+
+
+def runs_of(method, omega, xi, h, factor, vector):
+    if method.ignores_velocity:
+        rhs, xi = (oscillator_vector, 0.0) if vector else (oscillator, 0.0)
+    else:
+        rhs = oscillator_vector if vector else oscillator
+    u0, v0 = (np.array([1.0, -0.3]), np.array([0.2, 0.7])) if vector else (1.0, 0.2)
+    return integrate(rhs, (0, 200 * h), factor * u0, factor * v0, h=h, params=(omega, xi), method=method)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    method=st.sampled_from(ALL_METHODS + WITHOUT_VELOCITY),
+    Omega=st.floats(0.01, 0.4),
+    xi=st.floats(0, 0.3),
+    power=st.integers(-200, 200),
+    vector=st.booleans(),
+)
+def test_amplitude_is_a_factor_bit_for_bit(method, Omega, xi, power, vector):
+    """Multiplication by a power of two commutes with every rounding, and the tolerance of a solve is relative."""
+    one = runs_of(method, 1.0, xi, Omega, 1.0, vector)
+    other = runs_of(method, 1.0, xi, Omega, 2.0**power, vector)
+    np.testing.assert_array_equal(other.u, 2.0**power * one.u)
+    np.testing.assert_array_equal(other.v, 2.0**power * one.v)
+    assert other.n_rhs == one.n_rhs
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    method=st.sampled_from(ALL_METHODS + WITHOUT_VELOCITY),
+    Omega=st.floats(0.01, 0.4),
+    xi=st.floats(0, 0.3),
+    factor=st.floats(1e-6, 1e6),
+    vector=st.booleans(),
+)
+def test_amplitude_is_a_factor(method, Omega, xi, factor, vector):
+    """Other factors round the start and every product: some 10 roundings a step, whose effects add up over 200, in
+    motions that grow by (1 + Omega^4/4)^200 = 4 at most. A solve stops at 1e-12 (|v| + |w|), or earlier by one."""
+    one, other = runs_of(method, 1.0, xi, Omega, 1.0, vector), runs_of(method, 1.0, xi, Omega, factor, vector)
+    tolerance = 200 * 4 * (10 * EPS if method.evaluations is not None else 4e-12)
+    np.testing.assert_allclose(other.u / factor, one.u, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(other.v / factor, one.v, rtol=0, atol=tolerance)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    method=st.sampled_from(ALL_METHODS + WITHOUT_VELOCITY),
+    Omega=st.floats(0.01, 0.4),
+    xi=st.floats(0, 0.3),
+    factor=st.one_of(st.floats(1e-3, 1e3), st.integers(-100, 100).map(lambda power: 2.0**power)),
+)
+def test_units_of_time_are_a_factor(method, Omega, xi, factor):
+    """omega c and h / c give the same u, and v c: to roundings as above, bit for bit where c is a power of two and
+    every product with h or omega is rounded alike."""
+    xi = 0.0 if method.ignores_velocity else xi
+    options = {"params": (1.0, xi), "method": method}
+    one = integrate(oscillator, (0, 200 * Omega), 1.0, 0.2, h=Omega, **options)
+    options = {"params": (factor, xi), "method": method}
+    other = integrate(oscillator, (0, 200 * Omega / factor), 1.0, 0.2 * factor, h=Omega / factor, **options)
+    assert other.n_steps == one.n_steps
+    is_power = math.frexp(factor)[0] == 0.5
+    if is_power and method.evaluations is not None:
+        np.testing.assert_array_equal(other.u, one.u)
+        np.testing.assert_array_equal(other.v, one.v * factor)
+        return
+    # omega h rounds, to a phase of 200 * 0.4 * eps; differences of a Newton solve are of v, in another unit
+    tolerance = 200 * 4 * (10 * EPS if method.evaluations is not None else 4e-12)
+    np.testing.assert_allclose(other.u, one.u, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(other.v / factor, one.v, rtol=0, atol=tolerance)
+
+
+# Reversal ------------------------------------------------------------------------------------------------------------
+
+
+def reversed_run(run, rhs, params, method):
+    """The run back from the end: its first step is to u_{N-1}, and the positions follow one three-term recurrence.
+
+    u_{n+1} - 2 u_n + u_{n-1} = h^2 f(t_n, u_n) is the same read backwards, so that a start with u_1 = u_{N-1}, that is
+    v = (u_{N-1} - u_N) / h - h/2 a_N, goes back through every position.
+    """
+    h, u_end, u_before = run.h, run.u[-1], run.u[-2]
+    stepper = eig3.Stepper(rhs, u_end, np.zeros_like(u_end)[()], h=h, t0=0.0, params=params, method=method)
+    a = stepper.acceleration(0.0, u_end, np.zeros_like(u_end)[()])
+    v = (u_before - u_end) / h - h / 2 * a
+    return integrate(rhs, (0, run.n_steps * h), u_end, v, h=h, params=params, method=method)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    Omega=st.floats(0.01, 1.9),
+    u0=st.floats(-2, 2),
+    v0=st.floats(-2, 2),
+    method=st.sampled_from([eig3.EIG3(), *WITHOUT_VELOCITY]),
+)
+def test_a_linear_run_goes_back_to_its_start(Omega, u0, v0, method):
+    """The motion comes to |start| / sqrt(1 - Omega^2/4) = 3.2 |start|. A rounding of u or h w, a few of which each step
+    makes, is one in the start of a motion: it comes to 3.2 times itself over Omega, for every of 2 * 300 steps, and the
+    start of the way back is such a rounding over the whole way."""
+    assume(abs(u0) + abs(v0) > 1e-3)
+    run = integrate(spring, (0, 300 * Omega), u0, v0, h=Omega, params=1.0, method=method)
+    back = reversed_run(run, spring, 1.0, method)
+    size = np.abs(run.u).max() + Omega * np.abs(run.v).max()
+    slope = 1 / (Omega * math.sqrt(1 - Omega**2 / 4))
+    # the rounding errors of w and of h^2 a stay in proportion to the size of the motion
+    np.testing.assert_allclose(back.u[::-1], run.u, rtol=0, atol=600 * 4 * EPS * size * slope)
+
+
+@pytest.mark.parametrize("method", [eig3.EIG3(), *WITHOUT_VELOCITY], ids=repr)
+def test_motions_that_are_not_linear_go_back_to_their_start(method):
+    """Periodic motions part linearly: round-off of 1e-16 a step of 20 000 comes back as their product squared over the
+    steps of a period, some 150, or less."""
+    for problem, h in ((problems.hardening_spring(t_end=15.0), 1e-3), (problems.softening_spring(t_end=20.0), 1e-3)):
+        run = problem.integrate(h=h, method=method)
+        back = reversed_run(run, problem.rhs, problem.params, method)
+        np.testing.assert_allclose(back.u[::-1], run.u, rtol=0, atol=4 * EPS * run.n_steps**2 / 100)
+        assert np.ptp(run.u) > 2
+
+
+def test_runge_kutta_does_not_go_back():
+    """The property above tells reversible methods from others."""
+    spring = problems.hardening_spring(t_end=15.0)
+    run = spring.integrate(h=1e-3, method="rk2")
+    back = integrate(spring.rhs, (0, 15.0), run.u[-1], -run.v[-1], h=1e-3, params=spring.params, method="rk2")
+    assert abs(back.u[-1] - run.u[0]) > 1e-3
+
+
+def test_negated_velocities_go_back_only_to_second_order():
+    """The start of the article takes a_{-1} = a_0, so that -v_N does not lead to u_{N-1}: off by h^2 v."""
+    errors = []
+    for h in (0.02, 0.01):
+        run = integrate(spring, (0, 10), 1.0, 0.3, h=h, params=1.0)
+        back = integrate(spring, (0, 10), run.u[-1], -run.v[-1], h=h, params=1.0)
+        errors.append(abs(back.u[-1] - 1.0))
+    assert errors[0] > 1e-5
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
+
+
+# Copies --------------------------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    method=st.sampled_from(ALL_METHODS + WITHOUT_VELOCITY),
+    n=st.sampled_from([1, 2, 3, 4, 5, 7, 8, 9, 16, 17, 33]),
+    h=st.floats(0.005, 0.05),
+    u0=st.floats(-1, 1),
+    v0=st.floats(-1, 1),
+)
+def test_copies_of_one_system_move_alike(method, n, h, u0, v0):
+    """Bit for bit, however the compiler divides the loops over components; the scalar form to its own roundings."""
+    scalar, vector = (hardening, hardening_vector) if method.ignores_velocity else (duffing, duffing_vector)
+    options = {"h": h, "params": (3.0, 0.2), "method": method}
+    one = integrate(scalar, (0, 200 * h), u0, v0, **options)
+    many = integrate(vector, (0, 200 * h), np.full(n, u0), np.full(n, v0), **options)
+    assert one.success
+    assert many.success
+    # a solve for n velocities stops at the sum over all of them, like one; Newton's matrix is diagonal
+    np.testing.assert_array_equal(many.u, np.repeat(many.u[:, :1], n, axis=1))
+    np.testing.assert_array_equal(many.v, np.repeat(many.v[:, :1], n, axis=1))
+    # 10 roundings a step, of numbers up to 3; solves to 1e-12; a forced motion that is not chaotic in 10 time units
+    tolerance = 200 * 3 * (40 * EPS if method.evaluations is not None else 1e-11)
+    np.testing.assert_allclose(many.u[:, 0], one.u, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(many.v[:, 0], one.v, rtol=0, atol=tolerance)
+
+
+@settings(deadline=None, max_examples=30)
+@given(method=st.sampled_from(["eig3", "rk4", "ab3", "cd"]), n=st.integers(1, 9), omega=st.floats(0.1, 10))
+def test_copies_have_the_critical_step_of_one(method, n, omega):
+    one = critical_step(oscillator, 1.0, omega, (omega, 0.1), method=method)
+    many = critical_step(oscillator_vector, np.ones(n), np.full(n, omega), (omega, 0.1), method=method)
+    assert many.limit == pytest.approx(one.limit, rel=1e-6)  # by differences
+    assert many.xi == pytest.approx(0.1, rel=1e-6)
+
+
+@settings(deadline=None, max_examples=30)
+@given(system=linear_systems(damped=True), method=st.sampled_from(["eig3", "rk3", "rk4", "ab3"]))
+def test_critical_step_does_not_depend_on_the_axes(system, method):
+    """Turning the axes turns K and C. Differences leave 1e-8, and modes that do not decouple are searched to 0.002."""
+    K, C, u0, v0 = system
+    n = len(K)
+    Q = np.linalg.qr(np.random.default_rng(n).normal(size=(n, n)))[0]
+    try:
+        one = critical_step(structure, u0, v0, params_of(K, C), method=method)
+    except NoCriticalStepError:
+        assume(False)
+    other = critical_step(structure, Q @ u0, Q @ v0, params_of(Q @ K @ Q.T, Q @ C @ Q.T), method=method)
+    assert other.limit == pytest.approx(one.limit, rel=2.1e-3)
