@@ -47,6 +47,22 @@ def gyroscope(t, u, v, p, a):
 
 
 @eig3.jit
+def spring(t, u, v, p):
+    return -p[0] * p[0] * u
+
+
+@eig3.jit
+def structure(t, u, v, p, a):
+    """u'' = -K u - C v, with the matrices in p."""
+    n = u.size
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total -= p[i * n + j] * u[j] + p[n * n + i * n + j] * v[j]
+        a[i] = total
+
+
+@eig3.jit
 def coupled(t, u, v, p, a):
     """Three masses in a row between walls, with dampers and a force: linear, not symmetric in any trivial way."""
     for j in range(3):

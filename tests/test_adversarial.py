@@ -13,7 +13,7 @@ import pytest
 import eig3
 from eig3 import integrate
 
-from .conftest import ALL_METHODS, WITHOUT_VELOCITY, oscillator, oscillator_vector
+from .conftest import ALL_METHODS, WITHOUT_VELOCITY, oscillator, oscillator_vector, spring
 
 EVERY_METHOD = ALL_METHODS + WITHOUT_VELOCITY
 LEAST = 5e-324  # the distance of denormal numbers
@@ -28,11 +28,6 @@ def ids(method):
 
 every_method = pytest.mark.parametrize("method", EVERY_METHOD, ids=ids)
 both_forms = pytest.mark.parametrize("form", ["scalar", "vector"])
-
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * p[0] * u
 
 
 @eig3.jit

@@ -12,22 +12,11 @@ from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.critical import critical
 from eig3.stability import limit
 
-from .conftest import gyroscope, hardening, oscillator, oscillator_vector
+from .conftest import gyroscope, hardening, oscillator, oscillator_vector, structure
 
 LAGGED = eig3.CentralDifference(velocity="lagged")
 EVERY = ["eig3", "cd", LAGGED, "rk3", "rk4", "ab3"]
 STEADY = {"eig3": 2.0, "cd": 2.0, "rk3": 3**0.5, "rk4": 8**0.5, "ab3": 12 / (5 * 11**0.5)}
-
-
-@eig3.jit
-def structure(t, u, v, p, a):
-    """u'' = -K u - C v, with the matrices in p."""
-    n = u.size
-    for i in range(n):
-        total = 0.0
-        for j in range(n):
-            total -= p[i * n + j] * u[j] + p[n * n + i * n + j] * v[j]
-        a[i] = total
 
 
 @eig3.jit

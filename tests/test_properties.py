@@ -10,26 +10,10 @@ from hypothesis import strategies as st
 import eig3
 from eig3 import NoCriticalStepError, critical_step, integrate, problems
 
-from .conftest import ALL_METHODS, WITHOUT_VELOCITY, hardening, oscillator, oscillator_vector
+from .conftest import ALL_METHODS, WITHOUT_VELOCITY, hardening, oscillator, oscillator_vector, spring, structure
 
 EPS = 2.0**-52
 LAGGED = eig3.CentralDifference(velocity="lagged")
-
-
-@eig3.jit
-def structure(t, u, v, p, a):
-    """u'' = -K u - C v, with the matrices in p."""
-    n = u.size
-    for i in range(n):
-        total = 0.0
-        for j in range(n):
-            total -= p[i * n + j] * u[j] + p[n * n + i * n + j] * v[j]
-        a[i] = total
-
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * p[0] * u
 
 
 @eig3.jit
