@@ -65,6 +65,10 @@ class NoCriticalStepError(ValueError):
     """There is no such step: every step is stable, or none is."""
 
 
+class NoStableStepError(NoCriticalStepError):
+    """The method is unstable at every step."""
+
+
 def critical_step(
     rhs: Any,
     u0: ArrayLike,
@@ -135,7 +139,7 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
     if limit == 0:
         others = [name for name in _STEADY if _limit(check_method(name), system, rates)[0] > 0]
         such = f", such as {', '.join(map(repr, others))}" if others else ""
-        raise NoCriticalStepError(
+        raise NoStableStepError(
             f"{method!r} is unstable at every step for this system, with a mode of omega = {omega:.4g} and xi = "
             f"{xi:.2g}; choose a method that has a stable step for it{such}."
         )

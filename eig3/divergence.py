@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .critical import CriticalStep, NoCriticalStepError, critical
+from .critical import CriticalStep, NoStableStepError, critical
 from .stepper import Stepper
 
 _OVERFLOWING = 1e100  # states beyond this make a right-hand side infinite by themselves
@@ -90,10 +90,9 @@ def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, Crit
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 step = critical(stepper.acceleration, stepper.t, stepper.u, stepper.v, stepper.method)
-        except NoCriticalStepError as error:
-            if "unstable" in str(error):
-                return steps, str(error).rstrip(".")
-        except Exception:  # whatever rhs or the differences of it come to so near to overflow
+        except NoStableStepError as error:
+            return steps, str(error).rstrip(".")
+        except Exception:  # nothing limits the step, or rhs comes to something else so near to overflow
             continue
         else:
             if steps and abs(step.limit / steps[0][1].limit - 1) < _SAME_LIMIT:

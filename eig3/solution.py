@@ -69,6 +69,7 @@ class Solution:
 
     @property
     def message(self) -> str:
+        """What happened, in a sentence."""
         if not isinstance(self._told, str):
             self._told = self._told()  # what finds it out holds the state of the run
         return self._told

@@ -63,8 +63,8 @@ class Watch:
             return 0.0
         if told < _PARTS:
             return math.inf
-        size = abs(self._start) or abs(float(middle[0]))
         growth = float(middle[-1] - middle[0])
+        size = abs(self._start) or abs(float(middle[0])) or growth
         if growth > size:  # by so much that the parts at the ends, half of which the middles leave out, tell
             growth = float(self._high[-1] - self._start)
         return growth / size if growth > max(_NOTABLE * size, _VISIBLE * np.median(width)) else 0.0

@@ -329,6 +329,19 @@ def test_only_the_invariant_that_grows_is_noted():
     assert integrate(oscillator, (0, 1000), 1.0, 0.0, h=0.01, params=(4.0, 0.0), method="rk2").notes == ()
 
 
+def test_an_invariant_that_starts_from_nothing_can_grow():
+    """It is zero over the whole first part of the run, and there is no size to compare with but its growth."""
+
+    @eig3.jit
+    def late(t, u, v, p):
+        return max(0.0, t - 48.0)
+
+    run = problems.single_dof().integrate(h=0.01, invariants={"late": late})
+    assert run.drift["late"] == pytest.approx(952)
+    (note,) = run.notes
+    assert note.startswith("late grows steadily, to 2 times its size over the run")
+
+
 def test_an_invariant_that_overflows_is_noted_and_its_drift_infinite():
     """u comes to some 1e230, whose square is not finite."""
     run = problems.single_dof().integrate(h=0.4, method="rk2", t_end=436.8)
