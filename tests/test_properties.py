@@ -35,12 +35,12 @@ def duffing_vector(t, u, v, p, a):
 
 @st.composite
 def linear_systems(draw, damped):
-    """K positive definite with frequencies from 1 to 10, C positive semidefinite or zero, and a state."""
+    """K positive definite with frequencies from 1 to 10, C positive definite or zero, and a state."""
     n = draw(st.integers(1, 4))
     random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     Q = np.linalg.qr(random.normal(size=(n, n)))[0]
     K = Q @ np.diag(random.uniform(1, 100, n)) @ Q.T
-    B = random.normal(size=(n, n)) * draw(st.sampled_from([0.0, 0.1, 0.5, 2.0])) if damped else np.zeros((n, n))
+    B = random.normal(size=(n, n)) * draw(st.sampled_from([0.1, 0.5, 2.0])) if damped else np.zeros((n, n))
     return (K + K.T) / 2, B @ B.T, random.normal(size=n), random.normal(size=n) * 5
 
 
@@ -86,15 +86,16 @@ def test_damped_systems_do_not_grow_below_the_limit(system, method):
 
     What is overdamped comes to h C v0 / 2 in its first steps, and modes at 5 per cent from the limit to a few times
     their start: energies to 92 times in some thousands of systems. The second half of a run is below the first but for
-    an undamped mode, which comes back to its size.
+    a mode hardly damped, which comes back to its size; the beats of several that are not damped at all may take longer
+    than a run to come to theirs, and are bounded by theory above.
     """
     K, C, u0, v0 = system
     h = 0.95 * critical_step(structure, u0, v0, params_of(K, C), method=method).limit
-    run = integrate(structure, (0, 2000 * h), u0, v0, h=h, params=params_of(K, C), method=method)
+    run = integrate(structure, (0, 20_000 * h), u0, v0, h=h, params=params_of(K, C), method=method)
     assert run.success
     energy = energies(K, run)
     assert energy.max() <= 1000 * energy[0]
-    assert energy[1000:].max() <= 1.01 * energy[:1000].max()
+    assert energy[10_000:].max() <= 1.01 * energy[:10_000].max()
 
 
 @settings(deadline=None, max_examples=30)
