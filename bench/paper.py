@@ -315,7 +315,7 @@ def draw(results: list[Result], out: Path) -> str:
     try:
         from .pictures import work_precision
     except ImportError:
-        return "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
+        return text.NO_PICTURES
     for result in results:
         work_precision(result, out / f"table{result.table.number}.png")
     return f" and {len(results)} picture{'s' * (len(results) > 1)}"

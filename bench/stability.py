@@ -215,7 +215,7 @@ def draw(out: Path) -> tuple[Sequence[str], str]:
     try:
         from .stability_pictures import PICTURES, save
     except ImportError:
-        return [], "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
+        return [], text.NO_PICTURES
     shown = ["## Figures"]
     for name, (figure, caption) in PICTURES.items():
         text.status(f"picture {name}")

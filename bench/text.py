@@ -3,6 +3,9 @@
 import sys
 from collections.abc import Sequence
 
+#: What a benchmark says of its pictures where they cannot be drawn.
+NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
+
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """An aligned Markdown table: the first column to the left, the others to the right."""

@@ -56,9 +56,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Error against time of every method and rival on seven problems; the time to reach accuracies.",
     )
     _add_problem_option(precision)
-    precision.add_argument(
-        "--method", dest="methods", action="append", metavar="NAME", help="only this method; may be repeated"
-    )
+    _add_method_option(precision)
     precision.add_argument("--methods", dest="methods", nargs="+", metavar="NAME", help="only these methods")
     precision.add_argument("--repeats", type=_count, default=7, help="runs each median is of (7)")
     precision.add_argument(
@@ -109,9 +107,7 @@ def _parser() -> argparse.ArgumentParser:
         description="The article's tables, C, work and precision with rivals, and the planner, as HTML and Markdown.",
     )
     _add_problem_option(report)
-    report.add_argument(
-        "--method", dest="methods", action="append", metavar="NAME", help="only this method; may be repeated"
-    )
+    _add_method_option(report)
     report.add_argument("--repeats", type=_count, default=7, help="runs each median is of (7)")
     report.add_argument("--out", type=_folder, metavar="DIR", required=True, help="where to write it")
     report.set_defaults(run=_report)
@@ -124,9 +120,7 @@ def _parser() -> argparse.ArgumentParser:
     plan.add_argument("problem", help="one of eig3.problems, such as spring_pendulum")
     plan.add_argument("--accuracy", type=float, required=True, help="the relative error to reach, such as 1e-4")
     plan.add_argument("--metric", choices=("trajectory", "energy"), default="trajectory", help="(trajectory)")
-    plan.add_argument(
-        "--method", dest="methods", action="append", metavar="NAME", help="only this method; may be repeated"
-    )
+    _add_method_option(plan)
     plan.set_defaults(run=_plan)
     return parser
 
@@ -134,6 +128,12 @@ def _parser() -> argparse.ArgumentParser:
 def _add_problem_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--problem", dest="problems", action="append", metavar="NAME", help="only this one; may be repeated"
+    )
+
+
+def _add_method_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--method", dest="methods", action="append", metavar="NAME", help="only this method; may be repeated"
     )
 
 
@@ -151,7 +151,7 @@ def _add_paper_options(parser: argparse.ArgumentParser, quick: bool) -> None:
 
 
 def _add_speed_options(parser: argparse.ArgumentParser, run: Callable[[argparse.Namespace], int]) -> None:
-    parser.add_argument("--method", dest="methods", action="append", help="only this method; may be repeated")
+    _add_method_option(parser)
     parser.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
     parser.set_defaults(run=run)
 

@@ -233,14 +233,19 @@ def _finish(
         kernel_seconds=stepper.seconds,
         method=stepper.method,
         drift={watch.name: watch.drift for watch in watches},
-        notes=tuple(_growth_note(watch, stepper) for watch in watches if watch.growth and status is Status.COMPLETED),
+        notes=_notes(watches, stepper) if status is Status.COMPLETED else (),
     )
 
 
-def _growth_note(watch: Watch, stepper: Stepper) -> str:
-    amount = f"by {100 * watch.growth:.2g} %" if watch.growth < 1 else f"to {1 + watch.growth:.3g} times its size"
-    amount = amount if math.isfinite(watch.growth) else "beyond the largest number there is,"
+def _notes(watches: list[Watch], stepper: Stepper) -> tuple[str, ...]:
+    grown = [(watch.name, watch.growth) for watch in watches]
+    return tuple(_growth_note(name, growth, stepper.method) for name, growth in grown if growth)
+
+
+def _growth_note(name: str, growth: float, method: Method) -> str:
+    amount = f"by {100 * growth:.2g} %" if growth < 1 else f"to {1 + growth:.3g} times its size"
+    amount = amount if math.isfinite(growth) else "beyond the largest number there is,"
     return (
-        f"{watch.name} grows steadily, {amount} over the run; if the motion should keep it, {stepper.method!r} is "
+        f"{name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is "
         "slowly unstable here: take a smaller h, or a method that is stable for this system."
     )

@@ -67,8 +67,10 @@ class _Derivative:
             raise ValueError("rhs is not finite close to this state; give another.")
         return product
 
-    def increment(self, w: np.ndarray, scale: float = 0.0) -> float:
-        """A change of x along w, by its largest entry, that is short for f to be straight and tells for its digits."""
+    def measure(self, w: np.ndarray, scale: float = 0.0) -> tuple[float, np.ndarray]:
+        """A change of x along w, by its largest entry, short for f to be straight and telling for its digits; with it,
+        the product.
+        """
         size, longest = _INCREMENT * (scale or self._scale), _LONGEST_INCREMENT * self._scale
         largest = float(np.abs(w).max())
         product = self(w, size)
@@ -81,7 +83,7 @@ class _Derivative:
             if told <= self._noise or np.abs(finer - product).max() <= _STRAIGHT * np.abs(product).max():
                 break
             size, product = size / 16, finer
-        return size
+        return size, product
 
 
 def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
@@ -117,7 +119,7 @@ def _all_directions(
     """Both matrices in full, every column with an increment of its own: u may hold metres beside radians."""
     units = np.eye(u.size)
     K, C = (
-        np.transpose([d(w, d.increment(w, abs(float(x[j])))) for j, w in enumerate(units)])
+        np.transpose([d.measure(w, abs(float(x[j])))[1] for j, w in enumerate(units)])
         for d, x in ((by_u, u), (by_v, v))
     )
     return K, C
@@ -126,7 +128,7 @@ def _all_directions(
 def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Both matrices on directions in which K and C are largest, and so is the combination that limits the step."""
     w = np.random.default_rng(2).standard_normal(n)
-    du, dv = by_u.increment(w), by_v.increment(w)
+    (du, _), (dv, cw) = by_u.measure(w), by_v.measure(w)
 
     def k(w: np.ndarray) -> np.ndarray:
         return by_u(w, du)
@@ -135,7 +137,7 @@ def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.n
         return by_v(w, dv)
 
     stiff, H = _krylov_space(k, n)
-    if not c(w).any():
+    if not cw.any():
         return H, np.zeros_like(H)
     CV = np.array([c(w) for w in stiff])
     # Damping proportional to mass and stiffness stays within the space, but for the last direction, which leads out.

@@ -266,9 +266,8 @@ def damping_ratio(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -
     -----
     The exact solution with physical damping has xi / sqrt(1 - xi^2).
     """
-    root = principal_root(method, Omega, xi)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return _unwrapped(np.where(root.imag > _OSCILLATES, -np.log(np.abs(root)) / np.angle(root), np.nan))
+    size, angle = _polar(principal_root(method, Omega, xi))
+    return _unwrapped(-np.log(size) / angle)
 
 
 def period_error(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
@@ -285,10 +284,16 @@ def period_error(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) ->
     float or ndarray
         Omega sqrt(1 - xi^2) / arg z - 1 for the principal root z.
     """
-    root = principal_root(method, Omega, xi)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    _, angle = _polar(principal_root(method, Omega, xi))
+    with np.errstate(invalid="ignore"):  # of xi above 1
         exact = np.asarray(Omega) * np.sqrt(1 - np.square(xi))
-        return _unwrapped(np.where(root.imag > _OSCILLATES, exact / np.angle(root) - 1, np.nan))
+    return _unwrapped(exact / angle - 1)
+
+
+def _polar(root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """|z| and arg z, NaN where z does not oscillate."""
+    oscillates = root.imag > _OSCILLATES
+    return np.where(oscillates, np.abs(root), np.nan), np.where(oscillates, np.angle(root), np.nan)
 
 
 def principal_root(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
