@@ -15,7 +15,7 @@ from .methods import METHODS, Method
 
 def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
     """u0 and v0 as two floats or two new arrays, and the form of right-hand side that goes with them."""
-    u, v = _reals(u0, "u0"), _reals(v0, "v0")
+    u, v = reals(u0, "u0"), reals(v0, "v0")
     if u.ndim > 1:
         raise ValueError(f"u0 must be a number or a 1-D array, not an array of shape {u.shape}.")
     if u.shape != v.shape:
@@ -30,7 +30,7 @@ def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
 
 def check_params(params: ArrayLike) -> np.ndarray:
     """The parameters as a new 1-D array."""
-    p = np.atleast_1d(_reals(params, "params"))
+    p = np.atleast_1d(reals(params, "params"))
     if p.ndim > 1:
         raise ValueError(f"params must be a number or a 1-D sequence, not an array of shape {p.shape}.")
     return p
@@ -38,7 +38,7 @@ def check_params(params: ArrayLike) -> np.ndarray:
 
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     """The two ends of the time span."""
-    ends = _reals(t_span, "t_span")
+    ends = reals(t_span, "t_span")
     if ends.shape != (2,):
         raise ValueError(f"t_span must be the two times (t0, t1), not {_shown(t_span)}.")
     t0, t1 = ends.tolist()
@@ -53,7 +53,7 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
 
 def check_time(t: float, name: str) -> float:
     """A finite time as a float."""
-    time = _reals(t, name)
+    time = reals(t, name)
     if time.ndim != 0 or not math.isfinite(time):
         raise ValueError(f"{name} must be a finite number, not {_shown(t)}.")
     return float(time)
@@ -61,7 +61,7 @@ def check_time(t: float, name: str) -> float:
 
 def check_h(h: float) -> float:
     """The step as a float."""
-    step = _reals(h, "h")
+    step = reals(h, "h")
     if step.ndim != 0 or not (math.isfinite(step) and step > 0):
         raise ValueError(f"h must be a positive, finite number of time units, not {_shown(h)}.")
     return float(step)
@@ -94,7 +94,7 @@ def check_method(method: str | Method) -> Method:
     )
 
 
-def _reals(value: Any, name: str) -> np.ndarray:
+def reals(value: Any, name: str) -> np.ndarray:
     """A new contiguous array of float64."""
     try:
         array = np.asarray(value)

@@ -42,6 +42,8 @@ class Problem:
         which touches fewer arrays.
     source : str
         Where the problem comes from.
+    note : str
+        What a scene's problem contains.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Problem:
     continuum: Callable | None = None
     uses_velocity: bool = True
     source: str = ""
+    note: str = ""
 
     def integrate(
         self, *, h: float, method: str | Method = "eig3", t_end: float | None = None, **options: Any

@@ -1,0 +1,215 @@
+"""What an effect of a scene is: a record of its parameters, and compiled functions named by what they give."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from typing import Any, ClassVar
+
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+
+from .checks import reals
+
+
+class Effect:
+    """What every effect's class tells. Derive from `Body`, `Link` or `Motion`, as a dataclass with eq=False.
+
+    The fields are the parameters, and the functions take those that they name as arguments, beside what their kind of
+    effect offers. A function that does not name the velocity does not read it, and nothing computes it.
+
+    Attributes
+    ----------
+    dimensions : tuple of int
+        Those of the scenes that the effect can be in.
+    vectors : tuple of str
+        The fields that hold a vector, with a component for each dimension; the functions get a tuple.
+    arrays : tuple of str
+        The fields that hold an array of any length; the functions get it as an array that they may only read.
+    source : str
+        Where the formula comes from.
+    """
+
+    dimensions: ClassVar[tuple[int, ...]] = (1, 2, 3)
+    vectors: ClassVar[tuple[str, ...]] = ()
+    arrays: ClassVar[tuple[str, ...]] = ()
+    source: ClassVar[str] = ""
+
+    offers: ClassVar[dict[str, tuple[str, ...]]] = {}  # the functions of a kind of effect, and what each can be given
+    takes: ClassVar[tuple[int, ...]] = ()  # how many arguments of points
+
+    @property
+    def title(self) -> str:
+        """What errors and listings call it."""
+        return type(self).__name__
+
+    def components(self, vector: str, dimension: int) -> int:
+        """How many components a vector has in a scene of `dimension` dimensions."""
+        return dimension
+
+    def functions(self) -> dict[str, Any]:
+        """The compiled functions that the effect has, by name."""
+        found = {name: getattr(self, name, None) for name in self.offers}
+        # a dispatcher that stands in a class without staticmethod has bound itself
+        return {name: getattr(f, "__func__", f) for name, f in found.items() if f is not None}
+
+    def reads_velocity(self) -> bool:
+        """Whether what the effect adds to the accelerations depends on the velocities."""
+        functions = self.functions()
+        return any({"v", "rate"} & set(arguments(functions[name])) for name in functions if name != "potential")
+
+    def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
+        """The parameters that the functions read, for points of that shape.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Shape (points,), or (points, components) for a vector; an array is as it is.
+
+        Raises
+        ------
+        TypeError, ValueError
+            In a sentence that names the effect.
+        """
+        read = {argument for function in self.functions().values() for argument in arguments(function)}
+        read |= {"direction"} & set(self.vectors)
+        return {name: self._column(name, shape, dimension) for name in _fields(self) if name in read}
+
+    def _column(self, name: str, shape: tuple[int, ...], dimension: int) -> np.ndarray:
+        values = self._reals(name)
+        if name in self.arrays:
+            return values
+        trailing: tuple[int, ...] = ()
+        if name in self.vectors:
+            trailing = (self.components(name, dimension),)
+            if values.ndim == 0 and trailing == (1,):
+                values = values.reshape(1)
+            if values.shape[-1:] != trailing:
+                given = f"{values.shape[-1]}" if values.ndim else "a number"
+                raise ValueError(f"{name} of {self.title} must have {trailing[0]} components, not {given}.")
+        try:
+            return np.broadcast_to(values, shape + trailing).reshape(-1, *trailing)
+        except ValueError:
+            raise ValueError(
+                f"{name} of {self.title} has the shape {values.shape}, which does not go with points of shape {shape}."
+            ) from None
+
+    def check(self, dimension: int) -> None:
+        """Refuse what cannot be compiled, in a sentence that names the effect.
+
+        Raises
+        ------
+        TypeError, ValueError
+        """
+        if dimension not in self.dimensions:
+            allowed = " or ".join(map(str, self.dimensions))
+            raise ValueError(f"{self.title} needs a scene of {allowed} dimensions, not {dimension}.")
+        for name, function in self.functions().items():
+            if not isinstance(function, Dispatcher):
+                raise TypeError(f"{name} of {self.title} must be compiled: decorate it with @eig3.jit.")
+            offered = [*self.offers[name], *_fields(self)]
+            unknown = [argument for argument in arguments(function) if argument not in offered]
+            if unknown:
+                raise TypeError(
+                    f"{name} of {self.title} names {unknown[0]}, but can be given only {', '.join(offered)}."
+                )
+
+    def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
+        """Refuse points that the effect cannot act on, in a sentence that names it.
+
+        Parameters
+        ----------
+        masses : list of ndarray, shape (points,)
+            For each argument of points; 0 for those that are fixed.
+        positions : list of ndarray, shape (points, dimension)
+
+        Raises
+        ------
+        ValueError
+        """
+
+    def require(self, condition: Any, what: str) -> None:
+        """For an effect's own __post_init__: a ValueError where not all is true, such as "length must be positive"."""
+        if not np.all(condition):
+            name, _, rest = what.partition(" ")
+            raise ValueError(f"{name} of {self.title} {rest}.")
+
+    def _reals(self, name: str) -> np.ndarray:
+        values = reals(getattr(self, name), f"{name} of {self.title}")
+        self.require(np.isfinite(values), f"{name} must be finite")
+        return values
+
+
+class Body(Effect):
+    """What acts on masses, one by one.
+
+    A class has one of ``force`` and ``acceleration``, which return a tuple with a component for each dimension, and
+    may have ``potential``, which returns the energy of which the force is minus the gradient. They can be given the
+    time t, the position x and velocity v as such tuples, and the mass m.
+    """
+
+    offers: ClassVar[dict[str, tuple[str, ...]]] = {
+        "force": ("t", "x", "v", "m"),
+        "acceleration": ("t", "x", "v", "m"),
+        "potential": ("x", "m"),
+    }
+    takes: ClassVar[tuple[int, ...]] = (0, 1)
+
+    def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
+        if any((m == 0).any() for m in masses):
+            raise ValueError(f"{self.title} acts on masses, but was given fixed points.")
+
+
+class Link(Effect):
+    """What acts between two points along the line through them.
+
+    A class has one of ``tension``, the force that pulls the points together, and ``density``, that force divided by the
+    distance; and may have ``potential``, of which the tension is the derivative by the distance. They can be given the
+    time t, the distance r and the rate at which it grows, rate. In one dimension r has a sign: the two points are in
+    order as long as they are in the order of the start, and where they have passed through each other r is negative.
+
+    A field of the name ``length`` is a natural length: where it is not 0 the points must not coincide at the start.
+    """
+
+    offers: ClassVar[dict[str, tuple[str, ...]]] = {
+        "tension": ("t", "r", "rate"),
+        "density": ("t", "r", "rate"),
+        "potential": ("r",),
+    }
+    takes: ClassVar[tuple[int, ...]] = (2,)
+
+    def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
+        if ((masses[0] == 0) & (masses[1] == 0)).any():
+            raise ValueError(f"{self.title} stands between two fixed points, where it moves nothing.")
+        length = getattr(self, "length", None)
+        if length is not None and (np.any(length) and (positions[0] == positions[1]).all(axis=-1).any()):
+            raise ValueError(
+                f"{self.title} has a natural length, but its ends coincide at the start, so that it has no direction."
+            )
+
+
+class Motion(Effect):
+    """How fixed points move, along a direction.
+
+    A class has ``motion``, which returns the displacement from where the point was fixed and its rate, and a vector
+    field ``direction``, by which the two are multiplied. It can be given the time t. Motions of one point add up.
+    """
+
+    offers: ClassVar[dict[str, tuple[str, ...]]] = {"motion": ("t",)}
+    takes: ClassVar[tuple[int, ...]] = (1,)
+
+    def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
+        return super().columns((), dimension)  # one motion, whatever it moves
+
+    def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
+        if (masses[0] > 0).any():
+            raise ValueError(f"{self.title} moves fixed points, but was given masses, which move by their forces.")
+
+
+def arguments(function: Any) -> tuple[str, ...]:
+    """The names of a compiled function's arguments."""
+    return tuple(inspect.signature(function.py_func).parameters)
+
+
+def _fields(effect: Effect) -> list[str]:
+    return [field.name for field in dataclasses.fields(effect)]  # type: ignore[arg-type]

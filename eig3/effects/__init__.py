@@ -1,0 +1,31 @@
+"""The effects that a scene can name, one a file."""
+
+from .coulomb_friction import CoulombFriction
+from .gravity import Gravity
+from .hardening_spring import HardeningSpring
+from .harmonic_force import HarmonicForce
+from .linear_damper import LinearDamper
+from .linear_spring import LinearSpring
+from .mass_contact import MassContact
+from .plane_contact import PlaneContact
+from .quadratic_drag import QuadraticDrag
+from .rotating_frame import RotatingFrame
+from .sampled_motion import SampledMotion
+from .softening_spring import SofteningSpring
+from .support_motion import SupportMotion
+
+__all__ = [
+    "CoulombFriction",
+    "Gravity",
+    "HardeningSpring",
+    "HarmonicForce",
+    "LinearDamper",
+    "LinearSpring",
+    "MassContact",
+    "PlaneContact",
+    "QuadraticDrag",
+    "RotatingFrame",
+    "SampledMotion",
+    "SofteningSpring",
+    "SupportMotion",
+]

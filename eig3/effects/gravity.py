@@ -1,0 +1,35 @@
+"""A uniform field of gravity."""
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..effect import Body
+from ..kernels.jit import element
+from .vector import dot
+
+
+@dataclass(frozen=True, eq=False)
+class Gravity(Body):
+    """The same acceleration for every mass.
+
+    Parameters
+    ----------
+    field : array_like, shape (dimension,)
+        Such as ``(0, -9.81)``, m/s^2.
+    """
+
+    field: ArrayLike
+
+    vectors = ("field",)
+    source = "Newton"
+
+    @staticmethod
+    @element
+    def acceleration(field):
+        return field
+
+    @staticmethod
+    @element
+    def potential(x, m, field):
+        return -m * dot(field, x)

@@ -1,0 +1,41 @@
+"""A spring with a cubic term, of Duffing's kind."""
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..effect import Link
+from ..kernels.jit import element
+
+
+@dataclass(frozen=True, eq=False)
+class HardeningSpring(Link):
+    """A spring that pulls with S1 d (1 + S2 d^2) where it is stretched by d.
+
+    Parameters
+    ----------
+    S1 : float or array_like
+        Stiffness at rest, N/m.
+    S2 : float or array_like
+        1/m^2; one that is negative softens.
+    length : float or array_like
+        Natural length, m.
+    """
+
+    S1: ArrayLike
+    S2: ArrayLike
+    length: ArrayLike = 0.0
+
+    source = "EIG-3 article, section 4.2"
+
+    @staticmethod
+    @element
+    def tension(r, S1, S2, length):
+        d = r - length
+        return S1 * d * (1 + S2 * d * d)
+
+    @staticmethod
+    @element
+    def potential(r, S1, S2, length):
+        square = (r - length) * (r - length)
+        return S1 / 2 * square * (1 + S2 / 2 * square)

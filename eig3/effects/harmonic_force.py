@@ -1,0 +1,37 @@
+"""A prescribed force that swings."""
+
+import math
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..effect import Body
+from ..kernels.jit import element
+from .vector import scale
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicForce(Body):
+    """The force amplitude cos(omega t + phase).
+
+    Parameters
+    ----------
+    amplitude : array_like, shape (dimension,)
+        N.
+    omega : float or array_like
+        Angular frequency, rad/s.
+    phase : float or array_like
+        rad; -pi/2 makes it a sine.
+    """
+
+    amplitude: ArrayLike
+    omega: ArrayLike
+    phase: ArrayLike = 0.0
+
+    vectors = ("amplitude",)
+    source = "a driven oscillator's load"
+
+    @staticmethod
+    @element
+    def force(t, amplitude, omega, phase):
+        return scale(math.cos(omega * t + phase), amplitude)

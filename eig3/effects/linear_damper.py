@@ -1,0 +1,28 @@
+"""A viscous damper between two points."""
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..effect import Link
+from ..kernels.jit import element
+
+
+@dataclass(frozen=True, eq=False)
+class LinearDamper(Link):
+    """A dashpot that resists the rate at which its ends part, along the line through them.
+
+    Parameters
+    ----------
+    damping : float or array_like
+        N s/m.
+    """
+
+    damping: ArrayLike
+
+    source = "Kelvin and Voigt's dashpot"
+
+    @staticmethod
+    @element
+    def tension(rate, damping):
+        return damping * rate

@@ -1,0 +1,79 @@
+"""Contact of masses with a plane, on one side of it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..effect import Body
+from ..kernels.jit import element
+from .vector import dot, scale
+
+
+@element
+def indentation(x, normal, offset):
+    return max(0.0, offset - dot(normal, x))
+
+
+@element
+def elastic(x, stiffness, normal, offset):
+    d = indentation(x, normal, offset)
+    return scale(stiffness * d * math.sqrt(d), normal)
+
+
+@element
+def damped(x, v, stiffness, normal, offset, damping):
+    d = indentation(x, normal, offset)
+    return scale(stiffness * d * math.sqrt(d) * max(0.0, 1 - damping * dot(normal, v)), normal)
+
+
+@element
+def elastic_potential(x, stiffness, normal, offset):
+    d = indentation(x, normal, offset)
+    return 2 / 5 * stiffness * d * d * math.sqrt(d)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneContact(Body):
+    """Hertz's contact of a mass with the plane normal . x = offset, free on the side to which the normal points.
+
+    At the indentation d, which grows at the rate d', the plane pushes with stiffness d^(3/2) (1 + damping d'), and
+    never pulls. A mass with a radius touches when its centre is that far away: add the radius to the offset.
+
+    Parameters
+    ----------
+    stiffness : float or array_like
+        N/m^(3/2).
+    normal : array_like, shape (dimension,)
+        A unit vector.
+    offset : float or array_like
+        m.
+    damping : float or array_like
+        s/m; 0 makes the contact elastic.
+
+    Raises
+    ------
+    ValueError
+        For a normal that is not a unit vector.
+    """
+
+    stiffness: ArrayLike
+    normal: ArrayLike
+    offset: ArrayLike = 0.0
+    damping: ArrayLike = 0.0
+
+    vectors = ("normal",)
+    source = "Hertz (1881); damping of Hunt and Crossley (1975)"
+
+    def __post_init__(self) -> None:
+        length = np.linalg.norm(self._reals("normal"), axis=-1)
+        self.require(np.allclose(length, 1, rtol=1e-9), "normal must be a unit vector")
+
+    @property
+    def force(self):
+        return damped if np.any(self.damping) else elastic
+
+    @property
+    def potential(self):
+        return None if np.any(self.damping) else elastic_potential

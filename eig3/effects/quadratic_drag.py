@@ -1,0 +1,29 @@
+"""The drag of a fluid at rest."""
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..effect import Body
+from ..kernels.jit import element
+from .vector import norm, scale
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticDrag(Body):
+    """A force against the velocity that grows with its square.
+
+    Parameters
+    ----------
+    drag : float or array_like
+        Half the product of the fluid's density, the area and the drag coefficient, kg/m.
+    """
+
+    drag: ArrayLike
+
+    source = "Newton; Rayleigh's drag equation"
+
+    @staticmethod
+    @element
+    def force(v, drag):
+        return scale(-drag * norm(v), v)

@@ -1,0 +1,40 @@
+"""What a frame that turns adds to the motion in it."""
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..effect import Body
+from ..kernels.jit import element
+from .vector import add, cross, dot, scale
+
+
+@dataclass(frozen=True, eq=False)
+class RotatingFrame(Body):
+    """Coriolis and centrifugal acceleration in a frame that turns steadily about its origin.
+
+    Parameters
+    ----------
+    rate : array_like, shape (1,) or (3,)
+        Angular velocity, rad/s: one number in a plane, a vector in space.
+    """
+
+    rate: ArrayLike
+
+    dimensions = (2, 3)
+    vectors = ("rate",)
+    source = "Coriolis (1835)"
+
+    def components(self, vector: str, dimension: int) -> int:
+        return 1 if dimension == 2 else 3
+
+    @staticmethod
+    @element
+    def acceleration(x, v, rate):
+        return scale(-1.0, add(scale(2.0, cross(rate, v)), cross(rate, cross(rate, x))))
+
+    @staticmethod
+    @element
+    def potential(x, m, rate):
+        across = cross(rate, x)
+        return -m / 2 * dot(across, across)

@@ -1,0 +1,75 @@
+"""Supports that move as a record says."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..effect import Motion
+from ..kernels.jit import element
+
+
+@element
+def interval(t, times):
+    """The i for which t is from times[i] to times[i + 1]; found at once where the samples are evenly spaced."""
+    last = times.size - 1
+    i = int((t - times[0]) / (times[last] - times[0]) * last)
+    i = min(max(i, 0), last - 1)
+    low = i if times[i] <= t else 0
+    high = i + 1 if t < times[i + 1] else last
+    while high - low > 1:
+        middle = (low + high) // 2
+        if times[middle] <= t:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@dataclass(frozen=True, eq=False)
+class SampledMotion(Motion):
+    """Fixed points that move along a direction by a record, at rest before and after it.
+
+    Between the samples the displacement is linear in time and the velocity constant, so that the velocity jumps at the
+    samples: where dampers stand on the support no method keeps an order above one across a jump.
+
+    Parameters
+    ----------
+    times : array_like, shape (samples,)
+        Increasing, s.
+    values : array_like, shape (samples,)
+        Displacements, m.
+    direction : array_like, shape (dimension,)
+        What they are multiplied by.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two samples, arrays of different lengths, and times that do not increase.
+    """
+
+    times: ArrayLike
+    values: ArrayLike
+    direction: ArrayLike = (1.0,)
+
+    vectors = ("direction",)
+    arrays = ("times", "values")
+    source = "linear interpolation"
+
+    def __post_init__(self) -> None:
+        times, values = self._reals("times"), self._reals("values")
+        self.require(times.ndim == 1 and times.size >= 2, "times must hold two samples at least")
+        self.require(values.shape == times.shape, f"values must be as many as times, {times.size}")
+        self.require((np.diff(times) > 0).all(), "times must increase from sample to sample")
+
+    @staticmethod
+    @element
+    def motion(t, times, values):
+        last = times.size - 1
+        if t < times[0]:
+            return values[0], 0.0
+        if t >= times[last]:
+            return values[last], 0.0
+        i = interval(t, times)
+        slope = (values[i + 1] - values[i]) / (times[i + 1] - times[i])
+        return values[i] + slope * (t - times[i]), slope

@@ -1,0 +1,27 @@
+"""Supports that move as a function of time says."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..effect import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class SupportMotion(Motion):
+    """Fixed points that move along a direction.
+
+    Parameters
+    ----------
+    motion : jitted function
+        ``motion(t) -> (displacement, velocity)`` in m and m/s, as numbers.
+    direction : array_like, shape (dimension,)
+        What the two are multiplied by.
+    """
+
+    motion: Callable
+    direction: ArrayLike = (1.0,)
+
+    vectors = ("direction",)
+    source = "prescribed by the user"

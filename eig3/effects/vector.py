@@ -1,0 +1,72 @@
+"""Arithmetic of tuples of one to three numbers, for functions that serve scenes of every dimension."""
+
+import math
+
+from numba.extending import overload
+
+from ..kernels.jit import OPTIONS, element
+
+_INLINED = {"forceinline": True, **OPTIONS}
+
+
+def dot(a, b):
+    """The scalar product."""
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def scale(s, a):
+    """The multiple s a."""
+    return tuple(s * x for x in a)
+
+
+def add(a, b):
+    """The sum."""
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
+def cross(w, a):
+    """The vector product of a rate of rotation with a vector; in a plane the rate is one number, about its normal."""
+    if len(a) == 2:
+        return -w[0] * a[1], w[0] * a[0]
+    return w[1] * a[2] - w[2] * a[1], w[2] * a[0] - w[0] * a[2], w[0] * a[1] - w[1] * a[0]
+
+
+@overload(dot, jit_options=_INLINED)
+def _dot(a, b):
+    return {
+        1: lambda a, b: a[0] * b[0],
+        2: lambda a, b: a[0] * b[0] + a[1] * b[1],
+        3: lambda a, b: a[0] * b[0] + a[1] * b[1] + a[2] * b[2],
+    }[a.count]
+
+
+@overload(scale, jit_options=_INLINED)
+def _scale(s, a):
+    return {
+        1: lambda s, a: (s * a[0],),
+        2: lambda s, a: (s * a[0], s * a[1]),
+        3: lambda s, a: (s * a[0], s * a[1], s * a[2]),
+    }[a.count]
+
+
+@overload(add, jit_options=_INLINED)
+def _add(a, b):
+    return {
+        1: lambda a, b: (a[0] + b[0],),
+        2: lambda a, b: (a[0] + b[0], a[1] + b[1]),
+        3: lambda a, b: (a[0] + b[0], a[1] + b[1], a[2] + b[2]),
+    }[a.count]
+
+
+@overload(cross, jit_options=_INLINED)
+def _cross(w, a):
+    return {
+        2: lambda w, a: (-w[0] * a[1], w[0] * a[0]),
+        3: lambda w, a: (w[1] * a[2] - w[2] * a[1], w[2] * a[0] - w[0] * a[2], w[0] * a[1] - w[1] * a[0]),
+    }[a.count]
+
+
+@element
+def norm(a):
+    """The length."""
+    return math.sqrt(dot(a, a))

@@ -1,0 +1,265 @@
+"""Scenes: points, and the effects that act on them, made into a problem whose compiled code holds nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import codegen
+from .assembly import Cloud, Placement, assemble, note, sources
+from .checks import check_span, reals
+from .effect import Effect
+from .problem import Problem
+
+__all__ = ["Points", "Scene"]
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points of a scene: one, or an array of any shape that is indexed and sliced as NumPy's are.
+
+    Attributes
+    ----------
+    scene : Scene
+    numbers : ndarray of int
+        The points' numbers in their scene.
+    """
+
+    scene: Scene
+    numbers: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.numbers.shape
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __getitem__(self, index: Any) -> Points:
+        return Points(self.scene, np.asarray(self.numbers[index]))
+
+    def of(self, values: ArrayLike) -> np.ndarray:
+        """The part of these masses in positions or velocities of a run.
+
+        Parameters
+        ----------
+        values : array_like, shape (..., degrees of freedom)
+            Such as ``solution.u`` or ``solution.v``.
+
+        Returns
+        -------
+        ndarray, shape (..., *shape, dimension)
+            Without the last axis in scenes of one dimension.
+
+        Raises
+        ------
+        ValueError
+            For fixed points, which no run holds.
+        """
+        return self.scene._values_of(self.numbers, np.asarray(values))
+
+
+class Scene:
+    """Points in a space of one to three dimensions and what acts on them.
+
+    A scene's problem has the Cartesian coordinates of its masses as u: the first of every mass in the order in which
+    they were added, then the second of every mass, then the third. `Points.of` takes them apart.
+
+    Parameters
+    ----------
+    dimension : {1, 2, 3}
+
+    Raises
+    ------
+    ValueError
+        For another dimension.
+    """
+
+    def __init__(self, dimension: int) -> None:
+        if dimension not in (1, 2, 3):
+            raise ValueError(f"dimension must be 1, 2 or 3, not {dimension!r}.")
+        self.dimension = int(dimension)
+        self._parts: list[Any] = []  # masses, positions and velocities, in the order of the points' numbers
+        self._count = 0
+        self._placements: list[Placement] = []
+
+    def fixed(self, position: ArrayLike) -> Points:
+        """Add points that do not move, or only as a `Motion` says.
+
+        Parameters
+        ----------
+        position : array_like, shape (..., dimension)
+            m; in one dimension of any shape, without the last axis.
+
+        Returns
+        -------
+        Points
+        """
+        position = self._vectors(position, "position of fixed points")
+        return self._added(position, np.zeros(position.shape[:-1]), np.zeros_like(position))
+
+    def mass(self, m: ArrayLike, position: ArrayLike, velocity: ArrayLike = 0.0) -> Points:
+        """Add masses that are free to move.
+
+        Parameters
+        ----------
+        m : float or array_like, shape (...)
+            kg.
+        position : array_like, shape (..., dimension)
+            m; in one dimension of any shape, without the last axis.
+        velocity : array_like, shape (..., dimension), optional
+            m/s; 0 if not given.
+
+        Returns
+        -------
+        Points
+
+        Raises
+        ------
+        TypeError, ValueError
+            For masses that are not positive, and shapes that do not go together.
+        """
+        position = self._vectors(position, "position of masses")
+        m = reals(m, "m of masses")
+        if not (np.isfinite(m).all() and (m > 0).all()):
+            raise ValueError(f"m of masses must be positive and finite, not {m[~((m > 0) & np.isfinite(m))].flat[0]}.")
+        velocity = reals(velocity, "velocity of masses")
+        if self.dimension == 1 and velocity.ndim:
+            velocity = velocity[..., np.newaxis]
+        try:
+            m = np.broadcast_to(m, position.shape[:-1])
+            velocity = np.broadcast_to(velocity, position.shape)
+        except ValueError:
+            raise ValueError(
+                f"m and velocity of masses must go with position, of shape {position.shape}, "
+                f"but have shapes {m.shape} and {velocity.shape}."
+            ) from None
+        if not np.isfinite(velocity).all():
+            raise ValueError("velocity of masses must be finite.")
+        return self._added(position, m, velocity)
+
+    def add(self, effect: Effect, *points: Points) -> None:
+        """Let an effect act.
+
+        Parameters
+        ----------
+        effect : Effect
+            Its parameters are numbers, or arrays that give each of the points, or pairs of points, its own.
+        *points : Points
+            A `Body` takes masses, and acts on all of the scene where none are given; a `Link` the two ends, as points
+            of the same shape or one point for many; a `Motion` fixed points.
+
+        Raises
+        ------
+        TypeError, ValueError
+            In one sentence that names the effect, for points and parameters that do not go with it.
+        """
+        if not isinstance(effect, Effect):
+            given = effect.__name__ if isinstance(effect, type) else type(effect).__name__
+            raise TypeError(f"effect must be one with its parameters, such as LinearSpring(10.0), not {given}.")
+        effect.check(self.dimension)
+        numbers = self._numbers_of(points, effect)
+        if not numbers:  # on all masses, when their number is known
+            self._placements.append((effect, (), None))
+            return
+        columns = effect.columns(numbers[0].shape, self.dimension)
+        flat = tuple(array.ravel() for array in numbers)
+        if len(flat) == 2 and (flat[0] == flat[1]).any():
+            raise ValueError(f"{effect.title} stands between a point and itself.")
+        cloud = self._cloud()
+        effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat])
+        self._placements.append((effect, flat, columns))
+
+    def problem(self, t_span: Sequence[float], *, name: str = "scene", work: bool = False) -> Problem:
+        """The scene as it is now, compiled and ready to run.
+
+        Parameters
+        ----------
+        t_span : (float, float)
+            s.
+        name : str
+        work : bool
+            Follow the work that is done by what has no potential, and by supports that move: one more degree of
+            freedom, whose velocity is the work, J. It is integrated as the motion is, and `energy` is then what is
+            constant, the mechanical energy less the work. Scenes whose energy is constant get none.
+
+        Returns
+        -------
+        Problem
+            Its `energy`, J, is None where something has no potential and the work is not followed; its `note` lists
+            what it contains, and the code can be read by ``inspect.getsource(problem.rhs.py_func)``.
+
+        Raises
+        ------
+        ValueError
+            For a scene without masses, and effects whose parameters do not go with the number of masses.
+        """
+        check_span(t_span)
+        cloud = self._cloud()
+        assembly = assemble(cloud, self._placements, work=work)
+        rhs, energy, params = codegen.compiled(assembly)
+        return Problem(
+            name=name,
+            rhs=rhs,
+            u0=assembly.start(cloud.positions),
+            v0=assembly.start(cloud.velocities),
+            params=params,
+            t_span=(t_span[0], t_span[1]),
+            energy=energy,
+            uses_velocity=assembly.reads_velocity,
+            source=sources(assembly),
+            note=note(assembly),
+        )
+
+    def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:
+        vectors = reals(values, name)
+        if self.dimension == 1:
+            vectors = vectors[..., np.newaxis]
+        elif vectors.shape[-1:] != (self.dimension,):
+            raise ValueError(f"{name} must have {self.dimension} components each, not the shape {vectors.shape}.")
+        if not np.isfinite(vectors).all():
+            raise ValueError(f"{name} must be finite.")
+        return vectors
+
+    def _added(self, position: np.ndarray, m: np.ndarray, velocity: np.ndarray) -> Points:
+        numbers = np.arange(self._count, self._count + m.size).reshape(m.shape)
+        self._count += m.size
+        rows = (m.size, self.dimension)
+        self._parts.append((m.ravel(), position.reshape(rows), velocity.reshape(rows)))
+        return Points(self, numbers)
+
+    def _cloud(self) -> Cloud:
+        """All points; joined only when points were added, since effects may be added one by one."""
+        if len(self._parts) > 1:
+            self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
+        if not self._parts:
+            return Cloud(np.empty(0), np.empty((0, self.dimension)), np.empty((0, self.dimension)))
+        return Cloud(*self._parts[0])
+
+    def _numbers_of(self, points: Sequence[Points], effect: Effect) -> list[np.ndarray]:
+        for handle in points:
+            if not isinstance(handle, Points):
+                raise TypeError(f"{effect.title} acts on points that a scene gave, not on {type(handle).__name__}.")
+            if handle.scene is not self:
+                raise ValueError(f"{effect.title} was given points of another scene.")
+        if len(points) not in effect.takes:
+            takes = " or ".join(map(str, effect.takes))
+            raise TypeError(f"{effect.title} takes {takes} arguments of points, not {len(points)}.")
+        try:
+            return list(np.broadcast_arrays(*(handle.numbers for handle in points))) if points else []
+        except ValueError:
+            shapes = " and ".join(str(handle.shape) for handle in points)
+            raise ValueError(f"{effect.title} was given ends of the shapes {shapes}, which do not pair.") from None
+
+    def _values_of(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
+        free = self._cloud().free
+        if (free[numbers] < 0).any():
+            raise ValueError("fixed points have no values in a run; only masses have.")
+        count = np.count_nonzero(free >= 0)
+        columns = free[numbers][..., np.newaxis] + count * np.arange(self.dimension)
+        taken = values[..., columns]
+        return taken[..., 0] if self.dimension == 1 else taken
