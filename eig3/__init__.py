@@ -33,16 +33,18 @@ __all__ = [
     "Stepper",
     "__version__",
     "critical_step",
+    "effects",
     "integrate",
     "jit",
     "plan",
     "problems",
+    "scene",
     "stability",
 ]
 
 
 def __getattr__(name: str) -> Any:
     # Loaded when first asked for, so that importing eig3 stays quick.
-    if name in ("problems", "stability"):
+    if name in ("effects", "problems", "scene", "stability"):
         return importlib.import_module(f"eig3.{name}")
     raise AttributeError(f"module 'eig3' has no attribute {name!r}")

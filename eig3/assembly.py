@@ -7,7 +7,7 @@ indices that go up by one, which needs no table of indices and which a compiler 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,6 +18,9 @@ from .effect import Body, Effect, Link, Motion
 
 #: An effect, the numbers of the points in each of its arguments (none: all masses), and its columns of parameters.
 Placement = tuple[Effect, tuple[np.ndarray, ...], "dict[str, np.ndarray] | None"]
+
+_MANY = 16  # links whose indices differ by the same
+_LEAST_RUN = 4  # on average, for a loop over runs of indices rather than over a table of every index
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,11 @@ class Group:
     sign: int = 1
 
     @property
-    def is_row(self) -> bool:
-        """Whether every link joins neighbours."""
-        return self.second is not None and bool((self.second - self.first == 1).all())
+    def difference(self) -> int | None:
+        """How far apart the two indices are in every link, if it is the same."""
+        if self.second is None or np.ptp(self.second - self.first):
+            return None
+        return int(self.second[0] - self.first[0])
 
     def runs(self) -> np.ndarray:
         """Where indices go up by one: rows of (first member, members, first mass, second mass)."""
@@ -86,6 +91,11 @@ class Group:
         starts = np.concatenate([[0], np.flatnonzero(~steps) + 1])
         counts = np.diff([*starts, self.first.size])
         return np.column_stack([starts, counts, self.first[starts], second[starts]])
+
+    @property
+    def in_runs(self) -> bool:
+        """Whether the indices go up by one often enough for loops over runs."""
+        return self.first.size >= _LEAST_RUN * len(self.runs())
 
     def take(self, members: np.ndarray) -> Group:
         """The group of some members, or of all in another order."""
@@ -199,7 +209,7 @@ def _link_groups(
             fixed_end = np.where(cloud.masses[numbers[0]] == 0, *numbers)
             sort = np.column_stack([sort, set_of[fixed_end]])
             for kind in np.unique(sort, axis=0):
-                anchored, sign, _, motions = kind.tolist()
+                anchored, sign, motions = kind.tolist()
                 part = group.take(np.flatnonzero((sort == kind).all(axis=1)))
                 part = replace(
                     part,
@@ -209,12 +219,12 @@ def _link_groups(
                     sign=sign,
                 )
                 kinds.setdefault((_kind(effect), *kind.tolist()), []).append(part)
-    return [_sorted_links(_joined(groups)) for groups in kinds.values()]
+    return [part for groups in kinds.values() for part in _split(_joined(groups))]
 
 
 def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Group, np.ndarray]:
-    """Links with the fixed end, or else the lower index, first; and of each, whether it is to a fixed point, the
-    direction in one dimension, and whether it joins neighbours."""
+    """Links with the fixed end, or else the lower index, first; and of each, whether it is to a fixed point and
+    the direction in one dimension."""
     free, x = cloud.free, cloud.positions
     swapped = (free[b] < 0) | ((free[a] >= 0) & (free[a] > free[b]))
     sign = np.where(x[b, 0] >= x[a, 0], 1, -1) if x.shape[1] == 1 else np.ones(a.size, dtype=np.int64)
@@ -223,14 +233,30 @@ def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Gro
     a, b = np.where(swapped, b, a), np.where(swapped, a, b)
     anchored = free[a] < 0
     first = np.where(anchored, free[b], free[a])
-    sort = np.column_stack([anchored, sign, ~anchored & (free[b] - free[a] == 1)])
+    sort = np.column_stack([anchored, sign])
     return Group([law], first, free[b], x[a]), sort
 
 
-def _sorted_links(group: Group) -> Group:
-    """By the difference of the two indices, then by the first: the longest runs there are."""
-    difference = 0 * group.first if group.second is None else group.second - group.first
-    return group.take(np.lexsort((group.first, difference)))
+def _split(group: Group) -> Iterator[Group]:
+    """Links by the difference of their two indices, then by the first: the longest runs there are.
+
+    Where many have one difference, as along the rows and columns of a net, they are a group of their own, in whose loop
+    the compiler can see that one link's masses are not the next one's.
+    """
+    if group.second is None:
+        yield group.take(np.argsort(group.first, kind="stable"))
+        return
+    difference = group.second - group.first
+    order = np.lexsort((group.first, difference))
+    rest = []
+    for part in np.split(order, np.flatnonzero(np.diff(difference[order])) + 1):
+        regular = group.take(part)
+        if difference[part[0]] == 1 or (part.size >= _MANY and regular.in_runs):
+            yield regular
+        else:
+            rest.append(part)
+    if rest:
+        yield group.take(np.concatenate(rest))
 
 
 def _kind(effect: Effect) -> tuple:

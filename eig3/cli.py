@@ -1,11 +1,17 @@
 """The `eig3` command."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ._version import __version__
+
+if TYPE_CHECKING:
+    from .problem import Problem
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -111,6 +117,17 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("--repeats", type=_count, default=7, help="runs each median is of (7)")
     report.add_argument("--out", type=_folder, metavar="DIR", required=True, help="where to write it")
     report.set_defaults(run=_report)
+
+    run = commands.add_parser(
+        "run",
+        help="run a problem: its history, a picture, its energy",
+        description="Run one of eig3.problems; print its energy balance, steps and ns/step, and write its history.",
+    )
+    run.add_argument("problem", help="one of eig3.problems, such as quarter_car")
+    run.add_argument("--h", type=float, help="the step, s (what the problem suggests, or a tenth of the critical step)")
+    run.add_argument("--method", default="eig3", metavar="NAME", help="(eig3)")
+    run.add_argument("--out", type=_folder, metavar="DIR", help="write NAME.npz, NAME.csv if it is not long, NAME.png there")
+    run.set_defaults(run=_run)
 
     plan = commands.add_parser(
         "plan",
@@ -229,15 +246,25 @@ def _report(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _plan(arguments: argparse.Namespace) -> int:
-    from . import plan, problems
+def _run(arguments: argparse.Namespace) -> int:
+    from .run import run
 
-    if arguments.problem not in problems.__all__:
-        raise SystemExit(f"eig3 plan: PROBLEM must be one of {', '.join(problems.__all__)}, not {arguments.problem}.")
+    build = _builder(arguments.problem, "run")
+    try:
+        solution = run(build, h=arguments.h, method=arguments.method, out=arguments.out)
+    except (TypeError, ValueError) as error:
+        raise SystemExit(f"eig3 run: {error}") from None
+    return 0 if solution.success else 1
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from . import plan
+
+    build = _builder(arguments.problem, "plan")
     try:
         print(
             plan(
-                getattr(problems, arguments.problem)(),
+                build(),
                 arguments.accuracy,
                 metric=arguments.metric,
                 methods=arguments.methods,
@@ -246,6 +273,15 @@ def _plan(arguments: argparse.Namespace) -> int:
     except ValueError as error:
         raise SystemExit(f"eig3 plan: {error}") from None
     return 0
+
+
+def _builder(name: str, command: str) -> Callable[..., Problem]:
+    """The function that builds a problem, by its name."""
+    from . import problems
+
+    if name not in problems.__all__:
+        raise SystemExit(f"eig3 {command}: PROBLEM must be one of {', '.join(problems.__all__)}, not {name}.")
+    return getattr(problems, name)
 
 
 def _count(text: str) -> int:

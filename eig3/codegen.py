@@ -26,7 +26,6 @@ from .kernels.jit import element
 
 _AXES = "xyz"
 _TINY = 2.0**-1000  # under a root, against a division by zero where points coincide: too small to change another value
-_LEAST_RUN = 4  # on average, for a loop over runs of indices rather than over a table of every index
 
 
 @element
@@ -73,6 +72,12 @@ class _Lines:
 
     def __str__(self) -> str:
         return "\n".join(self._lines) + "\n"
+
+
+def _grouped(terms: list[str]) -> str:
+    """A sum that can be a factor."""
+    total = " + ".join(terms)
+    return f"({total})" if len(terms) > 1 or " - " in total else total
 
 
 @dataclass(frozen=True)
@@ -168,7 +173,16 @@ class _Block:
 
     @property
     def in_runs(self) -> bool:
-        return self.size >= _LEAST_RUN * len(self.runs)
+        return self.group.in_runs
+
+    @property
+    def is_row(self) -> bool:
+        """Whether every link joins neighbours."""
+        return self.group.difference == 1
+
+    def second(self) -> str:
+        """The source of the second mass's index in a loop over runs: where i is, or in the table of runs."""
+        return f"i + {self.group.difference}" if self.group.difference else "j0 + along"
 
     def reads(self, name: str, *functions: str) -> bool:
         """Whether one of the functions of a law names the argument."""
@@ -274,6 +288,15 @@ class _Source:
     def _w(self, i: str) -> str:
         return "w" if self.weight.is_uniform else self.weight.of(i)
 
+    @property
+    def _common(self) -> str:
+        """What the forces of links are multiplied by at once where all masses are equal."""
+        return "w" if self.weight.is_uniform else ""
+
+    def _own(self, i: str) -> str:
+        """What they are multiplied by at each mass where they are not."""
+        return "" if self.weight.is_uniform else f" * {self._w(i)}"
+
     @contextmanager
     def _over_masses(self, out: _Lines, start: int, stop: int) -> Iterator[str]:
         if stop - start == 1:
@@ -291,9 +314,7 @@ class _Source:
         elif block.in_runs and len(block.runs) == 1:
             _, count, i, j = block.runs[0]
             with out.block(f"for s in range({count}):"):
-                out(f"i = {i} + s")
-                if both:
-                    out(f"j = {j} + s")
+                out(f"i, j = {i} + s, {j} + s" if both else f"i = {i} + s")
                 yield "s", "i", "j"
         elif block.in_runs:
             with self._over_runs(out, block), self._along_run(out, block) as indices:
@@ -317,7 +338,7 @@ class _Source:
             out("s = start + along")
             out("i = i0 + along")
             if block.group.second is not None:
-                out("j = j0 + along")
+                out(f"j = {block.second()}")
             yield "s", "i", "j"
 
     def _hoist(self, out: _Lines, blocks: Iterable[_Block], *functions: str) -> None:
@@ -357,11 +378,10 @@ class _Source:
         """The acceleration along an axis, from names of tuples and a term of the links' force."""
         k = self.axes.index(axis)
         terms = [f"{name}[{k}]" for name in accelerations]
-        pushed = [f"{name}[{k}]" for name in forces] + [links] * bool(links)
-        if len(pushed) == 1 and " " not in pushed[0]:
-            terms.append(f"{pushed[0]} * {self._w(i)}")
-        elif pushed:
-            terms.append(f"({' + '.join(pushed)}) * {self._w(i)}")
+        pushed = [f"{name}[{k}]" for name in forces]
+        (terms if self.weight.is_uniform else pushed).extend([links] * bool(links))
+        if pushed:
+            terms.append(f"{_grouped(pushed)} * {self._w(i)}")
         return " + ".join(terms) or "0.0"
 
     def _geometry(self, out: _Lines, block: _Block, member: str, i: str, j: str, *functions: str) -> dict[str, str]:
@@ -409,20 +429,19 @@ class _Source:
     def _direction(self, number: int, axis: str) -> str:
         return self.motions[number].columns["direction"].component(self.axes.index(axis), "")
 
-    def _pull(self, out: _Lines, block: _Block, member: str, i: str, j: str) -> None:
-        """The force on the first end, along each axis."""
+    def _pull(self, out: _Lines, block: _Block, member: str, i: str, j: str, weight: str = "") -> None:
+        """The force on the first end, along each axis; times a weight, if one is given."""
         offered = self._geometry(out, block, member, i, j, "tension", "density")
         tensions = [law.call("tension", member, offered) for law in block.laws if law.has("tension")]
         densities = [law.call("density", member, offered) for law in block.laws if law.has("density")]
-        sign = "-" if block.group.sign < 0 else ""
+        times_w = f" * {weight}" if weight else ""
         if self.dimension == 1:
             terms = tensions + [f"{density} * dx" for density in densities]
-            out(f"fx = {sign}({' + '.join(terms)})" if sign or len(terms) > 1 else f"fx = {terms[0]}")
+            out(f"fx = {'-' if block.group.sign < 0 else ''}{_grouped(terms)}{times_w}")
             return
         if tensions:
-            tension = " + ".join(tensions)
-            densities.append(f"({tension}) * inverse" if len(tensions) > 1 else f"{tension} * inverse")
-        out(f"pull = {' + '.join(densities)}")
+            densities.append(f"{_grouped(tensions)} * inverse")
+        out(f"pull = {_grouped(densities)}{times_w}")
         for axis in self.axes:
             out(f"f{axis} = pull * d{axis}")
 
@@ -445,7 +464,7 @@ class _Source:
                 out(f"w = {self.weight.of('')}")
             self._moved(out, self.links)
             on_all = [block for block in self.bodies if block.size == self.n and len(block.runs) == 1]
-            rows = [block for block in self.links if block.group.is_row and len(block.runs) == 1 and block.size > 1]
+            rows = [block for block in self.links if block.is_row and len(block.runs) == 1 and block.size > 1]
             row = max(rows, key=lambda block: block.size, default=None)
             self._hoist(out, [*on_all, *([row] if row else [])], "force", "acceleration", "tension", "density")
             self._masses(out, on_all, row)
@@ -470,7 +489,7 @@ class _Source:
             self._before(out)
             with out.block(f"for s in range({row.size}):"):
                 out(f"i, j = {start} + s, {start + 1} + s")
-                self._pull(out, row, "s", "i", "j")
+                self._pull(out, row, "s", "i", "j", self._common)
                 self._assign(out, on_all, "i", {axis: f"f{axis} - before_{axis}" for axis in self.axes})
                 self._keep(out)
             self._assign(out, on_all, str(stop - 1), {axis: f"-before_{axis}" for axis in self.axes})
@@ -496,30 +515,29 @@ class _Source:
                 out(f"{self._at('a', axis, i)} += {self._sum(axis, accelerations, forces, '', i)}")
 
     def _between(self, out: _Lines, block: _Block) -> None:
-        if block.group.is_row and block.in_runs and len(block.runs) > 1:
+        if block.is_row and block.in_runs and len(block.runs) > 1:
             self._rows(out, block)
             return
         with self._over_members(out, block) as (s, i, j):
-            self._pull(out, block, s, i, j)
+            self._pull(out, block, s, i, j, self._common)
             for axis in self.axes:
-                w = self._w(i)
                 if block.anchor is None:
-                    out(f"{self._at('a', axis, i)} += f{axis} * {w}")
-                    out(f"{self._at('a', axis, j)} -= f{axis} * {self._w(j)}")
+                    out(f"{self._at('a', axis, i)} += f{axis}{self._own(i)}")
+                    out(f"{self._at('a', axis, j)} -= f{axis}{self._own(j)}")
                 else:
-                    out(f"{self._at('a', axis, i)} -= f{axis} * {w}")
+                    out(f"{self._at('a', axis, i)} -= f{axis}{self._own(i)}")
 
     def _rows(self, out: _Lines, block: _Block) -> None:
         with self._over_runs(out, block):
             self._before(out)
             with self._along_run(out, block) as (s, i, j):
-                self._pull(out, block, s, i, j)
+                self._pull(out, block, s, i, j, self._common)
                 for axis in self.axes:
-                    out(f"{self._at('a', axis, i)} += (f{axis} - before_{axis}) * {self._w(i)}")
+                    out(f"{self._at('a', axis, i)} += (f{axis} - before_{axis}){self._own(i)}")
                 self._keep(out)
             out("i = i0 + count")
             for axis in self.axes:
-                out(f"{self._at('a', axis, 'i')} -= before_{axis} * {self._w('i')}")
+                out(f"{self._at('a', axis, 'i')} -= before_{axis}{self._own('i')}")
 
     def power(self, out: _Lines) -> None:
         """What is done to the masses by all that has no potential, and by the supports."""

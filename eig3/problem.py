@@ -44,6 +44,12 @@ class Problem:
         Where the problem comes from.
     note : str
         What a scene's problem contains.
+    h : float, optional
+        A step that resolves the motion, for a first look at it.
+    draw : callable, optional
+        ``draw(figure, solution)`` draws the response on a matplotlib figure.
+    follows_work : bool
+        Whether the velocity of the last degree of freedom is the work done so far, J.
     """
 
     name: str
@@ -58,6 +64,9 @@ class Problem:
     uses_velocity: bool = True
     source: str = ""
     note: str = ""
+    h: float | None = None
+    draw: Callable[[Any, Solution], None] | None = None
+    follows_work: bool = False
 
     def integrate(
         self, *, h: float, method: str | Method = "eig3", t_end: float | None = None, **options: Any
@@ -81,11 +90,11 @@ class Problem:
         options: dict[str, Any] = {"method": self.method(method), "t": time, "safety": safety}
         return critical_step(self.rhs, self.u0, self.v0, self.params, **options)
 
-    def energy_of(self, u: ArrayLike, v: ArrayLike) -> float:
-        """The energy of a state at ``t_span[0]``."""
+    def energy_of(self, u: ArrayLike, v: ArrayLike, t: float | None = None) -> float:
+        """The energy of a state; at ``t_span[0]`` if no time is given."""
         u, v, form = check_state(u, v)
         energy = check_callback(self.energy, "invariant", form, "energy")
-        return energy(self.t_span[0], read_only(u), read_only(v), read_only(check_params(self.params)))
+        return energy(self.t_span[0] if t is None else t, read_only(u), read_only(v), read_only(check_params(self.params)))
 
     def method(self, method: str | Method) -> Method:
         """The record for this problem: a name stands for the form without velocity where rhs does not read v."""

@@ -213,6 +213,7 @@ class Scene:
             uses_velocity=assembly.reads_velocity,
             source=sources(assembly),
             note=note(assembly),
+            follows_work=assembly.follows_work,
         )
 
     def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:

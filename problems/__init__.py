@@ -1,5 +1,6 @@
 """Problems, one a file."""
 
+from .curtain import curtain
 from .damped_bar import damped_bar
 from .double_pendulum import double_pendulum
 from .duffing import duffing
@@ -9,6 +10,9 @@ from .hardening_chain import hardening_chain
 from .hardening_spring import hardening_spring
 from .hertz_impact import hertz_impact
 from .kepler import kepler
+from .quarter_car import quarter_car
+from .rail_joint import rail_joint
+from .shear_building import shear_building
 from .single_dof import single_dof
 from .softening_spring import softening_spring
 from .spring_pendulum import spring_pendulum
@@ -16,6 +20,7 @@ from .two_frequency_oscillator import two_frequency_oscillator
 from .van_der_pol import van_der_pol
 
 __all__ = [
+    "curtain",
     "damped_bar",
     "double_pendulum",
     "duffing",
@@ -25,6 +30,9 @@ __all__ = [
     "hardening_spring",
     "hertz_impact",
     "kepler",
+    "quarter_car",
+    "rail_joint",
+    "shear_building",
     "single_dof",
     "softening_spring",
     "spring_pendulum",

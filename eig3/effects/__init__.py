@@ -1,5 +1,6 @@
-"""The effects that a scene can name, one a file."""
+"""The effects that a scene can name, one a file, and the three kinds that one of your own derives from."""
 
+from ..effect import Body, Link, Motion
 from .coulomb_friction import CoulombFriction
 from .gravity import Gravity
 from .hardening_spring import HardeningSpring
@@ -15,13 +16,16 @@ from .softening_spring import SofteningSpring
 from .support_motion import SupportMotion
 
 __all__ = [
+    "Body",
     "CoulombFriction",
     "Gravity",
     "HardeningSpring",
     "HarmonicForce",
     "LinearDamper",
     "LinearSpring",
+    "Link",
     "MassContact",
+    "Motion",
     "PlaneContact",
     "QuadraticDrag",
     "RotatingFrame",

@@ -52,8 +52,12 @@ class CoulombFriction(Body):
     def __post_init__(self) -> None:
         self.require((self._reals("slip") > 0).all(), "slip must be positive")
         if self.normal is not None:
-            length = np.linalg.norm(self._reals("normal"), axis=-1)
+            length = np.linalg.norm(np.atleast_1d(self._reals("normal")), axis=-1)
             self.require(np.allclose(length, 1, rtol=1e-9), "normal must be a unit vector")
+
+    @property
+    def dimensions(self):
+        return (1, 2, 3) if self.normal is None else (2, 3)
 
     @property
     def vectors(self):

@@ -67,7 +67,7 @@ class PlaneContact(Body):
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
 
     def __post_init__(self) -> None:
-        length = np.linalg.norm(self._reals("normal"), axis=-1)
+        length = np.linalg.norm(np.atleast_1d(self._reals("normal")), axis=-1)
         self.require(np.allclose(length, 1, rtol=1e-9), "normal must be a unit vector")
 
     @property

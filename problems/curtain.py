@@ -1,0 +1,89 @@
+"""A curtain that is let go: a net of springs, hung at two corners, in air."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eig3.effects import Gravity, LinearDamper, LinearSpring, QuadraticDrag
+from eig3.problem import Problem
+from eig3.scene import Scene
+
+G = 9.81
+
+
+def curtain(
+    n: int = 40,
+    side: float = 1.0,
+    m: float = 0.2,
+    stiffness: float = 100.0,
+    damping: float = 1e-3,
+    drag: float = 0.6,
+    t_end: float = 3.0,
+    work: bool = False,
+) -> Problem:
+    """A square of cloth of n x n points, held level and let go but for two corners; u is positions x, y, z of points.
+
+    Parameters
+    ----------
+    n : int
+        Points along a side; three at least.
+    side : float
+        m.
+    m : float
+        Of the whole cloth, kg.
+    stiffness : float
+        Of threads from point to point, N/m; diagonals have a tenth.
+    damping : float
+        Along the threads, N s/m.
+    drag : float
+        Of the whole cloth: half of density, area and drag coefficient, kg/m.
+    t_end : float
+        Duration, s.
+    work : bool
+        Follow the work done by the air and the damping.
+
+    Raises
+    ------
+    ValueError
+        For fewer than three points along a side.
+    """
+    if n < 3:
+        raise ValueError(f"n must be at least 3, not {n}.")
+    spacing = side / (n - 1)
+    grid = np.stack(np.meshgrid(np.arange(n) * spacing, np.arange(n) * spacing, [0.0], indexing="ij"), -1)[:, :, 0]
+    scene = Scene(dimension=3)
+    cloth = scene.mass(m / n**2, grid)
+    corners = cloth[0, [0, -1]]
+    scene.add(LinearSpring(10 * stiffness), scene.fixed(grid[0, [0, -1]]), corners)
+    for a, b in ((cloth[:-1], cloth[1:]), (cloth[:, :-1], cloth[:, 1:])):
+        scene.add(LinearSpring(stiffness, spacing), a, b)
+        scene.add(LinearDamper(damping), a, b)
+    for a, b in ((cloth[:-1, :-1], cloth[1:, 1:]), (cloth[:-1, 1:], cloth[1:, :-1])):
+        scene.add(LinearSpring(stiffness / 10, spacing * np.sqrt(2)), a, b)
+    scene.add(Gravity((0, 0, -G)))
+    scene.add(QuadraticDrag(drag / n**2))
+
+    def draw(figure, solution):
+        upper, lower = figure.subfigures(2, 1, height_ratios=(3, 2))
+        shapes = upper.subplots(1, 4, subplot_kw={"projection": "3d"})
+        for axes, time in zip(shapes, np.linspace(solution.t[0], solution.t[-1], 7)[[1, 2, 3, 6]], strict=True):
+            k = np.abs(solution.t - time).argmin()
+            x, y, z = np.moveaxis(cloth.of(solution.u[k]), -1, 0)
+            axes.plot_wireframe(x, y, z, rcount=n // 2, ccount=n // 2, linewidth=0.5)
+            axes.set(xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side), title=f"t = {solution.t[k]:.2g} s")
+            axes.set_box_aspect((2, 1, 1.5))
+            axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+        axes = lower.subplots()
+        free_edge = cloth[-1].of(solution.u)
+        axes.plot(solution.t, free_edge[:, n // 2, 0], label="x, middle of the free edge")
+        axes.plot(solution.t, free_edge[:, n // 2, 2], label="z, middle of the free edge")
+        axes.plot(solution.t, free_edge[:, 0, 2], label="z, its corner")
+        axes.set(xlabel="t (s)", ylabel="position (m)")
+        axes.legend(loc="upper right")
+
+    return replace(
+        scene.problem((0.0, t_end), name="curtain", work=work),
+        source="mass-spring cloth of computer graphics, after Provot (1995)",
+        h=2e-4,
+        draw=draw,
+    )

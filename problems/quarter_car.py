@@ -1,0 +1,90 @@
+"""A quarter of a car on a sampled road: the wheel on its tyre, the body on its suspension."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eig3.effects import Gravity, LinearDamper, LinearSpring, SampledMotion
+from eig3.problem import Problem
+from eig3.scene import Scene
+
+G = 9.81
+
+
+def road(length: float, spacing: float, roughness: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A profile of the roughness of ISO 8608: distances and heights, m, level at the start.
+
+    The spectrum is roughness (n / n0)^-2 with n0 = 0.1 cycles/m, summed over waves of random phase from 0.011 to 2.83
+    cycles/m, the standard's range.
+    """
+    rng = np.random.default_rng(seed)
+    x = np.arange(0.0, length + spacing / 2, spacing)
+    n = np.geomspace(0.011, 2.83, 200)
+    width = np.gradient(n)
+    amplitude = np.sqrt(2 * roughness * (n / 0.1) ** -2 * width)
+    z = np.cos(2 * np.pi * np.outer(x, n) + rng.uniform(0, 2 * np.pi, n.size)) @ amplitude
+    return x, (z - z[0]) * np.minimum(1, x / 5)  # the first five metres lead in
+
+
+def quarter_car(
+    body: float = 300.0,
+    wheel: float = 40.0,
+    suspension: float = 18e3,
+    damper: float = 1.2e3,
+    tyre: float = 180e3,
+    speed: float = 20.0,
+    roughness: float = 64e-6,
+    t_end: float = 10.0,
+    work: bool = False,
+) -> Problem:
+    """A quarter of a car that drives over a random road; u is the height of the wheel and of the body.
+
+    Parameters
+    ----------
+    body, wheel : float
+        Sprung and unsprung mass, kg.
+    suspension, tyre : float
+        Stiffness, N/m; the tyre stays on the road.
+    damper : float
+        Of the suspension, N s/m.
+    speed : float
+        m/s.
+    roughness : float
+        Of the road at 0.1 cycles/m, m^3: 16e-6 is the middle of class A, very good, and 64e-6 of class B, good.
+    t_end : float
+        Duration, s.
+    work : bool
+        Follow the work done by the road and the damper.
+    """
+    x, z = road(max(speed * t_end, 10.0), 0.05, roughness, seed=8608)
+    scene = Scene(dimension=1)
+    ground = scene.fixed(0.0)
+    axle = scene.mass(wheel, 0.3)
+    seat = scene.mass(body, 0.8)
+    sag = G * body / suspension, G * (body + wheel) / tyre  # at rest under gravity
+    scene.add(Gravity(-G))
+    scene.add(LinearSpring(tyre, 0.3 + sag[1]), ground, axle)
+    scene.add(LinearSpring(suspension, 0.5 + sag[0]), axle, seat)
+    scene.add(LinearDamper(damper), axle, seat)
+    scene.add(SampledMotion(x / speed, z), ground)
+
+    def draw(figure, solution):
+        heights, loads = figure.subplots(2, sharex=True)
+        heights.plot(solution.t, 1e3 * np.interp(solution.t, x / speed, z), color="0.6", label="road")
+        heights.plot(solution.t, 1e3 * (axle.of(solution.u) - 0.3), label="wheel")
+        heights.plot(solution.t, 1e3 * (seat.of(solution.u) - 0.8), label="body")
+        heights.set_ylabel("height above rest (mm)")
+        squeeze = 0.3 + sag[1] - axle.of(solution.u) + np.interp(solution.t, x / speed, z)
+        loads.plot(solution.t, 1e-3 * tyre * squeeze, color="C2", label="tyre on road")
+        loads.axhline(1e-3 * G * (body + wheel), color="0.6", label="at rest")
+        loads.set_ylabel("force (kN)")
+        loads.set_xlabel("t (s)")
+        for axes in (heights, loads):
+            axes.legend(loc="upper right")
+
+    return replace(
+        scene.problem((0.0, t_end), name="quarter_car", work=work),
+        source="the quarter-car model of vehicle dynamics; road: ISO 8608",
+        h=1e-4,
+        draw=draw,
+    )

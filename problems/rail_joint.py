@@ -1,0 +1,128 @@
+"""A railway wheel that rolls over a dipped joint: the wheel and the rail meet in a Hertz contact."""
+
+import dataclasses
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import eig3
+from eig3.effects import Gravity, LinearDamper, LinearSpring, Link
+from eig3.problem import Problem
+from eig3.scene import Scene
+
+G = 9.81
+REACH = 0.5  # of the wheel's centre above that of the rail where they touch, m
+
+
+@dataclass(frozen=True, eq=False)
+class RollingContact(Link):
+    """Hertz's contact of a wheel with a rail whose surface is dipped at a joint, both sides by the same angle.
+
+    Parameters
+    ----------
+    stiffness : float
+        N/m^(3/2).
+    reach : float
+        The distance of the centres where they touch away from the joint, m.
+    speed : float
+        m/s.
+    start : float
+        How far the wheel is before the joint at t = 0, m.
+    half : float
+        Length of the dip before and behind the joint, m.
+    angle : float
+        Of the rail's end against the level, rad: the dip is half * angle / 2 deep, and a parabola on both sides.
+    """
+
+    stiffness: ArrayLike
+    reach: ArrayLike
+    speed: ArrayLike
+    start: ArrayLike
+    half: ArrayLike
+    angle: ArrayLike
+
+    source = "Hertz (1881); the dipped joint of Jenkins and others (1974)"
+
+    @staticmethod
+    @eig3.jit
+    def tension(t, r, stiffness, reach, speed, start, half, angle):
+        beside = max(0.0, 1 - abs(speed * t - start) / half)
+        d = max(0.0, reach - half * angle / 2 * beside * beside - r)
+        return -stiffness * d * math.sqrt(d)
+
+
+def rail_joint(
+    speed: float = 40.0,
+    angle: float = 5e-3,
+    wheel: float = 600.0,
+    car: float = 6000.0,
+    contact: float = 9e10,
+    rail: float = 60.0,
+    sleeper: float = 180.0,
+    t_end: float = 0.15,
+    work: bool = False,
+) -> Problem:
+    """A wheel that runs over a dipped joint of a track; u is the heights of sleeper, rail, wheel and car.
+
+    The track is linearised to the masses and springs that act at the contact: rail on pad, sleeper on bed. The surface
+    moves under the wheel, which reaches the joint after 1 m.
+
+    Parameters
+    ----------
+    speed : float
+        m/s.
+    angle : float
+        Of each rail's end at the joint, rad.
+    wheel, car : float
+        Half the mass of a wheelset, and what its suspension carries, kg.
+    contact : float
+        Hertz's stiffness, N/m^(3/2).
+    rail, sleeper : float
+        What of them moves with the contact, kg.
+    t_end : float
+        Duration, s.
+    work : bool
+        Follow the work done by the contact and the dampers.
+    """
+    scene = Scene(dimension=1)
+    ground = scene.fixed(0.0)
+    masses = np.array([sleeper, rail, wheel, car])
+    carried = G * np.cumsum(masses[::-1])[::-1]  # by what is below each mass
+    stiffness = np.array([60e6, 200e6, np.nan, 1e6])  # of bed, pad, contact and suspension, N/m
+    lengths = np.array([0.3, 0.2, REACH, 0.5])
+    squeeze = carried / stiffness
+    squeeze[2] = (carried[2] / contact) ** (2 / 3)
+    column = scene.mass(masses, np.cumsum(lengths - squeeze))
+    tie, head, centre, body = column
+    scene.add(Gravity(-G))
+    for k, damping, below, above in ((0, 80e3, ground, tie), (1, 50e3, tie, head), (3, 20e3, centre, body)):
+        scene.add(LinearSpring(stiffness[k], lengths[k]), below, above)
+        scene.add(LinearDamper(damping), below, above)
+    meeting = RollingContact(contact, REACH, speed, start=1.0, half=0.5, angle=angle)
+    scene.add(meeting, head, centre)
+
+    def draw(figure, solution):
+        heights, forces = figure.subplots(2, sharex=True)
+        for name, part in (("rail", head), ("sleeper", tie), ("wheel", centre)):
+            height = part.of(solution.u)
+            heights.plot(1e3 * solution.t, 1e3 * (height - height[0]), label=name)
+        heights.set_ylabel("height above rest (mm)")
+        r = centre.of(solution.u) - head.of(solution.u)
+        constants = dataclasses.astuple(meeting)
+        force = [-meeting.tension(*at, *constants) for at in zip(solution.t, r, strict=True)]
+        forces.plot(1e3 * solution.t, 1e-3 * np.array(force), color="C3", label="contact")
+        forces.axhline(1e-3 * carried[2], color="0.6", label="at rest")
+        forces.set_ylabel("force (kN)")
+        forces.set_xlabel(f"t (ms); the joint is at {1e3 / speed:g} ms")
+        for axes in (heights, forces):
+            axes.legend(loc="upper right")
+
+    return replace(
+        scene.problem((0.0, t_end), name="rail_joint", work=work),
+        source="Jenkins and others, The effect of track and vehicle parameters on wheel/rail vertical dynamic forces "
+        "(1974), with two layers of track",
+        h=1e-5,
+        draw=draw,
+    )
