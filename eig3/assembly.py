@@ -164,9 +164,7 @@ def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> As
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
-def _motions(
-    cloud: Cloud, placements: Sequence[Placement]
-) -> tuple[list[Law], list[tuple[int, ...]], np.ndarray]:
+def _motions(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Law], list[tuple[int, ...]], np.ndarray]:
     """The motions, the sets of them that move some point, and the set of each point."""
     motions: list[Law] = []
     sets: list[tuple[int, ...]] = [()]

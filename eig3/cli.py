@@ -107,6 +107,16 @@ def _parser() -> argparse.ArgumentParser:
     hard.add_argument("--case", dest="cases", action="append", type=_count, metavar="N", help="only this; repeatable")
     hard.set_defaults(run=_hard)
 
+    scenes = benchmarks.add_parser(
+        "scenes",
+        help="what the code of a scene costs, beside code by hand",
+        description="ns/step of scenes beside the same systems by hand; what effects that are not named add; time "
+        "against the number of effects.",
+    )
+    scenes.add_argument("--repeats", type=_count, default=9, help="runs each median is of (9)")
+    scenes.add_argument("--out", type=_folder, metavar="DIR", help="write scenes.png there")
+    scenes.set_defaults(run=_scenes)
+
     report = benchmarks.add_parser(
         "report",
         help="everything on one page",
@@ -126,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("problem", help="one of eig3.problems, such as quarter_car")
     run.add_argument("--h", type=float, help="the step, s (what the problem suggests, or a tenth of the critical step)")
     run.add_argument("--method", default="eig3", metavar="NAME", help="(eig3)")
-    run.add_argument("--out", type=_folder, metavar="DIR", help="write NAME.npz, NAME.csv if it is not long, NAME.png there")
+    run.add_argument("--out", type=_folder, metavar="DIR", help="write NAME.npz, .csv if not long, and .png there")
     run.set_defaults(run=_run)
 
     plan = commands.add_parser(
@@ -237,6 +247,13 @@ def _hard(arguments: argparse.Namespace) -> int:
     if unknown:
         raise SystemExit(f"eig3 bench hard: --case must be 1 to {len(hard.CASES)}, not {min(unknown)}.")
     return min(1, hard.run(only=arguments.cases))
+
+
+def _scenes(arguments: argparse.Namespace) -> int:
+    from .bench import scenes
+
+    scenes.run(repeats=arguments.repeats, out=arguments.out)
+    return 0
 
 
 def _report(arguments: argparse.Namespace) -> int:

@@ -418,7 +418,9 @@ class _Source:
         """The position or velocity of a fixed end, along an axis."""
         terms = []
         if array == "u" and block.anchor.component(self.axes.index(axis), member) != "0.0":
-            terms.append(f"anchor_{axis}" if block.anchor.is_uniform else block.anchor.component(self.axes.index(axis), member))
+            terms.append(
+                f"anchor_{axis}" if block.anchor.is_uniform else block.anchor.component(self.axes.index(axis), member)
+            )
         for number in block.group.motions:
             if self._direction(number, axis) != "0.0":
                 terms.append(f"{'shift' if array == 'u' else 'speed'}_{number}_{axis}")

@@ -71,28 +71,34 @@ class Effect:
         TypeError, ValueError
             In a sentence that names the effect.
         """
-        read = {argument for function in self.functions().values() for argument in arguments(function)}
-        read |= {"direction"} & set(self.vectors)
-        return {name: self._column(name, shape, dimension) for name in _fields(self) if name in read}
+        return {name: self._column(name, shape, dimension) for name in self._read()}
+
+    def _read(self) -> list[str]:
+        """The fields that the functions read, and a motion's direction."""
+        read = {"direction", *(argument for function in self.functions().values() for argument in arguments(function))}
+        return [name for name in _fields(self) if name in read]
 
     def _column(self, name: str, shape: tuple[int, ...], dimension: int) -> np.ndarray:
-        values = self._reals(name)
+        values = self._values(name, dimension)
         if name in self.arrays:
             return values
-        trailing: tuple[int, ...] = ()
-        if name in self.vectors:
-            trailing = (self.components(name, dimension),)
-            if values.ndim == 0 and trailing == (1,):
-                values = values.reshape(1)
-            if values.shape[-1:] != trailing:
-                given = f"{values.shape[-1]}" if values.ndim else "a number"
-                raise ValueError(f"{name} of {self.title} must have {trailing[0]} components, not {given}.")
+        trailing = (self.components(name, dimension),) if name in self.vectors else ()
         try:
             return np.broadcast_to(values, shape + trailing).reshape(-1, *trailing)
         except ValueError:
             raise ValueError(
                 f"{name} of {self.title} has the shape {values.shape}, which does not go with points of shape {shape}."
             ) from None
+
+    def _values(self, name: str, dimension: int) -> np.ndarray:
+        values = self._reals(name)
+        if name in self.vectors:
+            components = self.components(name, dimension)
+            values = values.reshape(1) if values.ndim == 0 and components == 1 else values
+            if values.shape[-1:] != (components,):
+                given = f"{values.shape[-1]}" if values.ndim else "a number"
+                raise ValueError(f"{name} of {self.title} must have {components} components, not {given}.")
+        return values
 
     def check(self, dimension: int) -> None:
         """Refuse what cannot be compiled, in a sentence that names the effect.
@@ -113,6 +119,8 @@ class Effect:
                 raise TypeError(
                     f"{name} of {self.title} names {unknown[0]}, but can be given only {', '.join(offered)}."
                 )
+        for name in self._read():
+            self._values(name, dimension)
 
     def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
         """Refuse points that the effect cannot act on, in a sentence that names it.

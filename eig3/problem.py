@@ -94,7 +94,8 @@ class Problem:
         """The energy of a state; at ``t_span[0]`` if no time is given."""
         u, v, form = check_state(u, v)
         energy = check_callback(self.energy, "invariant", form, "energy")
-        return energy(self.t_span[0] if t is None else t, read_only(u), read_only(v), read_only(check_params(self.params)))
+        time, params = self.t_span[0] if t is None else t, check_params(self.params)
+        return energy(time, read_only(u), read_only(v), read_only(params))
 
     def method(self, method: str | Method) -> Method:
         """The record for this problem: a name stands for the form without velocity where rhs does not read v."""

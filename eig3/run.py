@@ -13,7 +13,8 @@ from .methods import Method
 from .problem import Problem
 from .solution import Solution
 
-_STATES = 2000  # saved in a run, at most
+_STATES = 2000  # saved in a run, at most,
+_VALUES = 4_000_000  # and no more numbers than this
 _CSV_VALUES = 200_000  # a longer history goes to the NPZ file only
 _LINES = 6  # degrees of freedom in a picture
 
@@ -36,8 +37,9 @@ def run(
     problem = build(work=True) if "work" in inspect.signature(build).parameters else build()
     step = h or problem.h or problem.critical_step(method=method).h / 10
     span = problem.t_span[1] - problem.t_span[0]
-    every = max(1, round(span / step / _STATES))
-    solution = problem.integrate(h=step, method=method, save_every=every)
+    states = min(_STATES, _VALUES // (2 * np.size(problem.u0)))
+    every = max(1, round(span / step / states))
+    solution = problem.integrate(h=step, method=method, save_every=every, invariants={})
     write(f"{problem.name}: {problem.source}")
     write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
     write(energy_balance(problem, solution))
@@ -47,21 +49,19 @@ def run(
 
 
 def energy_balance(problem: Problem, solution: Solution) -> str:
-    """The energy at both ends, and the work done between where it is followed."""
+    """The energy at both ends, and how far its change is from the work done, where that is followed."""
     if problem.energy is None:
-        return "  energy: none is known for this problem"
-    ends = [_energy(problem, solution, k) for k in (0, -1)]
-    lines = [f"  energy: {ends[0]:.6g} at the start, {ends[1]:.6g} at the end, change {ends[1] - ends[0]:.6g}"]
+        return "  energy: none is known of this problem"
+    states = zip(solution.u, solution.v, solution.t, strict=True)
+    left = np.array([problem.energy_of(*state) for state in states])  # of a scene that follows it, less the work
+    work = solution.v[:, -1] if problem.follows_work else np.zeros(len(solution.t))
+    energy = left + work
+    lines = [f"  energy: {energy[0]:.6g} at the start, {energy[-1]:.6g} at the end"]
     if problem.follows_work:
-        work = solution.v[-1, -1]
-        lines.append(f"  work done: {work:.6g}; change less work: {ends[1] - ends[0] - work:.3g}")
+        lines.append(f"  work done: {work[-1]:.6g} at the end, {work.min():.6g} to {work.max():.6g} on the way")
+    unaccounted = np.abs(left - left[0]).max()
+    lines.append(f"  change of energy{' less work' * problem.follows_work}: {unaccounted:.3g} at most")
     return "\n".join(lines)
-
-
-def _energy(problem: Problem, solution: Solution, k: int) -> float:
-    """The mechanical energy of a saved state."""
-    balance = problem.energy_of(solution.u[k], solution.v[k], solution.t[k])
-    return balance + solution.v[k, -1] if problem.follows_work else balance
 
 
 def _save(problem: Problem, solution: Solution, out: Path) -> list[str]:
@@ -91,7 +91,8 @@ def _draw(figure: Any, solution: Solution) -> None:
     u, v = (x.reshape(len(solution.t), -1)[:, :_LINES] for x in (solution.u, solution.v))
     for axes, values, name in zip(figure.subplots(2, sharex=True), (u, v), "uv", strict=True):
         for j in range(values.shape[1]):
-            axes.plot(solution.t, values[:, j], linewidth=1, label=f"${name}_{j}$" if solution.u.ndim > 1 else f"${name}$")
+            label = f"${name}_{j}$" if solution.u.ndim > 1 else f"${name}$"
+            axes.plot(solution.t, values[:, j], linewidth=1, label=label)
         axes.set_ylabel("displacement (the problem's unit)" if name == "u" else "velocity (that unit/s)")
-        axes.legend(loc="upper right")
+        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
     axes.set_xlabel("t (s)")

@@ -64,22 +64,28 @@ def curtain(
     scene.add(QuadraticDrag(drag / n**2))
 
     def draw(figure, solution):
-        upper, lower = figure.subfigures(2, 1, height_ratios=(3, 2))
-        shapes = upper.subplots(1, 4, subplot_kw={"projection": "3d"})
-        for axes, time in zip(shapes, np.linspace(solution.t[0], solution.t[-1], 7)[[1, 2, 3, 6]], strict=True):
-            k = np.abs(solution.t - time).argmin()
-            x, y, z = np.moveaxis(cloth.of(solution.u[k]), -1, 0)
-            axes.plot_wireframe(x, y, z, rcount=n // 2, ccount=n // 2, linewidth=0.5)
-            axes.set(xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side), title=f"t = {solution.t[k]:.2g} s")
-            axes.set_box_aspect((2, 1, 1.5))
-            axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
-        axes = lower.subplots()
-        free_edge = cloth[-1].of(solution.u)
-        axes.plot(solution.t, free_edge[:, n // 2, 0], label="x, middle of the free edge")
-        axes.plot(solution.t, free_edge[:, n // 2, 2], label="z, middle of the free edge")
-        axes.plot(solution.t, free_edge[:, 0, 2], label="z, its corner")
-        axes.set(xlabel="t (s)", ylabel="position (m)")
-        axes.legend(loc="upper right")
+        above, below = figure.subfigures(2, 1, height_ratios=(3, 2))
+        shapes = above.subplots(1, 4, subplot_kw={"projection": "3d"})
+        for axes, share in zip(shapes, (1 / 6, 1 / 3, 1 / 2, 1), strict=True):
+            k = np.abs(solution.t - share * solution.t[-1]).argmin()
+            axes.plot_wireframe(
+                *np.moveaxis(cloth.of(solution.u[k]), -1, 0), rcount=n // 2, ccount=n // 2, linewidth=0.5
+            )
+            axes.set(
+                xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side), title=f"t = {solution.t[k]:.2g} s"
+            )
+            axes.set(xticks=(-side, 0, side), yticks=(0, side), zticks=(-side, 0), xlabel="x (m)", zlabel="z (m)")
+            axes.set_box_aspect((2, 1, 1.5), zoom=0.85)
+        axes = below.subplots()
+        edge = cloth[-1].of(solution.u)
+        for values, name in (
+            (edge[:, n // 2, 0], "x, middle"),
+            (edge[:, n // 2, 2], "z, middle"),
+            (edge[:, 0, 2], "z, corner"),
+        ):
+            axes.plot(solution.t, values, label=name)
+        axes.set(xlabel="t (s)", ylabel="free edge (m)")
+        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
 
     return replace(
         scene.problem((0.0, t_end), name="curtain", work=work),

@@ -80,11 +80,11 @@ def quarter_car(
         loads.set_ylabel("force (kN)")
         loads.set_xlabel("t (s)")
         for axes in (heights, loads):
-            axes.legend(loc="upper right")
+            axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
 
     return replace(
         scene.problem((0.0, t_end), name="quarter_car", work=work),
         source="the quarter-car model of vehicle dynamics; road: ISO 8608",
-        h=1e-4,
+        h=2e-5,
         draw=draw,
     )

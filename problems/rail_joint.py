@@ -117,7 +117,7 @@ def rail_joint(
         forces.set_ylabel("force (kN)")
         forces.set_xlabel(f"t (ms); the joint is at {1e3 / speed:g} ms")
         for axes in (heights, forces):
-            axes.legend(loc="upper right")
+            axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
 
     return replace(
         scene.problem((0.0, t_end), name="rail_joint", work=work),

@@ -33,7 +33,12 @@ def quake(duration: float, spacing: float, peak: float, seed: int) -> tuple[np.n
 
 
 def shear_building(
-    m: float = 20e3, stiffness: float = 12e6, damping: float = 60e3, peak: float = 3.0, t_end: float = 30.0, work: bool = False
+    m: float = 20e3,
+    stiffness: float = 12e6,
+    damping: float = 60e3,
+    peak: float = 3.0,
+    t_end: float = 30.0,
+    work: bool = False,
 ) -> Problem:
     """Three floors that stay level, on columns that shear, on ground that moves as a record says; u is where they are.
 
@@ -73,11 +78,11 @@ def shear_building(
         drifts.set_ylabel("drift of the storey (mm)")
         drifts.set_xlabel("t (s)")
         for axes in (places, drifts):
-            axes.legend(loc="upper right")
+            axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
 
     return replace(
         scene.problem((0.0, t_end), name="shear_building", work=work),
         source="the shear building of structural dynamics; record: Kanai (1957) and Tajimi (1960)",
-        h=1e-3,
+        h=1e-4,
         draw=draw,
     )

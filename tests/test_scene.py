@@ -1,0 +1,552 @@
+"""Scenes: what is composed is what was described, costs nothing else, and refuses what makes no sense."""
+
+import inspect
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import eig3
+from eig3 import codegen, problems
+from eig3.effects import (
+    Body,
+    CoulombFriction,
+    Gravity,
+    HardeningSpring,
+    HarmonicForce,
+    LinearDamper,
+    LinearSpring,
+    Link,
+    MassContact,
+    PlaneContact,
+    QuadraticDrag,
+    RotatingFrame,
+    SampledMotion,
+    SofteningSpring,
+    SupportMotion,
+)
+from eig3.scene import Scene
+
+
+def acceleration(problem, u, v, t=0.0):
+    a = np.full(np.size(problem.u0), np.nan)
+    problem.rhs(t, u, v, np.asarray(problem.params), a)
+    return a
+
+
+def code(problem):
+    return inspect.getsource(inspect.unwrap(problem.rhs.py_func))
+
+
+# The whole against a sum of its parts, computed pair by pair
+
+
+class Sum:
+    """Adds up the accelerations of a scene's effects one pair of points at a time, with nothing shared or sorted."""
+
+    def __init__(self, dimension, masses, positions, velocities):
+        self.dimension, self.masses = dimension, masses
+        self.x, self.v, self.start = positions, velocities, positions.copy()
+        self.force = np.zeros_like(positions)
+
+    def link(self, i, j, tension):
+        d, e = self.x[j] - self.x[i], self.v[j] - self.v[i]
+        if self.dimension == 1:
+            along = np.ones(1) if self.start[j] >= self.start[i] else -np.ones(1)
+        else:
+            along = d / np.linalg.norm(d)
+        pull = tension(d @ along, e @ along)
+        self.force[i] += pull * along
+        self.force[j] -= pull * along
+
+
+@st.composite
+def topologies(draw):
+    """Points, some fixed, and pairs of them: rows, strides and whatever else."""
+    dimension = draw(st.integers(1, 3))
+    n = draw(st.sampled_from([2, 3, 7, 40]))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    is_fixed = rng.random(n) < draw(st.sampled_from([0.0, 0.2]))
+    is_fixed[rng.integers(n)] = False
+    pairs = []
+    for stride in draw(st.lists(st.sampled_from([1, 2, 5]), unique=True)):
+        pairs += [(i, i + stride) for i in range(n - stride)]
+    scattered = rng.integers(0, n, (draw(st.sampled_from([0, 3, 30])), 2))
+    pairs = np.array([*pairs, *scattered.tolist()], dtype=np.int64).reshape(-1, 2)
+    flip = rng.random(len(pairs)) < 0.3
+    pairs[flip] = pairs[flip, ::-1]
+    pairs = pairs[(pairs[:, 0] != pairs[:, 1]) & ~(is_fixed[pairs[:, 0]] & is_fixed[pairs[:, 1]])]
+    if draw(st.booleans()):
+        rng.shuffle(pairs)
+    return dimension, is_fixed, pairs, draw(st.booleans()), draw(st.booleans()), rng
+
+
+@settings(max_examples=40, deadline=None)
+@given(topologies())
+def test_a_scene_is_the_sum_of_its_effects(topology):
+    dimension, is_fixed, pairs, same_masses, same_springs, rng = topology
+    n = is_fixed.size
+    masses = np.ones(n) * 1.7 if same_masses else rng.uniform(0.5, 2, n)
+    x, v = rng.standard_normal((2, n, dimension))
+    v[is_fixed] = 0
+    scene, points = Scene(dimension), []
+    for k in range(n):
+        place, speed = (x[k, 0], v[k, 0]) if dimension == 1 else (x[k], v[k])
+        points.append(scene.fixed(place) if is_fixed[k] else scene.mass(masses[k], place, speed))
+    total = Sum(dimension, masses, x, v)
+    motion = SampledMotion([0.0, 1.0], [0.3, 0.8], np.eye(dimension)[0])
+    if is_fixed.any():
+        moved = np.flatnonzero(is_fixed)[0]
+        scene.add(motion, points[moved])
+        total.x[moved, 0] += 0.3 + 0.5 * 0.25
+        total.v[moved, 0] += 0.5
+    k, c = rng.uniform(1, 2, (2, len(pairs)))
+    if same_springs:
+        k[:] = 1.5
+    for s, (i, j) in enumerate(pairs):
+        scene.add(LinearSpring(k[s], 0.4), points[i], points[j])
+        total.link(i, j, lambda r, rate, s=s: k[s] * (r - 0.4))
+        if s % 3:
+            scene.add(LinearDamper(c[s]), points[j], points[i])
+            total.link(i, j, lambda r, rate, s=s: c[s] * rate)
+    scene.add(QuadraticDrag(0.2))
+    total.force -= 0.2 * np.linalg.norm(v, axis=1, keepdims=True) * v
+    pushed = np.flatnonzero(~is_fixed)[::2]
+    for i in pushed:
+        scene.add(HarmonicForce(np.ones(dimension), 2.0), points[i])
+        total.force[i] += math.cos(2.0 * 0.25)
+    field = np.arange(1.0, dimension + 1)
+    scene.add(Gravity(field))
+    problem = scene.problem((0.0, 1.0))
+    found = acceleration(problem, problem.u0, problem.v0, t=0.25)
+    expected = (total.force / masses[:, None] + field)[~is_fixed].T.ravel()
+    # sums of up to some 80 terms of size 10, in another order
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+
+
+# Known motions
+
+
+def cartesian_pendulum(t_end=5.0):
+    scene = Scene(2)
+    pivot, bob = scene.fixed((0.0, 0.0)), scene.mass(1.0, (0.75, 0.0))
+    scene.add(LinearSpring(98.1, 0.5), pivot, bob)
+    scene.add(Gravity((0.0, -9.81)))
+    return scene.problem((0.0, t_end)), bob
+
+
+@pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("rk4", 4)])
+def test_the_pendulum_is_the_polar_one(method, order):
+    """Both converge to one motion: what parts them falls with the order, as does the drift of the energy."""
+    apart, drifts = [], []
+    for h in (2e-3, 1e-3):
+        problem, bob = cartesian_pendulum()
+        ours = problem.integrate(h=h, method=method)
+        polar = problems.spring_pendulum(t_end=5.0).integrate(h=h, method=method)
+        r, theta = polar.u.T
+        apart.append(np.abs(bob.of(ours.u) - np.column_stack([r * np.sin(theta), -r * np.cos(theta)])).max())
+        drifts.append(ours.drift["energy"])
+    assert apart[0] / apart[1] == pytest.approx(2**order, rel=0.2)
+    assert apart[1] < (1e-2 if order == 2 else 1e-6)
+    # of RK4 the energy's order is five: the leading term of the error swings
+    assert drifts[0] / drifts[1] > 0.8 * 2**order
+
+
+@pytest.mark.parametrize(
+    ("effect", "twin"),
+    [
+        (HardeningSpring(100.0, 10.0), problems.hardening_spring()),
+        (SofteningSpring(100.0), problems.softening_spring()),
+    ],
+)
+def test_springs_of_the_article(effect, twin):
+    """On a mass of 1 kg they are the problems of Tables 2 and 3, whose numbers tests/test_article.py has; a scene's
+    sums differ from theirs in round-off only."""
+    scene = Scene(1)
+    wall, mass = scene.fixed(0.0), scene.mass(1.0, twin.u0)
+    scene.add(effect, wall, mass)
+    problem = scene.problem(twin.t_span)
+    assert not problem.uses_velocity
+    for method in ("eig3", "cd", "rk2", "ab2"):
+        ours, theirs = problem.integrate(h=1e-3, method=method), twin.integrate(h=1e-3, method=method)
+        assert ours.n_rhs == theirs.n_rhs
+        np.testing.assert_allclose(mass.of(ours.u), theirs.u, rtol=0, atol=1e-8)
+        assert ours.drift["energy"] == pytest.approx(theirs.drift["energy"], rel=1e-6)
+
+
+def free_net():
+    rng = np.random.default_rng(5)
+    scene = Scene(3)
+    net = scene.mass(rng.uniform(0.5, 2, (6, 5)), rng.standard_normal((6, 5, 3)), rng.standard_normal((6, 5, 3)))
+    for a, b in ((net[:-1], net[1:]), (net[:, :-1], net[:, 1:])):
+        scene.add(HardeningSpring(3.0, 0.1, 0.5), a, b)
+    scene.add(MassContact(50.0, 0.8), net[0, 0], net[5, 4])
+    return scene, net
+
+
+def momenta(net, masses, solution):
+    x, v = net.of(solution.u), net.of(solution.v)
+    p = masses[..., None] * v
+    return p.sum(axis=(1, 2)), np.cross(x, p).sum(axis=(1, 2))
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_forces_between_masses_add_up_to_nothing(damped):
+    scene, net = free_net()
+    if damped:
+        scene.add(LinearDamper(0.4), net[:-1, :-1], net[1:, 1:])
+    problem = scene.problem((0.0, 1.0))
+    masses = scene._cloud().masses.reshape(6, 5)
+    a = net.of(acceleration(problem, problem.u0, problem.v0)) * masses[..., None]
+    size = np.abs(a).sum()
+    assert np.abs(a.sum(axis=(0, 1))).max() < 1e-15 * size
+    assert np.abs(np.cross(net.of(problem.u0), a).sum(axis=(0, 1))).max() < 1e-14 * size
+
+
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk4", "ab3"])
+def test_a_free_net_keeps_its_momentum(method):
+    """The momentum to the round-off of 5000 steps by every method, since it is linear; the angular momentum by central
+    difference, whose v is (u_{n+1} - u_{n-1}) / 2h, but for its first step."""
+    scene, net = free_net()
+    masses = scene._cloud().masses.reshape(6, 5)
+    p, angular = momenta(net, masses, scene.problem((0.0, 5.0)).integrate(h=1e-3, method=method))
+    assert np.abs(p - p[0]).max() < 1e-11
+    if method == "cd":
+        assert np.abs(angular - angular[0]).max() < 1e-10
+
+
+def test_angular_momentum_is_kept_to_second_order_by_eig3():
+    scene, net = free_net()
+    masses = scene._cloud().masses.reshape(6, 5)
+    problem = scene.problem((0.0, 2.0))
+    drifts = []
+    for h in (1e-3, 5e-4):
+        _, angular = momenta(net, masses, problem.integrate(h=h))
+        drifts.append(np.abs(angular - angular[0]).max())
+    assert drifts[0] / drifts[1] > 3.5
+
+
+@eig3.jit
+def shaken(t):
+    return 0.1 * math.sin(3 * t), 0.3 * math.cos(3 * t)
+
+
+@pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("cd", 2), ("rk4", 4), ("ab3", 3)])
+def test_the_balance_of_a_damped_and_driven_scene(method, order):
+    scene = Scene(2)
+    post = scene.fixed((0.0, 0.0))
+    masses = scene.mass([1.0, 2.0], [(1.0, 0.0), (2.0, 0.1)], [(0.0, 1.0), (0.5, 0.0)])
+    scene.add(LinearSpring(60.0, 0.9), post, masses[0])
+    scene.add(HardeningSpring(60.0, 0.5, 0.9), *masses)
+    scene.add(LinearDamper(0.8), post, masses[0])
+    scene.add(SupportMotion(shaken, (0.6, 0.8)), post)
+    scene.add(HarmonicForce((1.0, 2.0), 4.0), masses[1])
+    scene.add(QuadraticDrag(0.1))
+    scene.add(Gravity((0.0, -9.81)))
+    assert scene.problem((0.0, 3.0)).energy is None
+    problem = scene.problem((0.0, 3.0), work=True)
+    runs = [problem.integrate(h=h, method=method) for h in (4e-3, 2e-3)]
+    drifts = [run.drift["energy"] for run in runs]
+    assert drifts[0] / drifts[1] > 0.8 * 2**order
+    work = runs[1].v[-1, -1]
+    change = np.diff([problem.energy_of(runs[1].u[k], runs[1].v[k], runs[1].t[k]) + runs[1].v[k, -1] for k in (0, -1)])
+    assert change == pytest.approx(work, abs=drifts[1] * 1.001)
+    assert abs(work) > 1
+    np.testing.assert_array_equal(
+        masses.of(runs[1].u), masses.of(scene.problem((0.0, 3.0)).integrate(h=2e-3, method=method).u)
+    )
+
+
+# Only what is named
+
+
+def test_the_code_of_a_scene_names_its_effects_only():
+    problem, _ = cartesian_pendulum()
+    text = code(problem)
+    assert "gravity" in text
+    assert "linear_spring" in text
+    assert not [name for name in ("damper", "drag", "contact", "friction", "velocity", "power") if name in text]
+    assert len(problem.params) == 1 + 2 + 2 + 2  # inverse mass, field, spring, pivot
+    assert not problem.uses_velocity
+    assert "central difference takes one evaluation" in problem.note
+    assert problem.integrate(h=1e-3, method="cd").n_rhs == 5001
+
+
+def test_zero_strength_is_not_absence():
+    scene = Scene(2)
+    scene.mass(1.0, (1.0, 2.0), (1.0, 0.0))
+    scene.add(Gravity((0.0, 0.0)))
+    problem = scene.problem((0.0, 1.0))
+    assert "gravity" in code(problem)
+    assert problem.integrate(h=0.5).u[-1] == pytest.approx((2.0, 2.0))
+
+
+def test_another_effect_in_the_catalogue_changes_no_instruction():
+    def instructions():
+        codegen._functions.cache_clear()
+        problem, _ = cartesian_pendulum()
+        acceleration(problem, problem.u0, problem.v0)
+        assembly = next(iter(problem.rhs.inspect_asm().values()))
+        return [line for line in assembly.splitlines() if "_ZN" not in line]  # names are numbered anew
+
+    before = instructions()
+
+    @dataclass(frozen=True, eq=False)
+    class Wind(Body):
+        speed: float
+
+        @staticmethod
+        @eig3.jit
+        def force(v, speed):
+            return speed - v[0], -v[1]
+
+    scene = Scene(2)
+    scene.mass(1.0, (0.0, 0.0))
+    scene.add(Wind(3.0))
+    problem = scene.problem((0.0, 1.0))
+    assert acceleration(problem, problem.u0, problem.v0).tolist() == [3.0, 0.0]
+    assert instructions() == before
+    assert len(before) > 20
+
+
+def test_scenes_of_one_structure_share_their_code():
+    def pair(k):
+        scene = Scene(1)
+        scene.add(LinearSpring(k, 1.0), *scene.mass([1.0, 2.0], [0.0, 1.5]))
+        return scene.problem((0.0, 1.0))
+
+    one, other = pair(3.0), pair(4.0)
+    assert one.rhs is other.rhs
+    assert acceleration(one, one.u0, one.v0)[0] == 1.5
+    assert acceleration(other, other.u0, other.v0)[0] == 2.0
+
+
+@pytest.mark.parametrize("nesting", [lambda links: links, lambda links: [(b, a) for a, b in reversed(links)]])
+def test_springs_and_dampers_between_the_same_points_share_a_loop(nesting):
+    scene = Scene(3)
+    row = scene.mass(1.0, np.random.default_rng(0).standard_normal((20, 3)))
+    scene.add(LinearSpring(2.0, 0.1), row[:-1], row[1:])
+    for a, b in nesting([(row[i], row[i + 1]) for i in range(19)]):
+        scene.add(LinearDamper(0.3), a, b)
+    problem = scene.problem((0.0, 1.0))
+    assert "19 x LinearSpring and LinearDamper" in problem.note
+    assert code(problem).partition("def energy")[0].count("sqrt(") == 1
+
+
+def test_a_net_has_loops_without_tables_of_indices():
+    scene = Scene(3)
+    net = scene.mass(1.0, np.random.default_rng(0).standard_normal((20, 20, 3)))
+    for a, b in ((net[:-1], net[1:]), (net[:, :-1], net[:, 1:]), (net[1:, :-1], net[:-1, 1:])):
+        scene.add(LinearSpring(2.0, 0.1), a, b)
+    assert scene.problem((0.0, 1.0)).params.size < 300
+
+
+# Points
+
+
+def test_handles_are_sliced_and_read_like_arrays():
+    scene = Scene(2)
+    post = scene.fixed((9.0, 9.0))
+    one = scene.mass(1.0, (1.0, 2.0), (3.0, 4.0))
+    net = scene.mass(2.0, np.arange(12.0).reshape(2, 3, 2))
+    assert net.shape == (2, 3)
+    assert len(net) == 2
+    assert net[0, ::2].shape == (2,)
+    problem = scene.problem((0.0, 1.0))
+    assert one.of(problem.u0).tolist() == [1.0, 2.0]
+    assert one.of(problem.v0).tolist() == [3.0, 4.0]
+    np.testing.assert_array_equal(net.of(problem.u0), np.arange(12.0).reshape(2, 3, 2))
+    np.testing.assert_array_equal(net[1].of(np.stack([problem.u0] * 4)), [np.arange(6.0, 12.0).reshape(3, 2)] * 4)
+    np.testing.assert_array_equal([point.of(problem.u0) for point in net[0]], np.arange(6.0).reshape(3, 2))
+    with pytest.raises(ValueError, match="fixed points have no values"):
+        post.of(problem.u0)
+
+
+def test_a_problem_is_the_scene_as_it_was():
+    scene = Scene(1)
+    mass = scene.mass(1.0, 0.0)
+    scene.add(Gravity(-1.0))
+    before = scene.problem((0.0, 1.0))
+    scene.add(Gravity(-2.0), mass)
+    after = scene.problem((0.0, 1.0))
+    assert acceleration(before, before.u0, before.v0) == -1.0
+    assert acceleration(after, after.u0, after.v0) == -3.0
+
+
+def test_each_may_have_its_own_parameters():
+    scene = Scene(2)
+    masses = scene.mass([1.0, 2.0, 4.0], np.zeros((3, 2)))
+    scene.add(HarmonicForce([(1.0, 0.0), (0.0, 2.0), (3.0, 3.0)], 0.0))
+    scene.add(Gravity([(0.0, 1.0), (0.0, 2.0)]), masses[1:])
+    problem = scene.problem((0.0, 1.0))
+    found = masses.of(acceleration(problem, problem.u0, problem.v0))
+    assert found.tolist() == [[1.0, 0.0], [0.0, 2.0], [0.75, 2.75]]
+
+
+def test_motions_of_one_support_add_up():
+    scene = Scene(2)
+    post, mass = scene.fixed([(0.0, 0.0), (1.0, 0.0)]), scene.mass(1.0, (0.0, 0.0))
+    scene.add(SupportMotion(shaken, (1.0, 0.0)), post)
+    scene.add(SupportMotion(shaken, (0.0, 2.0)), post[1])
+    scene.add(LinearSpring([1.0, 10.0]), post, mass)
+    problem = scene.problem((0.0, 1.0))
+    shift = shaken(0.2)[0]
+    expected = [shift + 10 * (1 + shift), 10 * 2 * shift]
+    assert acceleration(problem, problem.u0, problem.v0, 0.2) == pytest.approx(expected)
+
+
+def test_coinciding_ends_without_a_length_give_no_nan():
+    scene = Scene(3)
+    a, b = scene.mass(1.0, np.zeros((2, 3)), [(1.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
+    scene.add(LinearSpring(5.0), a, b)
+    scene.add(LinearDamper(1.0), a, b)
+    problem = scene.problem((0.0, 1.0))
+    assert not acceleration(problem, problem.u0, problem.v0).any()
+    assert problem.integrate(h=1e-3).success
+
+
+# An effect of one's own
+
+
+@dataclass(frozen=True, eq=False)
+class Magnet(Link):
+    strength: float
+
+    @eig3.jit
+    def tension(r, strength):  # noqa: N805
+        return strength / r**2
+
+    @staticmethod
+    @eig3.jit
+    def potential(r, strength):
+        return -strength / r
+
+
+def test_an_effect_of_ones_own():
+    """A planet on its circle: a dispatcher may stand in the class with or without staticmethod."""
+    scene = Scene(2)
+    sun, planet = scene.fixed((0.0, 0.0)), scene.mass(1.0, (1.0, 0.0), (0.0, 1.0))
+    scene.add(Magnet(1.0), sun, planet)
+    solution = scene.problem((0.0, 2 * math.pi)).integrate(h=1e-3, method="rk4")
+    assert solution.u[-1] == pytest.approx((1.0, 0.0), abs=1e-9)
+    assert solution.drift["energy"] < 1e-12
+
+
+# Bad scenes
+
+
+def two(dimension=2):
+    scene = Scene(dimension)
+    return scene, scene.mass(1.0, np.arange(2.0 * dimension).reshape((2, dimension) if dimension > 1 else 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Uncompiled(Body):
+    def force(self, v):
+        return v
+
+
+@dataclass(frozen=True, eq=False)
+class Curious(Body):
+    @staticmethod
+    @eig3.jit
+    def force(weather):
+        return weather
+
+
+def fixed_ends(effect):
+    scene = Scene(1)
+    scene.add(effect, *scene.fixed([0.0, 1.0]))
+
+
+def on_two(effect, *names):
+    scene, masses = two()
+    scene.add(effect, *(masses[name] for name in names))
+
+
+def with_fixed(effect):
+    scene, _ = two()
+    scene.add(effect, scene.fixed((5.0, 5.0)))
+
+
+def strangers():
+    scene, masses = two()
+    scene.add(LinearSpring(1.0), masses[0], two()[1][0])
+
+
+def coincident():
+    scene = Scene(3)
+    scene.add(LinearSpring(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 3))))
+
+
+BAD = {
+    "no dimension": (lambda: Scene(4), ValueError, "dimension must be 1, 2 or 3, not 4."),
+    "mass 0": (lambda: Scene(1).mass(0.0, 0.0), ValueError, "m of masses must be positive and finite, not 0.0."),
+    "mass below 0": (lambda: Scene(1).mass([1, -2], [0.0, 1.0]), ValueError, "m of masses must be positive.*-2.0."),
+    "masses and places": (lambda: Scene(1).mass([1, 2, 3], [0.0, 1.0]), ValueError, "must go with position"),
+    "place": (lambda: Scene(2).mass(1.0, (1.0, 2.0, 3.0)), ValueError, "must have 2 components each"),
+    "NaN": (lambda: Scene(2).mass(1.0, (1.0, math.nan)), ValueError, "position of masses must be finite."),
+    "nothing": (lambda: Scene(2).problem((0, 1)), ValueError, "the scene has no mass"),
+    "all fixed": (lambda: fixed_ends(LinearSpring(1.0)), ValueError, "LinearSpring stands between two fixed points"),
+    "itself": (lambda: on_two(LinearSpring(1.0), 0, 0), ValueError, "LinearSpring stands between a point and itself."),
+    "coincident": (coincident, ValueError, "LinearSpring has a natural length, but its ends coincide"),
+    "strangers": (strangers, ValueError, "LinearSpring was given points of another scene."),
+    "one end": (lambda: on_two(LinearSpring(1.0), 0), TypeError, "LinearSpring takes 2 arguments of points, not 1."),
+    "no handle": (lambda: Scene(1).add(LinearSpring(1.0), 0, 1), TypeError, "LinearSpring acts on points .* int"),
+    "class": (lambda: Scene(1).add(Gravity), TypeError, "effect must be one with its parameters.* not Gravity."),
+    "gravity of a post": (lambda: with_fixed(QuadraticDrag(1.0)), ValueError, "QuadraticDrag acts on masses"),
+    "motion of a mass": (
+        lambda: on_two(SampledMotion([0, 1], [0, 1], (1.0, 0.0)), 0),
+        ValueError,
+        "SampledMotion moves fixed points, but was given masses",
+    ),
+    "components": (lambda: on_two(Gravity((1.0, 2.0, 3.0))), ValueError, "field of Gravity must have 2 components"),
+    "number": (lambda: on_two(Gravity(9.81)), ValueError, "field of Gravity must have 2 components, not a number."),
+    "dimension": (
+        lambda: two(1)[0].add(RotatingFrame(1.0)),
+        ValueError,
+        "RotatingFrame needs a scene of 2 or 3 dimensions, not 1.",
+    ),
+    "too many": (lambda: on_two(LinearSpring([1, 2, 3]), 0, 1), ValueError, "stiffness of LinearSpring has the shape"),
+    "too many for all": (
+        lambda: (lambda scene: (scene.add(QuadraticDrag([1, 2, 3])), scene.problem((0, 1))))(two()[0]),
+        ValueError,
+        "drag of QuadraticDrag has the shape",
+    ),
+    "not finite": (
+        lambda: on_two(LinearSpring(math.inf), 0, 1),
+        ValueError,
+        "stiffness of LinearSpring must be finite",
+    ),
+    "text": (lambda: on_two(LinearSpring("soft"), 0, 1), TypeError, "stiffness of LinearSpring must be made of real"),
+    "unsorted": (lambda: SampledMotion([0, 2, 1], [0, 0, 0]), ValueError, "times of SampledMotion must increase"),
+    "repeated": (lambda: SampledMotion([0, 1, 1], [0, 0, 0]), ValueError, "times of SampledMotion must increase"),
+    "one sample": (lambda: SampledMotion([0], [0]), ValueError, "times of SampledMotion must hold two samples"),
+    "lengths": (lambda: SampledMotion([0, 1], [0]), ValueError, "values of SampledMotion must be as many as times, 2"),
+    "normal": (lambda: PlaneContact(1.0, (1.0, 1.0)), ValueError, "normal of PlaneContact must be a unit vector."),
+    "slip": (lambda: CoulombFriction(0.1, 1.0, 0.0), ValueError, "slip of CoulombFriction must be positive."),
+    "uncompiled": (lambda: on_two(Uncompiled()), TypeError, "force of Uncompiled must be compiled"),
+    "curious": (
+        lambda: on_two(Curious()),
+        TypeError,
+        "force of Curious names weather, but can be given only t, x, v, m",
+    ),
+    "shapes": (
+        lambda: (lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2)))))(*two()),
+        ValueError,
+        "LinearSpring was given ends of the shapes",
+    ),
+    "span": (lambda: two()[0].problem((1.0, 0.0)), ValueError, "t_span must end after it starts"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_scene_is_told_in_a_sentence(name):
+    build, error, sentence = BAD[name]
+    with pytest.raises(error, match=sentence) as caught:
+        build()
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).endswith(".")
