@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 import eig3
-from eig3 import codegen
-from eig3.effect import Effect
+from eig3 import effects
 from eig3.effects import (
     Body,
     CoulombFriction,
@@ -37,7 +36,8 @@ from eig3.effects import (
 )
 from eig3.kernels.jit import VECTOR
 from eig3.problem import Problem
-from eig3.scene import Points, Scene
+from eig3.scene import Points, Scene, codegen
+from eig3.scene.effect import Effect
 from eig3.stepper import Stepper
 
 from . import text
@@ -167,7 +167,12 @@ def _row(n: int) -> tuple[Scene, Points, tuple[Points, Points]]:
 
 CASES = (
     Case(
-        "spring pendulum, Cartesian", pendulum, (LinearSpring, Gravity), pendulum_by_hand, (98.1, 0.5, 1.0, 9.81), 1e-4
+        "spring pendulum, Cartesian",
+        pendulum,
+        (LinearSpring, Gravity),
+        pendulum_by_hand,
+        (98.1, 0.5, 1.0, 9.81),
+        1e-4,
     ),
     Case("200 masses in a line, springs", rod, (LinearSpring,), rod_by_hand, (1.0, 1.0, 2.0, _ROD + 1.0), 0.1),
     Case("200 masses in space, springs", string, (LinearSpring,), string_by_hand, (1.0, 1.0, 2.0), 0.01),
@@ -219,10 +224,10 @@ def _place(scene: Scene, effect: Any, support: Points, links: tuple[Points, Poin
 
 def growing() -> Iterator[tuple[str, Problem]]:
     """Two hundred masses in space with one more effect each time."""
-    effects = list(catalogue(3, 1.0))
-    for count, last in enumerate(effects, 1):
+    every = list(catalogue(3, 1.0))
+    for count, last in enumerate(every, 1):
         scene, support, links = _row(_ROD)
-        for effect in effects[:count]:
+        for effect in every[:count]:
             _place(scene, effect, support, links)
         yield last.title, scene.problem((0.0, 1.0))
 
@@ -295,12 +300,12 @@ def _enlarge_the_catalogue() -> None:
         def force(v, speed):
             return speed - v[0], -v[1]
 
-    eig3.effects.Wind = Wind
+    vars(effects)["Wind"] = Wind
     scene = Scene(2)
     scene.mass(1.0, (0.0, 0.0))
     scene.add(Wind(1.0))
     scene.problem((0.0, 1.0)).integrate(h=0.1)
-    del eig3.effects.Wind
+    del vars(effects)["Wind"]
 
 
 def zero_strength(repeats: int) -> list[list[str]]:

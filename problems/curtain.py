@@ -68,22 +68,17 @@ def curtain(
         shapes = above.subplots(1, 4, subplot_kw={"projection": "3d"})
         for axes, share in zip(shapes, (1 / 6, 1 / 3, 1 / 2, 1), strict=True):
             k = np.abs(solution.t - share * solution.t[-1]).argmin()
-            axes.plot_wireframe(
-                *np.moveaxis(cloth.of(solution.u[k]), -1, 0), rcount=n // 2, ccount=n // 2, linewidth=0.5
-            )
-            axes.set(
-                xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side), title=f"t = {solution.t[k]:.2g} s"
-            )
-            axes.set(xticks=(-side, 0, side), yticks=(0, side), zticks=(-side, 0), xlabel="x (m)", zlabel="z (m)")
+            x, y, z = np.moveaxis(cloth.of(solution.u[k]), -1, 0)
+            axes.plot_wireframe(x, y, z, rcount=n // 2, ccount=n // 2, linewidth=0.5)
+            axes.set(title=f"t = {solution.t[k]:.2g} s", xlabel="x (m)", zlabel="z (m)")
+            axes.set(xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side))
+            axes.set(xticks=(-side, 0, side), yticks=(0, side), zticks=(-side, 0))
             axes.set_box_aspect((2, 1, 1.5), zoom=0.85)
         axes = below.subplots()
         edge = cloth[-1].of(solution.u)
-        for values, name in (
-            (edge[:, n // 2, 0], "x, middle"),
-            (edge[:, n // 2, 2], "z, middle"),
-            (edge[:, 0, 2], "z, corner"),
-        ):
-            axes.plot(solution.t, values, label=name)
+        axes.plot(solution.t, edge[:, n // 2, 0], label="x, middle")
+        axes.plot(solution.t, edge[:, n // 2, 2], label="z, middle")
+        axes.plot(solution.t, edge[:, 0, 2], label="z, corner")
         axes.set(xlabel="t (s)", ylabel="free edge (m)")
         axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
 

@@ -169,3 +169,40 @@ def test_table_is_aligned_markdown():
 def test_numbers_keep_their_zeros_and_the_articles_their_digits():
     assert [text.printed(x) for x in (None, 0.0, 3.1e-3, 7.32e38)] == ["-", "0.0", "0.0031", "7.32e+38"]
     assert [text.number(x) for x in (None, 0.0, 1, 198.2, 2.66512e-5)] == ["-", "0.0", "1.00", "198", "2.67e-05"]
+
+
+def test_run_takes_any_problem_method_and_step(tmp_path, capsys):
+    assert main(["run", "kepler", "--h", "0.01", "--method", "rk4", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "Solution by RK4(): completed" in printed
+    assert "steps of h = 0.01," in printed or "steps of h = 0.00999" in printed
+    assert "change of energy: " in printed
+    assert {path.name for path in tmp_path.iterdir()} == {"kepler.npz", "kepler.csv", "kepler.png"}
+    header, first = (tmp_path / "kepler.csv").read_text().splitlines()[:2]
+    assert header == "t,u0,u1,v0,v1"
+    assert first.count(",") == 4
+
+
+def test_run_finds_a_step_and_needs_no_energy_or_folder(capsys):
+    assert main(["run", "van_der_pol"]) == 0
+    printed = capsys.readouterr().out
+    assert "energy: none is known" in printed
+    assert "Written" not in printed
+
+
+def test_run_says_where_a_run_fails(capsys):
+    assert main(["run", "hardening_spring", "--h", "0.5"]) == 1
+    assert "diverged" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "nothing"], "eig3 run: PROBLEM must be one of curtain, "),
+        (["run", "kepler", "--h", "-1"], "eig3 run: h must be a positive, finite number"),
+        (["run", "kepler", "--method", "euler"], "eig3 run: method must be one of"),
+    ],
+)
+def test_run_tells_what_it_cannot_run(arguments, message):
+    with pytest.raises(SystemExit, match=message):
+        main(arguments)

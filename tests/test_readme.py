@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 
 import eig3
+from eig3.cli import main
 from eig3.stability import limit
 
 from .conftest import BLOCKS, PYTHON, ROOT
 
+COMMANDS = [code for language, code in BLOCKS if language == "sh"]
 OUTPUT = [text for language, text in BLOCKS if language == "text"]
 
 
 def test_examples_print_what_they_show():
     examples, method = PYTHON[:-1], PYTHON[-1]
-    assert len(examples) == len(OUTPUT) == 8
+    assert len(examples) == len(OUTPUT) == 11
     assert "SymplecticEuler" in method
     namespace = {}
     for code, expected in zip(examples, OUTPUT, strict=True):
@@ -49,12 +51,28 @@ def test_the_method_of_the_readme_works(symplectic_euler):
     assert limit(symplectic_euler()) == pytest.approx(2, abs=1e-8)
 
 
+@pytest.mark.parametrize("command", COMMANDS[2].splitlines())
+def test_the_scenes_of_the_readme_run(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    program, *arguments = command.split()
+    assert program == ".venv/bin/eig3"
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    name = arguments[1]
+    for expected in (f"{name}: ", "steps of h = ", "ns a step", "energy: ", "work done: ", f"{name}.png"):
+        assert expected in printed
+    history = np.load(tmp_path / "out" / f"{name}.npz")
+    assert history["u"].shape == history["v"].shape
+    assert len(history["t"]) == len(history["u"])
+    assert (tmp_path / "out" / f"{name}.csv").exists() == (name != "curtain")
+    assert (tmp_path / "out" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_commands_are_those_ci_runs():
-    commands = [code for language, code in BLOCKS if language == "sh"]
-    assert len(commands) == 3
-    assert commands[0].endswith("eig3 bench\n")
-    assert commands[1].endswith("pytest -q\n")
-    assert all(line.startswith(".venv/bin/pytest bench --benchmark-only ") for line in commands[2].splitlines())
+    assert len(COMMANDS) == 4
+    assert COMMANDS[0].endswith("eig3 bench\n")
+    assert COMMANDS[1].endswith("pytest -q\n")
+    assert all(line.startswith(".venv/bin/pytest bench --benchmark-only ") for line in COMMANDS[3].splitlines())
     assert {language for language, _ in BLOCKS} == {"sh", "python", "text"}
     runner = (ROOT / ".ci" / "run").read_text()
     assert "readme_command 1" in runner

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
-from eig3 import codegen, problems
+from eig3 import problems
 from eig3.effects import (
     Body,
     CoulombFriction,
@@ -28,7 +28,7 @@ from eig3.effects import (
     SofteningSpring,
     SupportMotion,
 )
-from eig3.scene import Scene
+from eig3.scene import Scene, codegen
 
 
 def acceleration(problem, u, v, t=0.0):
@@ -532,7 +532,7 @@ BAD = {
     "curious": (
         lambda: on_two(Curious()),
         TypeError,
-        "force of Curious names weather, but can be given only t, x, v, m",
+        "Curious names weather, but can be given only t, x, v, m",
     ),
     "shapes": (
         lambda: (lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2)))))(*two()),

@@ -1,6 +1,6 @@
 """The effects that a scene can name, one a file, and the three kinds that one of your own derives from."""
 
-from ..effect import Body, Link, Motion
+from ..scene.effect import Body, Link, Motion
 from .coulomb_friction import CoulombFriction
 from .gravity import Gravity
 from .hardening_spring import HardeningSpring

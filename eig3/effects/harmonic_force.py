@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..effect import Body
 from ..kernels.jit import element
+from ..scene.effect import Body
 from .vector import scale
 
 

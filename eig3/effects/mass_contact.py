@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..effect import Link
 from ..kernels.jit import element
+from ..scene.effect import Link
 
 
 @element

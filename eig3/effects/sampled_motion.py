@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..effect import Motion
 from ..kernels.jit import element
+from ..scene.effect import Motion
 
 
 @element

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..effect import Link
 from ..kernels.jit import element
+from ..scene.effect import Link
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..effect import Motion
+from ..scene.effect import Motion
 
 
 @dataclass(frozen=True, eq=False)

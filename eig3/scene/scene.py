@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..checks import check_span, reals
+from ..problem import Problem
 from . import codegen
 from .assembly import Cloud, Placement, assemble, note, sources
-from .checks import check_span, reals
 from .effect import Effect
-from .problem import Problem
 
 __all__ = ["Points", "Scene"]
 
@@ -38,6 +38,9 @@ class Points:
 
     def __len__(self) -> int:
         return len(self.numbers)
+
+    def __iter__(self) -> Iterator[Points]:
+        return (self[k] for k in range(len(self)))
 
     def __getitem__(self, index: Any) -> Points:
         return Points(self.scene, np.asarray(self.numbers[index]))

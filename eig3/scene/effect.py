@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from .checks import reals
+from ..checks import reals
 
 
 class Effect:
@@ -36,6 +36,7 @@ class Effect:
     source: ClassVar[str] = ""
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {}  # the functions of a kind of effect, and what each can be given
+    needs: ClassVar[tuple[str, ...]] = ()  # one of these
     takes: ClassVar[tuple[int, ...]] = ()  # how many arguments of points
 
     @property
@@ -107,12 +108,20 @@ class Effect:
         ------
         TypeError, ValueError
         """
+        if not dataclasses.is_dataclass(self):
+            raise TypeError(f"{self.title} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
         if dimension not in self.dimensions:
             allowed = " or ".join(map(str, self.dimensions))
             raise ValueError(f"{self.title} needs a scene of {allowed} dimensions, not {dimension}.")
-        for name, function in self.functions().items():
+        functions = self.functions()
+        if not any(name in functions for name in self.needs):
+            raise TypeError(f"{self.title} must have a function {' or '.join(self.needs)}.")
+        for name, function in functions.items():
             if not isinstance(function, Dispatcher):
                 raise TypeError(f"{name} of {self.title} must be compiled: decorate it with @eig3.jit.")
+            taken = [field for field in _fields(self) if field in self.offers[name]]
+            if taken:
+                raise TypeError(f"{self.title} must not call a field {taken[0]}, which is what {name} is given.")
             offered = [*self.offers[name], *_fields(self)]
             unknown = [argument for argument in arguments(function) if argument not in offered]
             if unknown:
@@ -161,6 +170,7 @@ class Body(Effect):
         "acceleration": ("t", "x", "v", "m"),
         "potential": ("x", "m"),
     }
+    needs: ClassVar[tuple[str, ...]] = ("force", "acceleration")
     takes: ClassVar[tuple[int, ...]] = (0, 1)
 
     def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
@@ -184,6 +194,7 @@ class Link(Effect):
         "density": ("t", "r", "rate"),
         "potential": ("r",),
     }
+    needs: ClassVar[tuple[str, ...]] = ("tension", "density")
     takes: ClassVar[tuple[int, ...]] = (2,)
 
     def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
@@ -204,6 +215,7 @@ class Motion(Effect):
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {"motion": ("t",)}
+    needs: ClassVar[tuple[str, ...]] = ("motion",)
     takes: ClassVar[tuple[int, ...]] = (1,)
 
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:

@@ -1,0 +1,423 @@
+"""The code of a scene: Python source with a loop for each group of effects and nothing else, compiled by Numba.
+
+Source rather than closures, for three reasons: what is computed can be read, and by `inspect.getsource` is; loops over
+the same points share what they compute of them; and scenes of one structure share one compiled function, whatever
+their parameters.
+
+In the source, i and j are indices of masses and s that of a member of a group; w is an inverse mass; dx, dy, dz are the
+differences of a link's ends and ex, ey, ez their rates, r its length; fx, fy, fz is its pull on the first end, divided
+by the mass where all masses are equal.
+"""
+
+from __future__ import annotations
+
+import functools
+import linecache
+import math
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..callbacks import jit
+from ..kernels.jit import element
+from .assembly import Assembly
+from .packing import Block, Column, Packing, Symbols, entry
+
+_BODY = ("force", "acceleration")
+_LINK = ("tension", "density")
+_TINY = 2.0**-1000  # under a root, against a division by zero where points coincide: too small to change another value
+
+
+@element
+def index(x):  # type: ignore[no-untyped-def]
+    """A number of p as an index; that it is not negative spares a test for indices from the end."""
+    return np.int64(np.uint32(x))
+
+
+def compiled(assembly: Assembly) -> tuple[Any, Any, np.ndarray]:
+    """The right-hand side of a scene, its energy or None, and their parameters.
+
+    Scenes that differ in parameters only get the same functions.
+    """
+    packing = Packing(assembly)
+    source = _Source(assembly, packing)
+    wanted: list[Callable[[], None]] = [source.rhs]
+    if assembly.follows_work:
+        wanted = [source.power, source.rhs]
+    if assembly.follows_work or assembly.is_conservative:
+        wanted.append(source.energy)
+    for write in wanted:
+        write()
+    functions = _functions(str(source), tuple(packing.functions.items()))
+    return functions["rhs"], functions.get("energy"), packing.params
+
+
+@functools.lru_cache(maxsize=256)
+def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
+    filename = f"<scene {zlib.crc32(text.encode()):08x}>"
+    linecache.cache[filename] = (len(text), None, text.splitlines(keepends=True), filename)  # for inspect and errors
+    namespace = {"jit": jit, "sqrt": math.sqrt, "tiny": _TINY, "index": index, **dict(names)}
+    exec(compile(text, filename, "exec"), namespace)
+    return namespace
+
+
+class _Source:
+    """Writes the functions of one scene."""
+
+    def __init__(self, assembly: Assembly, packing: Packing) -> None:
+        self._n = assembly.n
+        self._axes = "xyz"[: assembly.dimension]
+        self._follows_work = assembly.follows_work
+        self._work = assembly.n * assembly.dimension  # the degree of freedom
+        self._weight = packing.weight
+        self._motions, self._bodies, self._links = packing.motions, packing.bodies, packing.links
+        self._lines: list[str] = []
+        self._depth = 0
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines) + "\n"
+
+    # The three functions
+
+    def rhs(self) -> None:
+        """The accelerations."""
+        with self._function("rhs(t, u, v, p, a)"):
+            on_all = [block for block in self._bodies if block.size == self._n and len(block.runs) == 1]
+            rows = [block for block in self._links if block.is_row and len(block.runs) == 1 and block.size > 1]
+            row = max(rows, key=lambda block: block.size, default=None)
+            self._every_mass(on_all, row)
+            for block in self._bodies:
+                if block not in on_all:
+                    self._some_masses(block)
+            for block in self._links:
+                if block.is_row and block.group.in_runs and len(block.runs) > 1:
+                    self._rows(block)
+                elif block is not row:
+                    self._pairs(block)
+            if self._follows_work:
+                self._write(f"a[{self._work}] = power(t, u, v, p)")
+
+    def power(self) -> None:
+        """What all that has no potential, and the supports, do to the masses."""
+        with self._function("power(t, u, v, p)"):
+            self._write("total = 0.0")
+            for block in self._some(self._bodies, has_potential=False):
+                with self._members(block, *_BODY) as (s, i, _):
+                    accelerations, forces = self._given(block, s, i, "power")
+                    for factor, names in (("", forces), ("m * ", accelerations)):
+                        for name in names:
+                            product = " + ".join(f"{name}[{k}] * velocity[{k}]" for k in range(len(self._axes)))
+                            self._write(f"total += {factor}({product})")
+            for block in self._some(self._links, has_potential=False):
+                with self._members(block, *_LINK) as (s, i, j):
+                    offered = self._ends(block, s, i, j, *_LINK, "power")
+                    tensions = [law.call("tension", s, offered) for law in block.having("tension")]
+                    tensions += [
+                        f"{law.call('density', s, offered)} * {offered['r']}" for law in block.having("density")
+                    ]
+                    self._write(f"total -= {_sum(tensions)} * {offered['rate']}")
+            for block in (block for block in self._links if block.group.motions):
+                with self._members(block, *_LINK) as (s, i, j):
+                    self._pull(block, s, i, j)
+                    for axis in self._axes:
+                        self._write(f"total -= f{axis} * {self._support('v', block, axis, s)}")
+            self._write("return total")
+
+    def energy(self) -> None:
+        """Kinetic energy and potentials, less the work where it is followed."""
+        with self._function("energy(t, u, v, p)"):
+            self._write(f"total = {f'-v[{self._work}]' if self._follows_work else '0.0'}")
+            with self._masses(0, self._n) as i:
+                speeds = [self._at("v", axis, i) for axis in self._axes]
+                self._write(f"total += {_sum([f'{v} * {v}' for v in speeds])} / (2 * {self._w(i)})")
+            for block in self._some(self._bodies, has_potential=True):
+                with self._members(block, "potential") as (s, i, _):
+                    self._potentials(block, s, self._mass(block, i, "potential"))
+            for block in self._some(self._links, has_potential=True):
+                with self._members(block, "potential") as (s, i, j):
+                    self._potentials(block, s, self._ends(block, s, i, j, "potential"))
+            self._write("return total")
+
+    # Their parts
+
+    def _every_mass(self, on_all: list[Block], row: Block | None) -> None:
+        """Set every acceleration: from what acts on all masses and, in the same pass, the longest row of links.
+
+        Along a row the force of each link is kept for the mass that the next one shares with it.
+        """
+        start, stop = (row.runs[0, 2], row.runs[0, 2] + row.size + 1) if row else (self._n, self._n)
+        self._constants([*on_all, *([row] if row else [])], *_BODY, *_LINK)
+        for first, last in ((0, start), (stop, self._n)):
+            if first < last:
+                with self._masses(first, last) as i:
+                    self._set(on_all, i)
+        if row:
+            self._before()
+            with self._loop(f"for s in range({row.size}):"):
+                self._write(f"i, j = {start} + s, {start + 1} + s")
+                self._pull(row, "s", "i", "j", self._common)
+                self._set(on_all, "i", lambda axis: f"f{axis} - {axis}_before")
+                self._keep()
+            self._set(on_all, str(stop - 1), lambda axis: f"-{axis}_before")
+
+    def _set(self, on_all: list[Block], i: str, pull: Callable[[str], str] | None = None) -> None:
+        accelerations: list[str] = []
+        forces: list[str] = []
+        for block in on_all:
+            given = self._given(block, i, i)
+            accelerations += given[0]
+            forces += given[1]
+        for axis in self._axes:
+            pulls = [pull(axis)] if pull else []
+            self._write(f"{self._at('a', axis, i)} = {self._along(axis, i, accelerations, forces, pulls)}")
+
+    def _some_masses(self, block: Block) -> None:
+        with self._members(block, *_BODY) as (s, i, _):
+            accelerations, forces = self._given(block, s, i)
+            for axis in self._axes:
+                self._write(f"{self._at('a', axis, i)} += {self._along(axis, i, accelerations, forces)}")
+
+    def _pairs(self, block: Block) -> None:
+        with self._members(block, *_LINK) as (s, i, j):
+            self._pull(block, s, i, j, self._common)
+            for axis in self._axes:
+                first, second = (("+=", i), ("-=", j)) if block.joins_masses else (None, ("-=", i))
+                for sign, k in (end for end in (first, second) if end):
+                    self._write(f"{self._at('a', axis, k)} {sign} f{axis}{self._own(k)}")
+
+    def _rows(self, block: Block) -> None:
+        self._constants([block], *_LINK)
+        with self._runs(block):
+            self._before()
+            with self._run(block) as (s, i, j):
+                self._pull(block, s, i, j, self._common)
+                for axis in self._axes:
+                    self._write(f"{self._at('a', axis, i)} += (f{axis} - {axis}_before){self._own(i)}")
+                self._keep()
+            self._write("i = i0 + count")
+            for axis in self._axes:
+                self._write(f"{self._at('a', axis, 'i')} -= {axis}_before{self._own('i')}")
+
+    def _before(self) -> None:
+        self._write(f"{' = '.join(f'{axis}_before' for axis in self._axes)} = 0.0")
+
+    def _keep(self) -> None:
+        for axis in self._axes:
+            self._write(f"{axis}_before = f{axis}")
+
+    def _given(self, block: Block, s: str, i: str, *more: str) -> tuple[list[str], list[str]]:
+        """Compute what the laws of a body give to mass i: names of accelerations, and of forces."""
+        offered = self._mass(block, i, *_BODY, *more)
+        names: dict[str, list[str]] = {"acceleration": [], "force": []}
+        for function, found in names.items():
+            for law in block.having(function):
+                found.append(f"{law.prefix}_{function[0]}")
+                self._write(f"{found[-1]} = {law.call(function, s, offered)}")
+        return names["acceleration"], names["force"]
+
+    def _along(self, axis: str, i: str, accelerations: list[str], forces: list[str], pulls: Iterable[str] = ()) -> str:
+        """The sum of what acts on mass i along an axis, as an acceleration."""
+        k = self._axes.index(axis)
+        divided = [f"{name}[{k}]" for name in accelerations]
+        pushes = [f"{name}[{k}]" for name in forces]
+        (divided if self._common else pushes).extend(pulls)
+        if pushes:
+            divided.append(f"{_sum(pushes)} * {self._w(i)}")
+        return " + ".join(divided) or "0.0"
+
+    def _mass(self, block: Block, i: str, *functions: str) -> dict[str, str]:
+        """Compute what the laws of a body can be given, where one of these functions reads it."""
+        if block.reads("x", *functions):
+            self._write(f"x = ({', '.join(self._at('u', axis, i) for axis in self._axes)},)")
+        if block.reads("v", *functions) or "power" in functions:
+            self._write(f"velocity = ({', '.join(self._at('v', axis, i) for axis in self._axes)},)")
+        if block.reads("m", *functions) or ("power" in functions and block.having("acceleration")):
+            self._write(f"m = 1 / {self._w(i)}")
+        return {"t": "t", "x": "x", "v": "velocity", "m": "m"}
+
+    def _ends(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
+        """Compute what a link's laws can be given, where one of these functions reads it, and what its pull needs."""
+        needs_rate = block.reads("rate", *functions) or "power" in functions
+        needs_inverse = needs_rate or ("tension" in functions and bool(block.having("tension")))
+        for axis in self._axes:
+            self._write(f"d{axis} = {self._difference('u', block, axis, s, i, j)}")
+            if needs_rate:
+                self._write(f"e{axis} = {self._difference('v', block, axis, s, i, j)}")
+        if len(self._axes) == 1:
+            return {"t": "t", "r": "dx", "rate": "ex"}
+        if needs_inverse or block.reads("r", *functions):
+            self._write(f"r = sqrt(tiny + {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)})")
+        if needs_inverse:
+            self._write("inverse = 1 / r")
+        if needs_rate:
+            self._write(f"rate = {_sum([f'd{axis} * e{axis}' for axis in self._axes])} * inverse")
+        return {"t": "t", "r": "r", "rate": "rate"}
+
+    def _difference(self, array: str, block: Block, axis: str, s: str, i: str, j: str) -> str:
+        """Of the positions or velocities of a link's ends."""
+        if block.joins_masses:
+            low, high = self._at(array, axis, i), self._at(array, axis, j)
+        else:
+            low, high = self._support(array, block, axis, s), self._at(array, axis, i)
+        if block.group.sign < 0:
+            low, high = high, low
+        if low == "0.0":
+            return high
+        return f"-{low}" if high == "0.0" else f"{high} - {low}"
+
+    def _support(self, array: str, block: Block, axis: str, s: str) -> str:
+        """The position or velocity of a fixed end."""
+        assert block.anchor is not None
+        anchor = block.anchor.component(self._axes.index(axis), s)
+        terms = []
+        if array == "u" and anchor != "0.0":
+            terms.append(f"{axis}_anchor" if block.anchor.is_uniform else anchor)
+        name = "shift" if array == "u" else "speed"
+        terms += [f"{axis}_{name}_{number}" for number in block.group.motions if self._direction(number, axis) != "0.0"]
+        return _sum(terms) if terms else "0.0"
+
+    def _direction(self, number: int, axis: str) -> str:
+        column = self._motions[number].columns["direction"]
+        assert isinstance(column, Column)
+        return column.component(self._axes.index(axis), "")
+
+    def _pull(self, block: Block, s: str, i: str, j: str, factor: str = "") -> None:
+        """Compute the force on the first end of a link, times a factor."""
+        offered = self._ends(block, s, i, j, *_LINK)
+        tensions, densities = ([law.call(f, s, offered) for law in block.having(f)] for f in _LINK)
+        if len(self._axes) == 1:
+            pulls = _sum(tensions + [f"{density} * dx" for density in densities])
+            self._write(f"fx = {'-' if block.group.sign < 0 else ''}{pulls}{factor}")
+            return
+        if tensions:
+            densities.append(f"{_sum(tensions)} * inverse")
+        self._write(f"pull = {_sum(densities)}{factor}")
+        for axis in self._axes:
+            self._write(f"f{axis} = pull * d{axis}")
+
+    def _potentials(self, block: Block, s: str, offered: dict[str, str]) -> None:
+        for law in block.laws:
+            self._write(f"total += {law.call('potential', s, offered)}")
+
+    def _some(self, blocks: list[Block], *, has_potential: bool) -> Iterator[Block]:
+        """The blocks that have laws with a potential, or laws without, and only these laws of them."""
+        for block in blocks:
+            laws = [law for law in block.laws if ("potential" in law.functions) == has_potential]
+            if laws:
+                yield replace(block, laws=laws)
+
+    # Masses and members
+
+    def _at(self, array: str, axis: str, i: str) -> str:
+        """A mass's entry in u, v or a."""
+        return entry(array, self._n * self._axes.index(axis), i)
+
+    def _w(self, i: str) -> str:
+        return "w" if self._weight.is_uniform else self._weight.of(i)
+
+    @property
+    def _common(self) -> str:
+        """What pulls are multiplied by where all masses are equal."""
+        return " * w" if self._weight.is_uniform else ""
+
+    def _own(self, i: str) -> str:
+        """What they are multiplied by at each mass where they are not."""
+        return "" if self._weight.is_uniform else f" * {self._w(i)}"
+
+    @contextmanager
+    def _masses(self, first: int, stop: int) -> Iterator[str]:
+        """A loop over masses: gives the source of the index."""
+        if stop - first == 1:
+            yield str(first)
+        else:
+            with self._loop(f"for i in range({first}, {stop}):"):
+                yield "i"
+
+    @contextmanager
+    def _members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
+        """A loop over a block: gives the source of the indices of the member and of its masses."""
+        self._constants([block], *functions)
+        _, count, i0, j0 = block.runs[0]
+        if block.size == 1:
+            yield "0", str(i0), str(j0)
+        elif len(block.runs) == 1:
+            with self._loop(f"for s in range({count}):"):
+                self._write(f"i, j = {i0} + s, {j0} + s" if block.joins_masses else f"i = {i0} + s")
+                yield "s", "i", "j"
+        elif block.group.in_runs:
+            with self._runs(block), self._run(block) as indices:
+                yield indices
+        else:
+            with self._loop(f"for s in range({block.size}):"):
+                self._write(f"i = index(p[{block.table} + s])")
+                if block.joins_masses:
+                    self._write(f"j = index(p[{block.table + block.size} + s])")
+                yield "s", "i", "j"
+
+    @contextmanager
+    def _runs(self, block: Block) -> Iterator[None]:
+        with self._loop(f"for k in range({block.table}, {block.table + block.runs.size}, 4):"):
+            self._write("start, count, i0, j0 = index(p[k]), index(p[k + 1]), index(p[k + 2]), index(p[k + 3])")
+            yield
+
+    @contextmanager
+    def _run(self, block: Block) -> Iterator[tuple[str, str, str]]:
+        with self._loop("for along in range(count):"):
+            self._write("s, i = start + along, i0 + along")
+            if block.joins_masses:
+                # a difference that the compiler knows lets it see that links do not touch each other's masses
+                self._write(f"j = i + {block.group.difference}" if block.group.difference else "j = j0 + along")
+            yield "s", "i", "j"
+
+    def _constants(self, blocks: Iterable[Block], *functions: str) -> None:
+        """Read what is the same for all members before a loop: in it, the compiler must fear that a overwrites p."""
+        for block in blocks:
+            for law in block.laws:
+                for line in law.constants(*functions):
+                    self._write(line)
+            if block.anchor and block.anchor.is_uniform:
+                for k, axis in enumerate(self._axes):
+                    if block.anchor.component(k, "") != "0.0":
+                        self._write(f"{axis}_anchor = {block.anchor.component(k, '')}")
+
+    # Lines
+
+    def _write(self, line: str) -> None:
+        self._lines.append("    " * self._depth + line)
+
+    @contextmanager
+    def _loop(self, head: str) -> Iterator[None]:
+        self._write(head)
+        self._depth += 1
+        yield
+        self._depth -= 1
+
+    @contextmanager
+    def _function(self, head: str) -> Iterator[None]:
+        """A function that begins with what all of it may read: the common inverse mass, and where supports are."""
+        self._lines += [""] * bool(self._lines)
+        self._write("@jit")
+        with self._loop(f"def {head}:"):
+            if self._weight.is_uniform:
+                self._write(f"w = {self._weight.of('')}")
+            for number in sorted({number for block in self._links for number in block.group.motions}):
+                self._motion(number, self._motions[number])
+            yield
+
+    def _motion(self, number: int, motion: Symbols) -> None:
+        for line in motion.constants("motion"):
+            self._write(line)
+        self._write(f"shift, speed = {motion.call('motion', '', {'t': 't'})}")
+        for axis in (axis for axis in self._axes if self._direction(number, axis) != "0.0"):
+            for name in ("shift", "speed"):
+                self._write(f"{axis}_{name}_{number} = {name} * {self._direction(number, axis)}")
+
+
+def _sum(terms: list[str]) -> str:
+    """A sum that can be a factor."""
+    total = " + ".join(terms)
+    return f"({total})" if len(terms) > 1 or " - " in total else total

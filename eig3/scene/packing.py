@@ -1,0 +1,199 @@
+"""What a scene's source refers to: the parameters packed into one array p, and the effects' functions by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .assembly import Assembly, Group, Law
+from .effect import arguments
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a parameter is in p: once where all members have the same, else a value for each, by component.
+
+    Components that are 0 in all members become 0.0 in the source, which the compiler leaves out; but not those of an
+    effect's vector of which all are, since an effect that is named may be 0.
+    """
+
+    offset: int
+    members: int
+    zero: tuple[bool, ...] | None = None  # by component; None for numbers
+
+    @property
+    def is_uniform(self) -> bool:
+        return self.members == 1
+
+    def of(self, member: str) -> str:
+        """The source of a member's number or tuple."""
+        if self.zero is None:
+            return self._entry(0, member)
+        return f"({', '.join(self.component(k, member) for k in range(len(self.zero)))},)"
+
+    def component(self, k: int, member: str) -> str:
+        """The source of one component of a member's vector."""
+        return "0.0" if self.zero and self.zero[k] else self._entry(k, member)
+
+    def _entry(self, k: int, member: str) -> str:
+        offset = self.offset + k * self.members
+        if self.is_uniform:
+            return f"p[{offset}]"
+        return entry("p", offset, member)
+
+
+@dataclass(frozen=True)
+class Array:
+    """Where an array is in p."""
+
+    offset: int
+    size: int
+    is_uniform = True
+
+    def of(self, member: str) -> str:
+        return f"p[{self.offset}:{self.offset + self.size}]"
+
+
+def entry(array: str, offset: int, index: str) -> str:
+    """The source of array[offset + index]."""
+    if index.isdecimal():
+        return f"{array}[{offset + int(index)}]"
+    return f"{array}[{offset} + {index}]" if offset else f"{array}[{index}]"
+
+
+@dataclass(frozen=True)
+class Symbols:
+    """A law in the source: the prefix of its names, its functions and its parameters."""
+
+    prefix: str
+    functions: dict[str, Any]
+    columns: dict[str, Column | Array]
+
+    def reads(self, name: str, *functions: str) -> bool:
+        """Whether one of these functions names the argument."""
+        return any(name in arguments(self.functions[f]) for f in functions if f in self.functions)
+
+    def constants(self, *functions: str) -> Iterator[str]:
+        """Assignments of the parameters of these functions that are the same for all members."""
+        for name, column in self.columns.items():
+            if column.is_uniform and self.reads(name, *functions):
+                yield f"{self.prefix}_{name} = {column.of('')}"
+
+    def call(self, function: str, member: str, offered: dict[str, str]) -> str:
+        """A call for one member; `offered` has the source of what is not a parameter."""
+        values = (self._value(name, member, offered) for name in arguments(self.functions[function]))
+        return f"{self.prefix}_{function}({', '.join(values)})"
+
+    def _value(self, name: str, member: str, offered: dict[str, str]) -> str:
+        if name not in self.columns:
+            return offered[name]
+        column = self.columns[name]
+        return f"{self.prefix}_{name}" if column.is_uniform else column.of(member)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A group in the source: its laws, its fixed ends, and the runs of its indices."""
+
+    group: Group
+    laws: list[Symbols]
+    anchor: Column | None
+    runs: np.ndarray
+    table: int  # where the runs, or the indices themselves, are in p; unused where they are in the source
+
+    @property
+    def size(self) -> int:
+        return self.group.first.size
+
+    @property
+    def joins_masses(self) -> bool:
+        return self.group.second is not None
+
+    @property
+    def is_row(self) -> bool:
+        """Whether every link joins neighbours."""
+        return self.group.difference == 1
+
+    def having(self, *functions: str) -> list[Symbols]:
+        """The laws that have one of these functions."""
+        return [law for law in self.laws if any(f in law.functions for f in functions)]
+
+    def reads(self, name: str, *functions: str) -> bool:
+        """Whether one of these functions of a law names the argument."""
+        return any(law.reads(name, *functions) for law in self.laws)
+
+
+class Packing:
+    """A scene's parameters, functions, and the blocks that refer to them.
+
+    Attributes
+    ----------
+    functions : dict of str to jitted function
+        By their names in the source.
+    weight : Column
+        Inverse masses.
+    motions : list of Symbols
+    bodies, links : list of Block
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self._parts: list[np.ndarray] = []
+        self._prefixes: set[str] = set()
+        self.functions: dict[str, Any] = {}
+        self.weight = self._column(1 / assembly.cloud.masses[assembly.cloud.masses > 0])
+        self.motions = [self._symbols(law) for law in assembly.motions]
+        self.bodies = [self._block(group) for group in assembly.bodies]
+        self.links = [self._block(group) for group in assembly.links]
+
+    @property
+    def params(self) -> np.ndarray:
+        """The array p."""
+        return np.concatenate(self._parts)
+
+    def _add(self, values: np.ndarray) -> int:
+        """Append to p; return where."""
+        offset = sum(part.size for part in self._parts)
+        self._parts.append(np.ravel(values).astype(np.float64))
+        return offset
+
+    def _column(self, values: np.ndarray, is_place: bool = False) -> Column:
+        if (values == values[0]).all():
+            values = values[:1]
+        zero = None
+        if values.ndim == 2:
+            is_zero = (values == 0).all(axis=0)
+            zero = tuple((is_zero & (is_place or not is_zero.all())).tolist())
+        return Column(self._add(values.T), len(values), zero)
+
+    def _symbols(self, law: Law) -> Symbols:
+        prefix = self._prefix(law.effect.title)
+        functions = law.effect.functions()
+        self.functions.update({f"{prefix}_{name}": function for name, function in functions.items()})
+        columns = {
+            name: Array(self._add(values), values.size) if name in law.effect.arrays else self._column(values)
+            for name, values in law.columns.items()
+        }
+        return Symbols(prefix, functions, columns)
+
+    def _prefix(self, title: str) -> str:
+        """A name of its own for each law."""
+        stem = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", title).lower()
+        number, prefix = 1, stem
+        while prefix in self._prefixes:
+            number += 1
+            prefix = f"{stem}_{number}"
+        self._prefixes.add(prefix)
+        return prefix
+
+    def _block(self, group: Group) -> Block:
+        laws = [self._symbols(law) for law in group.laws]
+        anchor = None if group.anchor is None else self._column(group.anchor, is_place=True)
+        runs = group.runs()
+        table = (
+            runs if group.in_runs else np.concatenate([group.first, *([] if group.second is None else [group.second])])
+        )
+        return Block(group, laws, anchor, runs, self._add(table) if len(runs) > 1 else 0)

@@ -1,0 +1,38 @@
+"""`eig3 bench scenes`: scenes and systems by hand are the same systems, and the tables are whole."""
+
+import numpy as np
+import pytest
+
+from eig3.bench import scenes
+
+from .test_scene import acceleration
+
+
+@pytest.mark.parametrize("case", scenes.CASES, ids=lambda case: case.title)
+def test_a_scene_and_the_system_by_hand_are_one(case):
+    scene, hand = case.problems()
+    rng = np.random.default_rng(0)
+    u, v = scene.u0 + 0.01 * rng.standard_normal(scene.u0.size), rng.standard_normal(scene.u0.size)
+    # sums of terms of size 100 in another order
+    np.testing.assert_allclose(acceleration(scene, u, v), acceleration(hand, u, v), rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("case", scenes.CASES, ids=lambda case: case.title)
+def test_effects_at_no_strength_do_nothing(case):
+    crowd, others = scenes.crowded(case)
+    full, lean = crowd.problem((0.0, 1.0)), case.problems()[0]
+    assert others >= 9
+    u, v = lean.u0, np.ones(lean.u0.size)
+    np.testing.assert_allclose(acceleration(full, u, v), acceleration(lean, u, v), rtol=1e-11, atol=1e-11)
+    assert full.params.size > lean.params.size
+
+
+def test_the_command(tmp_path, monkeypatch):
+    monkeypatch.setattr(scenes, "_SECONDS", 1e-4)
+    lines = []
+    scenes.run(repeats=1, out=tmp_path, write=lines.append)
+    text = "\n".join(lines)
+    assert text.count("| spring pendulum, Cartesian") == 3
+    assert "NO" not in text
+    assert "+ SampledMotion" in text
+    assert (tmp_path / "scenes.png").read_bytes().startswith(b"\x89PNG")
