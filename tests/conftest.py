@@ -85,6 +85,13 @@ def hardening_chain(t, u, v, p, a):
         a[j] = p[j] * (right * (1 + right * right) - left * (1 + left * left)) + np.sin(t)
 
 
+def acceleration(problem, u, v, t=0.0):
+    """What a problem's right-hand side of n degrees of freedom writes; NaN where it writes nothing."""
+    a = np.full(np.size(problem.u0), np.nan)
+    problem.rhs(t, u, v, np.asarray(problem.params), a)
+    return a
+
+
 @pytest.fixture(params=ALL_METHODS, ids=lambda method: repr(method).partition(", jacobian")[0])
 def method(request):
     return request.param

@@ -26,6 +26,8 @@ from eig3.effects import (
 from eig3.problems.hertz_impact import contact_time
 from eig3.scene import Scene
 
+from .conftest import acceleration
+
 
 @eig3.jit
 def swing(t):
@@ -79,12 +81,6 @@ def scene_with(name, dimension, *, work=False, seed=0):
     else:
         scene.add(effect)
     return scene.problem((0.0, 2.0), work=work)
-
-
-def acceleration(problem, u, v, t=0.0):
-    a = np.full(u.size, np.nan)
-    problem.rhs(t, u, v, np.asarray(problem.params), a)
-    return a
 
 
 def test_the_catalogue_is_whole():

@@ -8,7 +8,7 @@ from eig3 import problems
 from eig3.problems.quarter_car import road
 from eig3.problems.shear_building import quake
 
-from .test_scene import acceleration
+from .conftest import acceleration
 
 SCENES = [problems.quarter_car, problems.rail_joint, problems.shear_building, problems.curtain]
 

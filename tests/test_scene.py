@@ -30,11 +30,7 @@ from eig3.effects import (
 )
 from eig3.scene import Scene, codegen
 
-
-def acceleration(problem, u, v, t=0.0):
-    a = np.full(np.size(problem.u0), np.nan)
-    problem.rhs(t, u, v, np.asarray(problem.params), a)
-    return a
+from .conftest import acceleration
 
 
 def code(problem):

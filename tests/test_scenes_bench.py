@@ -5,7 +5,7 @@ import pytest
 
 from eig3.bench import scenes
 
-from .test_scene import acceleration
+from .conftest import acceleration
 
 
 @pytest.mark.parametrize("case", scenes.CASES, ids=lambda case: case.title)
@@ -34,5 +34,5 @@ def test_the_command(tmp_path, monkeypatch):
     text = "\n".join(lines)
     assert text.count("| spring pendulum, Cartesian") == 3
     assert "NO" not in text
-    assert "+ SampledMotion" in text
+    assert "+ SofteningSpring" in text
     assert (tmp_path / "scenes.png").read_bytes().startswith(b"\x89PNG")

@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.jit import element
@@ -52,8 +51,7 @@ class CoulombFriction(Body):
     def __post_init__(self) -> None:
         self.require((self._reals("slip") > 0).all(), "slip must be positive")
         if self.normal is not None:
-            length = np.linalg.norm(np.atleast_1d(self._reals("normal")), axis=-1)
-            self.require(np.allclose(length, 1, rtol=1e-9), "normal must be a unit vector")
+            self.require_unit("normal")
 
     @property
     def dimensions(self):

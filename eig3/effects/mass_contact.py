@@ -1,6 +1,5 @@
 """Contact between two points, such as balls."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,24 +7,22 @@ from numpy.typing import ArrayLike
 
 from ..kernels.jit import element
 from ..scene.effect import Link
+from .hertz import damped_push, push, stored
 
 
 @element
 def elastic(r, stiffness, reach):
-    d = max(0.0, reach - r)
-    return -stiffness * d * math.sqrt(d)
+    return -push(reach - r, stiffness)
 
 
 @element
 def damped(r, rate, stiffness, reach, damping):
-    d = max(0.0, reach - r)
-    return -stiffness * d * math.sqrt(d) * max(0.0, 1 - damping * rate)
+    return -damped_push(reach - r, -rate, stiffness, damping)
 
 
 @element
 def elastic_potential(r, stiffness, reach):
-    d = max(0.0, reach - r)
-    return 2 / 5 * stiffness * d * d * math.sqrt(d)
+    return stored(reach - r, stiffness)
 
 
 @dataclass(frozen=True, eq=False)

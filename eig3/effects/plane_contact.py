@@ -1,6 +1,5 @@
 """Contact of masses with a plane, on one side of it."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,30 +7,23 @@ from numpy.typing import ArrayLike
 
 from ..kernels.jit import element
 from ..scene.effect import Body
+from .hertz import damped_push, push, stored
 from .vector import dot, scale
 
 
 @element
-def indentation(x, normal, offset):
-    return max(0.0, offset - dot(normal, x))
-
-
-@element
 def elastic(x, stiffness, normal, offset):
-    d = indentation(x, normal, offset)
-    return scale(stiffness * d * math.sqrt(d), normal)
+    return scale(push(offset - dot(normal, x), stiffness), normal)
 
 
 @element
 def damped(x, v, stiffness, normal, offset, damping):
-    d = indentation(x, normal, offset)
-    return scale(stiffness * d * math.sqrt(d) * max(0.0, 1 - damping * dot(normal, v)), normal)
+    return scale(damped_push(offset - dot(normal, x), -dot(normal, v), stiffness, damping), normal)
 
 
 @element
 def elastic_potential(x, stiffness, normal, offset):
-    d = indentation(x, normal, offset)
-    return 2 / 5 * stiffness * d * d * math.sqrt(d)
+    return stored(offset - dot(normal, x), stiffness)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +59,7 @@ class PlaneContact(Body):
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
 
     def __post_init__(self) -> None:
-        length = np.linalg.norm(np.atleast_1d(self._reals("normal")), axis=-1)
-        self.require(np.allclose(length, 1, rtol=1e-9), "normal must be a unit vector")
+        self.require_unit("normal")
 
     @property
     def force(self):

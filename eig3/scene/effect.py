@@ -151,6 +151,11 @@ class Effect:
             name, _, rest = what.partition(" ")
             raise ValueError(f"{name} of {self.title} {rest}.")
 
+    def require_unit(self, vector: str) -> None:
+        """The same for a field that must hold unit vectors."""
+        length = np.linalg.norm(np.atleast_1d(self._reals(vector)), axis=-1)
+        self.require(np.abs(length - 1) < 1e-9, f"{vector} must be a unit vector")
+
     def _reals(self, name: str) -> np.ndarray:
         values = reals(getattr(self, name), f"{name} of {self.title}")
         self.require(np.isfinite(values), f"{name} must be finite")
