@@ -12,7 +12,7 @@ from numba.core.dispatcher import Dispatcher
 from .kernels.jit import OPTIONS, SCALAR, VECTOR, Form
 from .kernels.jit import cached as cached_jit
 
-__all__ = ["cached_jit", "check_callback", "compile_for_own_arrays", "jit", "read_only"]
+__all__ = ["cached_jit", "check_callback", "compile_for_own_arrays", "gist", "jit", "read_only"]
 
 
 def jit(function: Callable | None = None, **options: Any) -> Any:
@@ -71,7 +71,7 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     except Exception as error:  # Numba lets errors of Python's own through too
         if "readonly array" in str(error):
             raise TypeError(f"{name} must not write to u, v or p; it may only read them.") from error
-        raise TypeError(f"{name} does not compile for the arguments {wanted}: {_gist(error)}.") from error
+        raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
     if returned != signature.return_type:
         raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
     return function
@@ -133,7 +133,7 @@ def _described(returned: Any) -> str:
     return f"{plain}{remedy}"
 
 
-def _gist(error: Exception) -> str:
+def gist(error: Exception) -> str:
     """Numba's reason without the pages around it, which stay in the chained exception."""
     text = str(error)
     if text == "compilation disabled":

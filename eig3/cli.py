@@ -136,6 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("problem", help="one of eig3.problems, such as quarter_car")
     run.add_argument("--h", type=float, help="the step, s (what the problem suggests, or a tenth of the critical step)")
     run.add_argument("--method", default="eig3", metavar="NAME", help="(eig3)")
+    run.add_argument("--t-end", dest="t_end", type=float, metavar="T", help="s (the problem's own)")
     run.add_argument("--out", type=_folder, metavar="DIR", help="write NAME.npz, .csv if not long, and .png there")
     run.set_defaults(run=_run)
 
@@ -268,7 +269,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     build = _builder(arguments.problem, "run")
     try:
-        solution = run(build, h=arguments.h, method=arguments.method, out=arguments.out)
+        solution = run(build, h=arguments.h, method=arguments.method, t_end=arguments.t_end, out=arguments.out)
     except (TypeError, ValueError) as error:
         raise SystemExit(f"eig3 run: {error}") from None
     return 0 if solution.success else 1

@@ -149,7 +149,7 @@ def _remedy(last: Stepper, limits: list[float]) -> str:
 def _candidates(h: float, limits: list[float]) -> list[float]:
     """Steps to try, the longest first: below the largest critical step and h, and then ever shorter."""
     longest = _SAFETY * min([h, *([max(limits)] if limits else [])])
-    least = _SAFETY * min([limit for limit in limits if limit > _BROUGHT_ABOUT * h], default=longest)
+    least = min([longest, *(_SAFETY * limit for limit in limits if limit > _BROUGHT_ABOUT * h)])
     halved = [longest / 2**i for i in range(_HALVINGS)]
     return [_rounded(step) for step in sorted({*halved, least}, reverse=True)]
 

@@ -15,6 +15,7 @@ _VALUES = 2**25  # of all the vectors kept: 256 MB
 _INCREMENT = 2.0**-26  # of u or v, relatively, to begin with: balances truncation against round-off
 _LONGEST_INCREMENT = 2.0**-10
 _TELLING = 2.0**-40  # of the acceleration: a change that its round-off leaves three digits of
+_ROUNDED = 2.0**-51  # a change of u, relatively, that is hardly more than round-off
 _STRAIGHT = 1e-2  # difference of two quotients of a function that is straight enough
 _ROUND_OFF = 1e-6  # of products, where differences give them
 _UNDAMPED = 1e-6  # damping ratio
@@ -53,9 +54,9 @@ class Linearised:
 class _Derivative:
     """Products of -df/dx with vectors, by differences of ``f(x)``, of which `a` is the value in the middle."""
 
-    def __init__(self, f: Callable, x: np.ndarray, a: np.ndarray, scale: float) -> None:
+    def __init__(self, f: Callable, x: np.ndarray, a: np.ndarray, scale: float, terms: float) -> None:
         self._f, self._x, self._a, self._scale = f, x, a, scale
-        self._noise = _TELLING * float(np.abs(a).max())
+        self._noise = _TELLING * terms
 
     def __call__(self, w: np.ndarray, increment: float) -> np.ndarray:
         """The stiffer of the two sides: at a kink, as where a contact begins, they differ."""
@@ -103,14 +104,22 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
         return np.atleast_1d(f(t, float(u[0]), float(v[0]))) if scalar else f(t, u, v)
 
     a = evaluate(u, v)
-    u_size, v_size, a_size = (float(np.abs(x).max()) for x in (u, v, a))
-    natural = math.sqrt(a_size) * math.sqrt(u_size)  # the velocity of a motion that turns at u, and rests there now
-    by_u = _Derivative(lambda x: evaluate(x, v), u, a, u_size or 1.0)
-    by_v = _Derivative(lambda x: evaluate(u, x), v, a, max(v_size, natural) or 1.0)
+    u_size, v_size = (float(np.abs(x).max()) for x in (u, v))
+    terms = max(float(np.abs(a).max()), _cancelled(lambda x: evaluate(x, v), u, a))
+    natural = math.sqrt(terms) * math.sqrt(u_size)  # the velocity of a motion that turns at u, and rests there now
+    by_u = _Derivative(lambda x: evaluate(x, v), u, a, u_size or 1.0, terms)
+    by_v = _Derivative(lambda x: evaluate(u, x), v, a, max(v_size, natural) or 1.0, terms)
     K, C = _all_directions(by_u, by_v, u, v) if u.size <= _FULL else _fast_directions(by_u, by_v, u.size)
     if np.linalg.norm(C, 2) <= _UNDAMPED * math.sqrt(np.linalg.norm(K, 2)):
         C = np.zeros_like(K)  # differences see a damping where f has the square of a velocity that is zero here
     return Linearised(K, C, evaluations)
+
+
+def _cancelled(f: Callable, u: np.ndarray, a: np.ndarray) -> float:
+    """The size of the terms that cancel in a = f(u), as in an equilibrium: by what the round-off of u makes of them."""
+    signs = np.random.default_rng(3).choice((-1.0, 1.0), u.size)
+    change = np.abs(f(u * (1 + _ROUNDED * signs)) - a).max() / _ROUNDED
+    return float(change) if math.isfinite(change) else 0.0
 
 
 def _all_directions(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .callbacks import check_callback, read_only
@@ -90,12 +91,34 @@ class Problem:
         options: dict[str, Any] = {"method": self.method(method), "t": time, "safety": safety}
         return critical_step(self.rhs, self.u0, self.v0, self.params, **options)
 
-    def energy_of(self, u: ArrayLike, v: ArrayLike, t: float | None = None) -> float:
-        """The energy of a state; at ``t_span[0]`` if no time is given."""
+    def energy_of(self, u: ArrayLike, v: ArrayLike, t: ArrayLike | None = None) -> Any:
+        """The energy of a state, or of each of a history.
+
+        Parameters
+        ----------
+        u, v : array_like
+            Of the shape of u0, or with one more axis in front, such as a solution's.
+        t : float or array_like, optional
+            Their times; ``t_span[0]`` if not given.
+
+        Returns
+        -------
+        float or ndarray
+
+        Raises
+        ------
+        ValueError
+            Where the problem has no energy.
+        """
+        if self.energy is None:
+            raise ValueError(f"{self.name} has no energy; that of a scene has, with scene.problem(..., work=True).")
+        time = self.t_span[0] if t is None else t
+        if np.ndim(u) > np.ndim(self.u0):
+            times = np.broadcast_to(np.asarray(time, dtype=np.float64), len(np.asarray(u)))
+            return np.array([self.energy_of(*state) for state in zip(np.asarray(u), np.asarray(v), times, strict=True)])
         u, v, form = check_state(u, v)
         energy = check_callback(self.energy, "invariant", form, "energy")
-        time, params = self.t_span[0] if t is None else t, check_params(self.params)
-        return energy(time, read_only(u), read_only(v), read_only(params))
+        return energy(time, read_only(u), read_only(v), read_only(check_params(self.params)))
 
     def method(self, method: str | Method) -> Method:
         """The record for this problem: a name stands for the form without velocity where rhs does not read v."""

@@ -24,6 +24,7 @@ def run(
     *,
     h: float | None = None,
     method: str | Method = "eig3",
+    t_end: float | None = None,
     out: Path | None = None,
     write: Callable[[str], None] = print,
 ) -> Solution:
@@ -34,33 +35,51 @@ def run(
     TypeError, ValueError
         As `eig3.integrate` does.
     """
-    problem = build(work=True) if "work" in inspect.signature(build).parameters else build()
-    step = h or problem.h or problem.critical_step(method=method).h / 10
-    span = problem.t_span[1] - problem.t_span[0]
+    known = inspect.signature(build).parameters
+    options = {"work": True} if "work" in known else {}
+    problem = build(**options) if t_end is None else build(**options, t_end=t_end)
+    if h is None:
+        h = problem.h or problem.critical_step(method=method).h / 10
     states = min(_STATES, _VALUES // (2 * np.size(problem.u0)))
-    every = max(1, round(span / step / states))
-    solution = problem.integrate(h=step, method=method, save_every=every, invariants={})
+    every = max(1, round((problem.t_span[1] - problem.t_span[0]) / h / states)) if h > 0 else 1
+    solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
     write(f"{problem.name}: {problem.source}")
     write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
-    write(energy_balance(problem, solution))
+    write(_balance(problem, solution))
     if out is not None:
         write(f"\nWritten to {out}: {', '.join(_save(problem, solution, out))}")
     return solution
 
 
-def energy_balance(problem: Problem, solution: Solution) -> str:
+def _energy_and_work(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """The mechanical energy and the work done so far, at the saved states; no work where it is not followed."""
+    work = solution.v[:, -1] if problem.follows_work else np.zeros(len(solution.t))
+    return problem.energy_of(solution.u, solution.v, solution.t) + work, work
+
+
+def _unit(problem: Problem) -> str:
+    return " J" if problem.note else ""  # scenes are in SI units, other problems often per mass
+
+
+def _balance(problem: Problem, solution: Solution) -> str:
     """The energy at both ends, and how far its change is from the work done, where that is followed."""
     if problem.energy is None:
         return "  energy: none is known of this problem"
-    states = zip(solution.u, solution.v, solution.t, strict=True)
-    left = np.array([problem.energy_of(*state) for state in states])  # of a scene that follows it, less the work
-    work = solution.v[:, -1] if problem.follows_work else np.zeros(len(solution.t))
-    energy = left + work
-    lines = [f"  energy: {energy[0]:.6g} at the start, {energy[-1]:.6g} at the end"]
+    energy, work = _energy_and_work(problem, solution)
+    J = _unit(problem)
+    lines = [
+        f"  energy: {energy[0]:.6g}{J} at the start, {energy[-1]:.6g}{J} at the end, "
+        f"{energy.min():.6g} to {energy.max():.6g}{J} on the way"
+    ]
+    change = energy - work
+    unaccounted = np.abs(change - change[0]).max()
     if problem.follows_work:
-        lines.append(f"  work done: {work[-1]:.6g} at the end, {work.min():.6g} to {work.max():.6g} on the way")
-    unaccounted = np.abs(left - left[0]).max()
-    lines.append(f"  change of energy{' less work' * problem.follows_work}: {unaccounted:.3g} at most")
+        lines.append(
+            f"  work done: {work[-1]:.6g}{J} at the end, {work.min():.6g} to {work.max():.6g}{J} on the way; "
+            f"change of energy less work: {unaccounted:.3g}{J} at most"
+        )
+    else:
+        lines.append(f"  change of energy: {unaccounted:.3g}{J} at most, where there should be none")
     return "\n".join(lines)
 
 
@@ -73,14 +92,21 @@ def _save(problem: Problem, solution: Solution, out: Path) -> list[str]:
     if table.size <= _CSV_VALUES:
         names.append(f"{problem.name}.csv")
         columns = [f"{x}{j}" for x in "uv" for j in range(table.shape[1] // 2)]
+        if problem.follows_work:
+            columns[len(columns) // 2 - 1], columns[-1] = "integral of work", "work"
         np.savetxt(out / names[-1], table, delimiter=",", header=",".join(["t", *columns]), comments="")
     try:
         from matplotlib.figure import Figure
     except ImportError:
         return [*names, "no picture, since matplotlib is not installed (pip install 'eig3[plot]')"]
-    figure = Figure(figsize=(9, 6), layout="constrained")
+    figure = Figure(figsize=(9, 8 if problem.energy else 6), layout="constrained")
     figure.suptitle(f"{problem.name}, {solution.method.label}, h = {solution.h:.3g} s")
-    (problem.draw or _draw)(figure, solution)
+    if problem.energy:
+        response, energy = figure.subfigures(2, 1, height_ratios=(3, 1))
+        _draw_energy(energy, problem, solution)
+    else:
+        response = figure
+    (problem.draw or _draw)(response, solution)
     names.append(f"{problem.name}.png")
     figure.savefig(out / names[-1], dpi=130)
     return names
@@ -93,6 +119,18 @@ def _draw(figure: Any, solution: Solution) -> None:
         for j in range(values.shape[1]):
             label = f"${name}_{j}$" if solution.u.ndim > 1 else f"${name}$"
             axes.plot(solution.t, values[:, j], linewidth=1, label=label)
-        axes.set_ylabel("displacement (the problem's unit)" if name == "u" else "velocity (that unit/s)")
+        axes.set_ylabel("displacement\n(its own unit)" if name == "u" else "velocity\n(that unit/s)")
         axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
     axes.set_xlabel("t (s)")
+
+
+def _draw_energy(figure: Any, problem: Problem, solution: Solution) -> None:
+    """What has become of the energy since the start, and the work that accounts for it."""
+    energy, work = _energy_and_work(problem, solution)
+    axes = figure.subplots()
+    axes.plot(solution.t, energy - energy[0], label="energy")
+    if problem.follows_work:
+        axes.plot(solution.t, work, "--", label="work done")
+    axes.set_ylabel(f"since the start\n({_unit(problem).strip() or 'its own unit'})")
+    axes.set_xlabel("t (s)")
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))

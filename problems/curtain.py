@@ -66,14 +66,15 @@ def curtain(
     def draw(figure, solution):
         above, below = figure.subfigures(2, 1, height_ratios=(4, 3))
         shapes = above.subplots(1, 3, subplot_kw={"projection": "3d"})
-        for axes, share in zip(shapes, (1 / 6, 1 / 3, 1 / 2), strict=True):
+        for axes, share in zip(shapes, (0, 1 / 6, 1 / 2), strict=True):
             k = np.abs(solution.t - share * solution.t[-1]).argmin()
             x, y, z = np.moveaxis(cloth.of(solution.u[k]), -1, 0)
             axes.plot_wireframe(x, y, z, rcount=n // 2, ccount=n // 2, linewidth=0.5)
+            axes.scatter(*np.transpose(grid[0, [0, -1]]), color="C3", s=12)
             axes.set(title=f"t = {solution.t[k]:.2g} s", xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
             axes.set(xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side))
-            axes.set(xticks=(-side, 0, side), yticks=(0, side), zticks=(-side, 0))
-            axes.set_box_aspect((2, 1, 1.5), zoom=0.9)
+            axes.set(xticks=(-side, 0, side), yticks=(side,), zticks=(-side, 0))
+            axes.set_box_aspect((2, 1, 1.5), zoom=0.75)
         axes = below.subplots()
         edge = cloth[-1].of(solution.u)
         axes.plot(solution.t, edge[:, n // 2, 0], label="x, middle")

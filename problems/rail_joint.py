@@ -105,18 +105,19 @@ def rail_joint(
 
     def draw(figure, solution):
         heights, forces = figure.subplots(2, sharex=True)
-        for name, part in (("rail", head), ("sleeper", tie), ("wheel", centre)):
+        for name, part in (("rail", head), ("sleeper", tie), ("wheel", centre), ("car", body)):
             height = part.of(solution.u)
             heights.plot(1e3 * solution.t, 1e3 * (height - height[0]), label=name)
         heights.set_ylabel("height above rest (mm)")
         r = centre.of(solution.u) - head.of(solution.u)
         constants = dataclasses.astuple(meeting)
         force = [-meeting.tension(*at, *constants) for at in zip(solution.t, r, strict=True)]
-        forces.plot(1e3 * solution.t, 1e-3 * np.array(force), color="C3", label="contact")
+        forces.plot(1e3 * solution.t, 1e-3 * np.array(force), color="C4", label="contact")
         forces.axhline(1e-3 * carried[2], color="0.6", label="at rest")
         forces.set_ylabel("force (kN)")
-        forces.set_xlabel(f"t (ms); the joint is at {1e3 / speed:g} ms")
+        forces.set_xlabel("t (ms)")
         for axes in (heights, forces):
+            axes.axvline(1e3 / speed, color="k", linestyle=":", linewidth=1, label="at the joint")
             axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
 
     return replace(

@@ -70,10 +70,10 @@ def shear_building(
         places, drifts = figure.subplots(2, sharex=True)
         moved = np.interp(solution.t, t, x)
         u = np.column_stack([moved, floors.of(solution.u)])
-        for k, name in enumerate(("ground", "first floor", "second floor", "third floor")):
-            places.plot(solution.t, 1e3 * u[:, k], color="0.6" if k == 0 else f"C{k}", label=name, linewidth=1)
-            if k:
-                drifts.plot(solution.t, 1e3 * (u[:, k] - u[:, k - 1]), color=f"C{k}", label=f"storey {k}", linewidth=1)
+        places.plot(solution.t, 1e3 * moved, color="0.5", label="ground")
+        places.plot(solution.t, 1e3 * u[:, 3], color="C3", label="third floor", linewidth=1)
+        for k in (1, 2, 3):
+            drifts.plot(solution.t, 1e3 * (u[:, k] - u[:, k - 1]), color=f"C{k}", label=f"storey {k}", linewidth=1)
         places.set_ylabel("displacement (mm)")
         drifts.set_ylabel("drift of the storey (mm)")
         drifts.set_xlabel("t (s)")

@@ -6,17 +6,24 @@ import dataclasses
 import inspect
 from typing import Any, ClassVar
 
+import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
+from numba.types import unliteral
 
+from ..callbacks import gist
 from ..checks import reals
+
+_ARRAY = numba.types.Array(numba.float64, 1, "C", readonly=True)
 
 
 class Effect:
     """What every effect's class tells. Derive from `Body`, `Link` or `Motion`, as a dataclass with eq=False.
 
-    The fields are the parameters, and the functions take those that they name as arguments, beside what their kind of
-    effect offers. A function that does not name the velocity does not read it, and nothing computes it.
+    The fields are the parameters: numbers, or one for each of the points, unless they are named in `vectors` or
+    `arrays`. The functions, compiled with ``eig3.jit`` and written as static methods, take those fields that they name
+    as arguments, beside what their kind of effect offers. One that does not name the velocity does not read it, and
+    nothing computes it.
 
     Attributes
     ----------
@@ -88,7 +95,8 @@ class Effect:
             return np.broadcast_to(values, shape + trailing).reshape(-1, *trailing)
         except ValueError:
             raise ValueError(
-                f"{name} of {self.title} has the shape {values.shape}, which does not go with points of shape {shape}."
+                f"{name} of {self.title} has the shape {values.shape}, which does not go with points of shape {shape}; "
+                f"if it is a vector or an array, name it in the class's vectors or arrays."
             ) from None
 
     def _values(self, name: str, dimension: int) -> np.ndarray:
@@ -130,6 +138,28 @@ class Effect:
                 )
         for name in self._read():
             self._values(name, dimension)
+        for name, function in functions.items():
+            self._compile(name, function, dimension)
+
+    def _compile(self, name: str, function: Any, dimension: int) -> None:
+        """Compile a function for what a scene gives it: an error of its own is told here, not in the scene's code."""
+        vector = numba.types.UniTuple(numba.float64, dimension)
+        given = {"x": vector, "v": vector}
+        given |= {
+            field: numba.types.UniTuple(numba.float64, self.components(field, dimension)) for field in self.vectors
+        }
+        given |= dict.fromkeys(self.arrays, _ARRAY)
+        types = tuple(given.get(argument, numba.float64) for argument in arguments(function))
+        try:
+            function.compile(types)
+            returned = function.overloads[types].signature.return_type
+        except Exception as error:
+            raise TypeError(f"{name} of {self.title} does not compile: {gist(error)}.") from error
+        numbers = {"force": dimension, "acceleration": dimension, "motion": 2}.get(name)
+        parts = [returned] if numbers is None else list(returned) if isinstance(returned, numba.types.BaseTuple) else []
+        if len(parts) != (numbers or 1) or not all(isinstance(unliteral(part), numba.types.Number) for part in parts):
+            wanted = "a number" if numbers is None else f"a tuple of {numbers} number{'s' * (numbers > 1)}"
+            raise TypeError(f"{name} of {self.title} must return {wanted} here, not {unliteral(returned)}.")
 
     def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
         """Refuse points that the effect cannot act on, in a sentence that names it.
@@ -165,9 +195,9 @@ class Effect:
 class Body(Effect):
     """What acts on masses, one by one.
 
-    A class has one of ``force`` and ``acceleration``, which return a tuple with a component for each dimension, and
-    may have ``potential``, which returns the energy of which the force is minus the gradient. They can be given the
-    time t, the position x and velocity v as such tuples, and the mass m.
+    A class has ``force`` or ``acceleration``, which return a tuple with a component for each dimension, and may have
+    ``potential``, which returns the energy of which the force is minus the gradient. They can be given the time t, the
+    position x and velocity v as such tuples, and the mass m.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -186,7 +216,7 @@ class Body(Effect):
 class Link(Effect):
     """What acts between two points along the line through them.
 
-    A class has one of ``tension``, the force that pulls the points together, and ``density``, that force divided by the
+    A class has ``tension``, the force that pulls the points together, or ``density``, that force divided by the
     distance; and may have ``potential``, of which the tension is the derivative by the distance. They can be given the
     time t, the distance r and the rate at which it grows, rate. In one dimension r has a sign: the two points are in
     order as long as they are in the order of the start, and where they have passed through each other r is negative.
@@ -205,8 +235,9 @@ class Link(Effect):
     def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
         if ((masses[0] == 0) & (masses[1] == 0)).any():
             raise ValueError(f"{self.title} stands between two fixed points, where it moves nothing.")
-        length = getattr(self, "length", None)
-        if length is not None and (np.any(length) and (positions[0] == positions[1]).all(axis=-1).any()):
+        length = getattr(self, "length", 0.0)
+        self.require(np.asarray(length) >= 0, "length must not be negative")
+        if np.any(length) and (positions[0] == positions[1]).all(axis=-1).any():
             raise ValueError(
                 f"{self.title} has a natural length, but its ends coincide at the start, so that it has no direction."
             )

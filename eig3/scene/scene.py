@@ -34,7 +34,17 @@ class Points:
 
     @property
     def shape(self) -> tuple[int, ...]:
+        """That of the array of points; () for one."""
         return self.numbers.shape
+
+    @property
+    def position(self) -> np.ndarray:
+        """Where the points are put at the start, shape (*shape, dimension), or shape in one dimension."""
+        places = self.scene._cloud().positions[self.numbers]
+        return places[..., 0] if self.scene.dimension == 1 else places
+
+    def __repr__(self) -> str:
+        return f"Points(shape={self.shape}, dimension={self.scene.dimension})"
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -130,20 +140,11 @@ class Scene:
         m = reals(m, "m of masses")
         if not (np.isfinite(m).all() and (m > 0).all()):
             raise ValueError(f"m of masses must be positive and finite, not {m[~((m > 0) & np.isfinite(m))].flat[0]}.")
-        velocity = reals(velocity, "velocity of masses")
-        if self.dimension == 1 and velocity.ndim:
-            velocity = velocity[..., np.newaxis]
-        try:
-            m = np.broadcast_to(m, position.shape[:-1])
-            velocity = np.broadcast_to(velocity, position.shape)
-        except ValueError:
-            raise ValueError(
-                f"m and velocity of masses must go with position, of shape {position.shape}, "
-                f"but have shapes {m.shape} and {velocity.shape}."
-            ) from None
-        if not np.isfinite(velocity).all():
-            raise ValueError("velocity of masses must be finite.")
-        return self._added(position, m, velocity)
+        if np.ndim(velocity) == 0 and velocity == 0:
+            velocity = np.zeros(position.shape if self.dimension > 1 else position.shape[:-1])
+        velocity = self._vectors(velocity, "velocity of masses")
+        shape = position.shape[:-1]
+        return self._added(position, _spread(m, shape, "m"), _spread(velocity, position.shape, "velocity"))
 
     def add(self, effect: Effect, *points: Points) -> None:
         """Let an effect act.
@@ -247,7 +248,8 @@ class Scene:
     def _numbers_of(self, points: Sequence[Points], effect: Effect) -> list[np.ndarray]:
         for handle in points:
             if not isinstance(handle, Points):
-                raise TypeError(f"{effect.title} acts on points that a scene gave, not on {type(handle).__name__}.")
+                hint = ": index an array of points, as in masses[[0, 3]]" * isinstance(handle, list | tuple)
+                raise TypeError(f"{effect.title} acts on Points of a scene, not on {type(handle).__name__}{hint}.")
             if handle.scene is not self:
                 raise ValueError(f"{effect.title} was given points of another scene.")
         if len(points) not in effect.takes:
@@ -264,6 +266,19 @@ class Scene:
         if (free[numbers] < 0).any():
             raise ValueError("fixed points have no values in a run; only masses have.")
         count = np.count_nonzero(free >= 0)
+        size = values.shape[-1] if values.ndim else 0
+        if size - count * self.dimension not in (0, 1):  # one more where the work is followed
+            raise ValueError(
+                f"values must have {count * self.dimension} degrees of freedom on the last axis, such as those of "
+                f"solution.u of this scene, not {size}."
+            )
         columns = free[numbers][..., np.newaxis] + count * np.arange(self.dimension)
         taken = values[..., columns]
         return taken[..., 0] if self.dimension == 1 else taken
+
+
+def _spread(values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
+    try:
+        return np.broadcast_to(values, shape)
+    except ValueError:
+        raise ValueError(f"{name} of masses must have the shape {shape} of these masses, not {values.shape}.") from None
