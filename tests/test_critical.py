@@ -601,3 +601,16 @@ def test_bad_input_is_told_in_a_sentence(change, error, message):
 
 def test_no_critical_step_is_a_value_error():
     assert issubclass(NoCriticalStepError, ValueError)
+
+
+@pytest.mark.parametrize("method", ["eig3", "rk4"])
+def test_an_equilibrium_of_large_forces_has_the_step_of_the_states_beside_it(method):
+    """What is left of forces that cancel is round-off, and tells nothing of their size."""
+    car = problems.quarter_car()
+    at_rest = car.critical_step(method=method).limit
+    beside = critical_step(car.rhs, car.u0 + 1e-3, car.v0, car.params, method=method).limit
+    assert at_rest == pytest.approx(beside, rel=1e-6)
+    K = np.array([[198e3, -18e3], [-18e3, 18e3]]) / [[40.0], [300.0]]
+    C = np.array([[1200.0, -1200.0], [-1200.0, 1200.0]]) / [[40.0], [300.0]]
+    matrices = critical_step(structure, np.ones(2), np.ones(2), np.concatenate([K.ravel(), C.ravel()]), method=method)
+    assert at_rest == pytest.approx(matrices.limit, rel=1e-6)

@@ -9,6 +9,8 @@ import pytest
 
 import eig3
 from eig3 import integrate, problems
+from eig3.effects import MassContact
+from eig3.scene import Scene
 from eig3.stability import limit, spectral_radius
 
 from .conftest import gyroscope, hardening, oscillator, oscillator_vector
@@ -366,3 +368,15 @@ def test_a_run_that_fails_is_told_by_its_message_only():
     run = problems.single_dof().integrate(h=0.5, method="rk2")
     assert run.status is eig3.Status.DIVERGED
     assert run.notes == ()
+
+
+def test_the_step_that_is_named_is_shorter_than_the_one_that_failed():
+    """Where a contact closes on the way, the critical step at the start is longer than the one that fails."""
+    scene = Scene(1)
+    balls = scene.mass(0.1, [-0.11, 0.0, 0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0, 0.0])
+    scene.add(MassContact(1e9, 0.1), balls[:-1], balls[1:])
+    problem = scene.problem((0.0, 0.05))
+    run = problem.integrate(h=1e-3)
+    assert run.status is eig3.Status.DIVERGED
+    assert problem.critical_step().limit > 1e-2
+    assert said(r"; h = ([\d.e-]+) was tried and holds", run.message) < 1e-3

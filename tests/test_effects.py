@@ -50,6 +50,8 @@ CATALOGUE = {
     "harmonic force": lambda d: HarmonicForce(3.0 * unit(d), 2.0, 0.4),
     "plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4),
     "damped plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4, damping=0.1),
+    "rough plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4, friction=0.3),
+    "damped rough plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4, damping=0.1, friction=0.3),
     "mass contact": lambda d: MassContact(400.0, 1.4 + 0.3 * d),
     "damped mass contact": lambda d: MassContact(400.0, 1.4 + 0.3 * d, damping=0.1),
     "friction": lambda d: CoulombFriction(0.3, 9.81, 0.05),
@@ -58,7 +60,12 @@ CATALOGUE = {
     "sampled motion": lambda d: SampledMotion([0.0, 1.0, 3.0], [0.0, 0.1, -0.1], unit(d)),
     "support motion": lambda d: SupportMotion(swing, unit(d)),
 }
-PLANAR = ("rotating frame", "friction on a plane")  # need a second dimension
+PLANAR = (
+    "rotating frame",
+    "friction on a plane",
+    "rough plane contact",
+    "damped rough plane contact",
+)  # need a second dimension
 MASSES = (1.5, 0.7)
 CASES = [(name, d) for name in CATALOGUE for d in (1, 2, 3) if d > 1 or name not in PLANAR]
 
@@ -204,3 +211,24 @@ def test_friction_stops_at_its_limit():
     scene.add(CoulombFriction(0.5, 2.0 * 9.81, slip=1e-4))
     solution = scene.problem((0.0, 0.5)).integrate(h=1e-4)
     assert np.hypot(*solution.v[-1]) == pytest.approx(5 - 0.5 * 9.81 * 0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_block_slides_down_a_rough_slope(dimension):
+    """With g (sin - friction cos) of the slope, from where the plane bears it; and in the air nothing rubs."""
+    slope, friction = 0.6, 0.3
+    up = unit(dimension)
+    down = np.roll(up, 1)
+    field = 9.81 * (math.sin(slope) * down - math.cos(slope) * up)
+    scene = Scene(dimension)
+    block = scene.mass(2.0, -((2.0 * 9.81 * math.cos(slope) / 1e6) ** (2 / 3)) * up)
+    scene.add(PlaneContact(1e6, up, damping=1.0, friction=friction, slip=1e-4))
+    scene.add(Gravity(field))
+    solution = scene.problem((0.0, 1.0)).integrate(h=1e-5, save_every=1000)
+    speed = block.of(solution.v) @ down
+    rate = (speed[-1] - speed[50]) / (solution.t[-1] - solution.t[50])
+    assert rate == pytest.approx(9.81 * (math.sin(slope) - friction * math.cos(slope)), rel=1e-6)
+    flying = Scene(dimension)
+    ball = flying.mass(2.0, up, down)
+    flying.add(PlaneContact(1e6, up, friction=friction))
+    assert ball.of(flying.problem((0.0, 1.0)).integrate(h=1e-3).v[-1]) == pytest.approx(down)

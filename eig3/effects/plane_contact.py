@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike
 
 from ..kernels.jit import element
 from ..scene.effect import Body
+from .coulomb_friction import on_plane
 from .hertz import damped_push, push, stored
-from .vector import dot, scale
+from .vector import add, dot, scale
 
 
 @element
@@ -19,6 +20,18 @@ def elastic(x, stiffness, normal, offset):
 @element
 def damped(x, v, stiffness, normal, offset, damping):
     return scale(damped_push(offset - dot(normal, x), -dot(normal, v), stiffness, damping), normal)
+
+
+@element
+def elastic_rough(x, v, stiffness, normal, offset, friction, slip):
+    load = push(offset - dot(normal, x), stiffness)
+    return add(scale(load, normal), on_plane(v, friction, load, slip, normal))
+
+
+@element
+def damped_rough(x, v, stiffness, normal, offset, damping, friction, slip):
+    load = damped_push(offset - dot(normal, x), -dot(normal, v), stiffness, damping)
+    return add(scale(load, normal), on_plane(v, friction, load, slip, normal))
 
 
 @element
@@ -43,28 +56,49 @@ class PlaneContact(Body):
         m.
     damping : float or array_like
         s/m; 0 makes the contact elastic.
+    friction : float or array_like
+        Coefficient of the friction along the plane, which is `CoulombFriction` under the load of the contact.
+    slip : float or array_like
+        The speed at which the friction is 0.71 of its whole, m/s.
 
     Raises
     ------
     ValueError
-        For a normal that is not a unit vector.
+        For a normal that is not a unit vector, or a slip that is not positive.
     """
 
     stiffness: ArrayLike
     normal: ArrayLike
     offset: ArrayLike = 0.0
     damping: ArrayLike = 0.0
+    friction: ArrayLike = 0.0
+    slip: ArrayLike = 1e-3
 
     vectors = ("normal",)
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
 
     def __post_init__(self) -> None:
         self.require_unit("normal")
+        self.require(np.asarray(self.slip) > 0, "slip must be positive")
+
+    @property
+    def is_elastic(self):
+        return not np.any(self.damping)
+
+    @property
+    def is_smooth(self):
+        return not np.any(self.friction)
+
+    @property
+    def dimensions(self):
+        return (1, 2, 3) if self.is_smooth else (2, 3)
 
     @property
     def force(self):
-        return damped if np.any(self.damping) else elastic
+        if self.is_smooth:
+            return elastic if self.is_elastic else damped
+        return elastic_rough if self.is_elastic else damped_rough
 
     @property
     def potential(self):
-        return None if np.any(self.damping) else elastic_potential
+        return elastic_potential if self.is_elastic and self.is_smooth else None

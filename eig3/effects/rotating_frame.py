@@ -13,6 +13,8 @@ from .vector import add, cross, dot, scale
 class RotatingFrame(Body):
     """Coriolis and centrifugal acceleration in a frame that turns steadily about its origin.
 
+    EIG-3, RK2 and AB2 can excite such motions, slowly at short steps: for many turns take RK4 or central difference.
+
     Parameters
     ----------
     rate : array_like, shape (1,) or (3,)

@@ -7,6 +7,7 @@ indices that go up by one, which needs no table of indices and which a compiler 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -302,15 +303,18 @@ def note(assembly: Assembly) -> str:
     """What a scene contains, in lines."""
     masses = f"{assembly.n} mass{'es' * (assembly.n > 1)}"
     lines = [f"{masses} in {assembly.dimension} dimension{'s' * (assembly.dimension > 1)}"]
+    acting: Counter[str] = Counter()
+    for law in assembly.motions:
+        acting[law.effect.title] += 1
     for group in assembly.bodies + assembly.links:
-        names = " and ".join(law.effect.title for law in group.laws)
-        moved = " on moving supports" * bool(group.motions)
-        lines.append(f"{group.first.size} x {names}{moved}")
+        for law in group.laws:
+            acting[law.effect.title] += group.first.size
+    lines += [f"{count} x {title}" for title, count in acting.items()]
     reads = [law.effect.title for law in assembly.laws if law.effect.reads_velocity()]
     if reads:
         lines.append(f"velocity is read by {', '.join(dict.fromkeys(reads))}")
     else:
         lines.append("nothing reads the velocity: central difference takes one evaluation a step")
     if assembly.follows_work:
-        lines.append("the work done is followed, as the last degree of freedom")
+        lines.append("the work done is followed, as the velocity of one more degree of freedom, the last")
     return "\n".join(lines)
