@@ -39,7 +39,7 @@ class Cloud:
         return np.where(is_free, np.cumsum(is_free) - 1, -1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Law:
     """Effects of one kind, with the parameters of each member of their group."""
 
@@ -51,7 +51,7 @@ class Law:
         return "potential" in self.effect.functions()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Group:
     """Laws on the same points.
 

@@ -89,14 +89,15 @@ class _Source:
             on_all = [block for block in self._bodies if block.size == self._n and len(block.runs) == 1]
             rows = [block for block in self._links if block.is_row and len(block.runs) == 1 and block.size > 1]
             row = max(rows, key=lambda block: block.size, default=None)
-            self._every_mass(on_all, row)
+            holding = [block for block in self._links if row and _holds_end(block, row)]
+            self._every_mass(on_all, row, holding)
             for block in self._bodies:
                 if block not in on_all:
                     self._some_masses(block)
             for block in self._links:
                 if block.is_row and block.group.in_runs and len(block.runs) > 1:
                     self._rows(block)
-                elif block is not row:
+                elif block is not row and block not in holding:
                     self._pairs(block)
             if self._follows_work:
                 self._write(f"a[{self._work}] = power(t, u, v, p)")
@@ -144,10 +145,11 @@ class _Source:
 
     # Their parts
 
-    def _every_mass(self, on_all: list[Block], row: Block | None) -> None:
+    def _every_mass(self, on_all: list[Block], row: Block | None, holding: list[Block]) -> None:
         """Set every acceleration: from what acts on all masses and, in the same pass, the longest row of links.
 
-        Along a row the force of each link is kept for the mass that the next one shares with it.
+        Along a row the force of each link is kept for the mass that the next one shares with it; the first and the
+        last are those that hold the row's ends.
         """
         start, stop = (row.runs[0, 2], row.runs[0, 2] + row.size + 1) if row else (self._n, self._n)
         self._constants([*on_all, *([row] if row else [])], *_BODY, *_LINK)
@@ -157,12 +159,21 @@ class _Source:
                     self._set(on_all, i)
         if row:
             self._before()
+            self._hold(holding, start)
             with self._loop(f"for s in range({row.size}):"):
                 self._write(f"i, j = {start} + s, {start + 1} + s")
                 self._pull(row, "s", "i", "j", self._common)
                 self._set(on_all, "i", lambda axis: f"f{axis} - {axis}_before")
                 self._keep()
+            self._hold(holding, stop - 1)
             self._set(on_all, str(stop - 1), lambda axis: f"-{axis}_before")
+
+    def _hold(self, holding: list[Block], i: int) -> None:
+        for block in (block for block in holding if block.group.first[0] == i):
+            with self._members(block, *_LINK) as (s, i_source, j):
+                self._pull(block, s, i_source, j, self._common)
+            for axis in self._axes:
+                self._write(f"{axis}_before += f{axis}")
 
     def _set(self, on_all: list[Block], i: str, pull: Callable[[str], str] | None = None) -> None:
         accelerations: list[str] = []
@@ -415,6 +426,12 @@ class _Source:
         for axis in (axis for axis in self._axes if self._direction(number, axis) != "0.0"):
             for name in ("shift", "speed"):
                 self._write(f"{axis}_{name}_{number} = {name} * {self._direction(number, axis)}")
+
+
+def _holds_end(block: Block, row: Block) -> bool:
+    """Whether it is one link from a support to an end of the row."""
+    first = row.runs[0, 2]
+    return block.anchor is not None and block.size == 1 and block.group.first[0] in (first, first + row.size)
 
 
 def _sum(terms: list[str]) -> str:

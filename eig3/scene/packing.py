@@ -65,7 +65,7 @@ def entry(array: str, offset: int, index: str) -> str:
     return f"{array}[{offset} + {index}]" if offset else f"{array}[{index}]"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Symbols:
     """A law in the source: the prefix of its names, its functions and its parameters."""
 
@@ -95,7 +95,7 @@ class Symbols:
         return f"{self.prefix}_{name}" if column.is_uniform else column.of(member)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
     """A group in the source: its laws, its fixed ends, and the runs of its indices."""
 
