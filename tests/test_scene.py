@@ -434,6 +434,39 @@ def test_an_effect_of_ones_own():
     assert solution.drift["energy"] < 1e-12
 
 
+def test_names_of_ones_own_do_not_meet_those_of_the_code():
+    @dataclass(frozen=True, eq=False)
+    class X(Link):
+        shift_0: float
+        x: float = 0.0
+
+        @staticmethod
+        @eig3.jit
+        def tension(r, shift_0, x):
+            return shift_0 * r + x
+
+    found = []
+    for effect in (X(10.0), LinearSpring(10.0)):
+        scene = Scene(2)
+        post, masses = scene.fixed((1.0, 2.0)), scene.mass(1.0, [(2.0, 2.0), (4.0, 2.5)])
+        scene.add(SupportMotion(shaken, (1.0, 0.5)), post)
+        scene.add(effect, post, masses)
+        problem = scene.problem((0.0, 1.0))
+        found.append(acceleration(problem, problem.u0, problem.v0, 0.3))
+    np.testing.assert_allclose(*found, rtol=1e-14)
+
+
+def test_an_effect_is_as_it_was_when_added():
+    fields, stiffness = np.array([[1.0], [2.0]]), [3.0]
+    scene = Scene(1)
+    masses = scene.mass(1.0, [0.0, 1.0])
+    scene.add(Gravity(fields))
+    scene.add(LinearSpring(stiffness), masses[:1], masses[1:])
+    fields[:], stiffness[0] = 9.0, 9.0
+    problem = scene.problem((0.0, 1.0))
+    assert acceleration(problem, problem.u0, problem.v0).tolist() == [4.0, -1.0]
+
+
 # Bad scenes
 
 
@@ -470,6 +503,18 @@ class Timed(Body):
     @eig3.jit
     def force(t):
         return t, t
+
+
+@dataclass(frozen=True, eq=False)
+class Stringy(Body):
+    field: tuple
+
+    vectors = "field"
+
+    @staticmethod
+    @eig3.jit
+    def force(field):
+        return field
 
 
 class Plain(Body):
@@ -538,7 +583,14 @@ BAD = {
     "nothing": (lambda: Scene(2).problem((0, 1)), ValueError, "the scene has no mass"),
     "all fixed": (lambda: fixed_ends(LinearSpring(1.0)), ValueError, "LinearSpring stands between two fixed points"),
     "itself": (lambda: on_two(LinearSpring(1.0), 0, 0), ValueError, "LinearSpring stands between a point and itself."),
-    "coincident": (coincident, ValueError, "LinearSpring has a natural length, but its ends coincide"),
+    "coincident": (coincident, ValueError, "LinearSpring has no direction where its ends coincide"),
+    "touching": (
+        lambda: (lambda scene: scene.add(MassContact(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 2)))))(Scene(2)),
+        ValueError,
+        "MassContact has no direction where its ends coincide",
+    ),
+    "strings": (lambda: on_two(Stringy((1.0, 2.0))), TypeError, "vectors of Stringy must be a tuple of names"),
+    "one point": (lambda: len(two()[1][0]), TypeError, "one point has no length"),
     "strangers": (strangers, ValueError, "LinearSpring was given points of another scene."),
     "one end": (lambda: on_two(LinearSpring(1.0), 0), TypeError, "LinearSpring takes 2 arguments of points, not 1."),
     "no handle": (

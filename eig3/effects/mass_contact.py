@@ -46,6 +46,7 @@ class MassContact(Link):
     reach: ArrayLike
     damping: ArrayLike = 0.0
 
+    needs_direction = True
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import inspect
 from typing import Any, ClassVar
@@ -109,6 +110,12 @@ class Effect:
                 raise ValueError(f"{name} of {self.title} must have {components} components, not {given}.")
         return values
 
+    def snapshot(self) -> Any:
+        """The effect as it is now: its own copy of lists and arrays, which the caller may change."""
+        fields = {name: getattr(self, name) for name in _fields(self)}
+        copies = {name: copy.copy(value) for name, value in fields.items() if isinstance(value, list | np.ndarray)}
+        return dataclasses.replace(self, **copies) if copies else self  # type: ignore[type-var]
+
     def check(self, dimension: int) -> None:
         """Refuse what cannot be compiled, in a sentence that names the effect.
 
@@ -118,6 +125,9 @@ class Effect:
         """
         if not dataclasses.is_dataclass(self):
             raise TypeError(f"{self.title} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
+        for name in ("vectors", "arrays"):
+            if isinstance(getattr(self, name), str):
+                raise TypeError(f"{name} of {self.title} must be a tuple of names, not a string.")
         if dimension not in self.dimensions:
             allowed = " or ".join(map(str, self.dimensions))
             raise ValueError(f"{self.title} needs a scene of {allowed} dimensions, not {dimension}.")
@@ -143,11 +153,9 @@ class Effect:
 
     def _compile(self, name: str, function: Any, dimension: int) -> None:
         """Compile a function for what a scene gives it: an error of its own is told here, not in the scene's code."""
-        vector = numba.types.UniTuple(numba.float64, dimension)
-        given = {"x": vector, "v": vector}
-        given |= {
-            field: numba.types.UniTuple(numba.float64, self.components(field, dimension)) for field in self.vectors
-        }
+        sizes = {field: self.components(field, dimension) for field in self.vectors}
+        sizes |= {argument: dimension for argument in ("x", "v") if argument in self.offers[name]}
+        given: dict[str, Any] = {x: numba.types.UniTuple(numba.float64, size) for x, size in sizes.items()}
         given |= dict.fromkeys(self.arrays, _ARRAY)
         types = tuple(given.get(argument, numba.float64) for argument in arguments(function))
         try:
@@ -221,7 +229,8 @@ class Link(Effect):
     time t, the distance r and the rate at which it grows, rate. In one dimension r has a sign: the two points are in
     order as long as they are in the order of the start, and where they have passed through each other r is negative.
 
-    A field of the name ``length`` is a natural length: where it is not 0 the points must not coincide at the start.
+    A field of the name ``length`` is a natural length: where it is not 0 the points must not coincide at the start. So
+    it is in every class in which ``needs_direction`` is true.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -235,12 +244,17 @@ class Link(Effect):
     def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
         if ((masses[0] == 0) & (masses[1] == 0)).any():
             raise ValueError(f"{self.title} stands between two fixed points, where it moves nothing.")
-        length = getattr(self, "length", 0.0)
-        self.require(np.asarray(length) >= 0, "length must not be negative")
-        if np.any(length) and (positions[0] == positions[1]).all(axis=-1).any():
+        self.require(np.asarray(getattr(self, "length", 0.0)) >= 0, "length must not be negative")
+        if self.needs_direction and (positions[0] == positions[1]).all(axis=-1).any():
             raise ValueError(
-                f"{self.title} has a natural length, but its ends coincide at the start, so that it has no direction."
+                f"{self.title} has no direction where its ends coincide at the start: put them apart, or "
+                "take a spring without a natural length."
             )
+
+    @property
+    def needs_direction(self) -> bool:
+        """Whether the two points must not coincide at the start."""
+        return bool(np.any(getattr(self, "length", 0.0)))
 
 
 class Motion(Effect):

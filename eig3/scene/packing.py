@@ -142,7 +142,7 @@ class Packing:
 
     def __init__(self, assembly: Assembly) -> None:
         self._parts: list[np.ndarray] = []
-        self._prefixes: set[str] = set()
+        self._prefixes = {"x", "y", "z"}  # which begin names of the source's own
         self.functions: dict[str, Any] = {}
         self.weight = self._column(1 / assembly.cloud.masses[assembly.cloud.masses > 0])
         self.motions = [self._symbols(law) for law in assembly.motions]

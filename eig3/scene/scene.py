@@ -47,6 +47,8 @@ class Points:
         return f"Points(shape={self.shape}, dimension={self.scene.dimension})"
 
     def __len__(self) -> int:
+        if not self.shape:
+            raise TypeError("one point has no length; points in an array have.")
         return len(self.numbers)
 
     def __iter__(self) -> Iterator[Points]:
@@ -93,7 +95,7 @@ class Scene:
     """
 
     def __init__(self, dimension: int) -> None:
-        if dimension not in (1, 2, 3):
+        if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension not in (1, 2, 3):
             raise ValueError(f"dimension must be 1, 2 or 3, not {dimension!r}.")
         self.dimension = int(dimension)
         self._parts: list[Any] = []  # masses, positions and velocities, in the order of the points' numbers
@@ -166,6 +168,7 @@ class Scene:
             given = effect.__name__ if isinstance(effect, type) else type(effect).__name__
             raise TypeError(f"effect must be one with its parameters, such as LinearSpring(10.0), not {given}.")
         effect.check(self.dimension)
+        effect = effect.snapshot()
         numbers = self._numbers_of(points, effect)
         if not numbers:  # on all masses, when their number is known
             self._placements.append((effect, (), None))
