@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from .checks import check_h, check_span
+from .critical import NoCriticalStepError
 from .methods import Method
 from .problem import Problem
 from .solution import Solution
@@ -35,20 +37,32 @@ def run(
     TypeError, ValueError
         As `eig3.integrate` does.
     """
-    known = inspect.signature(build).parameters
-    options = {"work": True} if "work" in known else {}
-    problem = build(**options) if t_end is None else build(**options, t_end=t_end)
-    if h is None:
-        h = problem.h or problem.critical_step(method=method).h / 10
+    options: dict[str, Any] = {"work": True} if "work" in inspect.signature(build).parameters else {}
+    if t_end is not None:
+        options["t_end"] = check_span((0.0, t_end))[1]
+    problem = build(**options)
+    span = problem.t_span[1] - problem.t_span[0]
+    h = _step(problem, method, span) if h is None else check_h(h)
     states = min(_STATES, _VALUES // (2 * np.size(problem.u0)))
-    every = max(1, round((problem.t_span[1] - problem.t_span[0]) / h / states)) if h > 0 else 1
+    every = max(1, round(min(span / h, 2**53) / states))
     solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
     write(f"{problem.name}: {problem.source}")
     write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
-    write(_balance(problem, solution))
+    if solution.success:
+        write(_balance(problem, solution))
     if out is not None:
         write(f"\nWritten to {out}: {', '.join(_save(problem, solution, out))}")
     return solution
+
+
+def _step(problem: Problem, method: str | Method, span: float) -> float:
+    """The problem's own, or one that is short beside the span and what is stable at the start."""
+    if problem.h is not None:
+        return problem.h
+    try:
+        return min(span / _STATES, problem.critical_step(method=method).h / 10)
+    except NoCriticalStepError:
+        return span / _STATES
 
 
 def _energy_and_work(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.ndarray]:
@@ -99,9 +113,10 @@ def _save(problem: Problem, solution: Solution, out: Path) -> list[str]:
         from matplotlib.figure import Figure
     except ImportError:
         return [*names, "no picture, since matplotlib is not installed (pip install 'eig3[plot]')"]
-    figure = Figure(figsize=(9, 8 if problem.energy else 6), layout="constrained")
+    with_energy = problem.energy is not None and solution.success
+    figure = Figure(figsize=(9, 8 if with_energy else 6), layout="constrained")
     figure.suptitle(f"{problem.name}, {solution.method.label}, h = {solution.h:.3g} s")
-    if problem.energy:
+    if with_energy:
         response, energy = figure.subfigures(2, 1, height_ratios=(3, 1))
         _draw_energy(energy, problem, solution)
     else:

@@ -73,4 +73,5 @@ def double_pendulum(
         energy=energy,
         uses_velocity=True,
         source="Landau and Lifshitz, Mechanics, section 5, problem 1",
+        h=1e-3,
     )

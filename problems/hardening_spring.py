@@ -40,4 +40,5 @@ def hardening_spring(
         energy=energy,
         uses_velocity=False,
         source="EIG-3 article, section 4.2, after Xie",
+        h=1e-4,
     )

@@ -69,6 +69,7 @@ def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None 
         uses_velocity=False,
         source="Kepler, Astronomia nova, chapter 60; as a test, Hairer, Lubich and Wanner, Geometric Numerical "
         "Integration, section I.2",
+        h=1e-3,
     )
 
 

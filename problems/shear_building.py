@@ -57,7 +57,7 @@ def shear_building(
     work : bool
         Follow the work done by the ground and the dampers.
     """
-    t, x = quake(t_end, 0.01, peak, seed=1906)
+    t, x = quake(max(t_end, 10.0), 0.01, peak, seed=1906)
     scene = Scene(dimension=1)
     ground = scene.fixed(0.0)
     floors = scene.mass(m, np.zeros(3))

@@ -82,6 +82,7 @@ def single_dof(
         exact=exact_solution(omega, xi, force, force_omega, u0, v0),
         uses_velocity=is_damped,
         source="EIG-3 article, section 4.1",
+        h=1e-2,
     )
 
 

@@ -58,4 +58,5 @@ def spring_pendulum(
         energy=energy,
         uses_velocity=True,
         source="EIG-3 article, section 4.4",
+        h=1e-3,
     )

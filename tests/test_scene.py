@@ -22,6 +22,7 @@ from eig3.effects import (
     LinearSpring,
     Link,
     MassContact,
+    Motion,
     PlaneContact,
     QuadraticDrag,
     RotatingFrame,
@@ -456,6 +457,73 @@ def test_names_of_ones_own_do_not_meet_those_of_the_code():
     np.testing.assert_allclose(*found, rtol=1e-14)
 
 
+def test_results_have_names_of_their_own():
+    @dataclass(frozen=True, eq=False)
+    class Push(Body):
+        f: float
+        a: float
+
+        @staticmethod
+        @eig3.jit
+        def force(f):
+            return (f,)
+
+        @staticmethod
+        @eig3.jit
+        def acceleration(a):
+            return (a,)
+
+    scene = Scene(1)
+    scene.mass([1.0, 2.0], [0.0, 1.0])
+    scene.add(Push(3.0, 10.0))
+    problem = scene.problem((0.0, 1.0))
+    assert acceleration(problem, problem.u0, problem.v0).tolist() == [13.0, 11.5]
+
+
+@eig3.jit
+def unit(t):
+    return (1.0,)
+
+
+def test_one_function_may_be_a_force_here_and_an_acceleration_there():
+    @dataclass(frozen=True, eq=False)
+    class Either(Body):
+        force: object = None
+        acceleration: object = None
+
+    scene = Scene(1)
+    masses = scene.mass(2.0, [0.0, 1.0])
+    scene.add(Either(force=unit), masses[0])
+    scene.add(Either(acceleration=unit), masses[1])
+    problem = scene.problem((0.0, 1.0))
+    assert acceleration(problem, problem.u0, problem.v0).tolist() == [0.5, 1.0]
+
+
+def test_nothing_acts_on_no_points():
+    scene = Scene(2)
+    masses = scene.mass(1.0, np.eye(2))
+    none = scene.mass(1.0, np.zeros((0, 2)))
+    scene.add(Gravity((0.0, 1.0)), masses[:0])
+    scene.add(LinearSpring(1.0, 1.0), masses[2:], none)
+    assert not acceleration(scene.problem((0.0, 1.0)), np.ones(4), np.ones(4)).any()
+
+
+def test_a_length_of_0_may_be_among_others():
+    scene = Scene(2)
+    masses = scene.mass(1.0, [(0.0, 0.0), (0.0, 0.0), (2.0, 0.0)])
+    scene.add(LinearSpring(1.0, [0.0, 0.5]), masses[:-1], masses[1:])
+    problem = scene.problem((0.0, 1.0))
+    assert masses.of(acceleration(problem, problem.u0, problem.v0)).tolist() == [[0.0, 0.0], [1.5, 0.0], [-1.5, 0.0]]
+
+
+def test_the_plan_looks_at_the_motion_not_at_the_work():
+    steps = []
+    for work in (False, True):
+        problem = problems.rail_joint(t_end=0.05, work=work)
+        steps.append(eig3.plan(problem, 1e-3, methods=["rk4"]).best.h)
+    assert steps[0] == pytest.approx(steps[1], rel=0.2)
+
+
 def test_an_effect_is_as_it_was_when_added():
     fields, stiffness = np.array([[1.0], [2.0]]), [3.0]
     scene = Scene(1)
@@ -515,6 +583,26 @@ class Stringy(Body):
     @eig3.jit
     def force(field):
         return field
+
+
+@dataclass(frozen=True, eq=False)
+class Pulling(Link):
+    tension: object
+
+
+@dataclass(frozen=True, eq=False)
+class Undirected(Motion):
+    direction: float
+
+    @staticmethod
+    @eig3.jit
+    def motion(t):
+        return t, 1.0
+
+
+@eig3.jit
+def imaginary(r):
+    return 1j * r
 
 
 class Plain(Body):
@@ -589,6 +677,16 @@ BAD = {
         ValueError,
         "MassContact has no direction where its ends coincide",
     ),
+    "net": (
+        lambda: (lambda scene: scene.add(LinearSpring(1.0), scene.mass(1.0, [[0.0], [1.0]]), scene.fixed([2.0, 3.0])))(
+            Scene(1)
+        ),
+        ValueError,
+        "LinearSpring was given ends of shapes .2, 1. and .2,.; give one shape, or one point for all",
+    ),
+    "complex": (lambda: on_two(Pulling(imaginary), 0, 1), TypeError, "tension of Pulling must return a number here"),
+    "reserved": (lambda: on_two(Pulling(3.0), 0, 1), TypeError, "decorate it with @eig3.jit, and the name is not for"),
+    "undirected": (lambda: with_fixed(Undirected(1.0)), TypeError, "Undirected must have a field direction, and vec"),
     "strings": (lambda: on_two(Stringy((1.0, 2.0))), TypeError, "vectors of Stringy must be a tuple of names"),
     "one point": (lambda: len(two()[1][0]), TypeError, "one point has no length"),
     "strangers": (strangers, ValueError, "LinearSpring was given points of another scene."),
@@ -652,7 +750,7 @@ BAD = {
     "shapes": (
         lambda: (lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2)))))(*two()),
         ValueError,
-        "LinearSpring was given ends of the shapes",
+        "LinearSpring was given ends of shapes",
     ),
     "span": (lambda: two()[0].problem((1.0, 0.0)), ValueError, "t_span must end after it starts"),
 }

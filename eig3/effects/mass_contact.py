@@ -46,8 +46,10 @@ class MassContact(Link):
     reach: ArrayLike
     damping: ArrayLike = 0.0
 
-    needs_direction = True
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
+
+    def needs_direction(self, columns):
+        return True
 
     @property
     def tension(self):

@@ -85,6 +85,7 @@ class Group:
             return None
         return int(self.second[0] - self.first[0])
 
+    @cached_property
     def runs(self) -> np.ndarray:
         """Where indices go up by one: rows of (first member, members, first mass, second mass)."""
         second = self.first if self.second is None else self.second
@@ -96,7 +97,7 @@ class Group:
     @property
     def in_runs(self) -> bool:
         """Whether the indices go up by one often enough for loops over runs."""
-        return self.first.size >= _LEAST_RUN * len(self.runs())
+        return self.first.size >= _LEAST_RUN * len(self.runs)
 
     def take(self, members: np.ndarray) -> Group:
         """The group of some members, or of all in another order."""
@@ -260,7 +261,7 @@ def _split(group: Group) -> Iterator[Group]:
 
 def _kind(effect: Effect) -> tuple:
     """What effects have in common that one loop can serve; an array belongs to its one effect."""
-    return type(effect), *effect.functions().values(), id(effect) if effect.arrays else None
+    return type(effect), *effect.functions().items(), id(effect) if effect.arrays else None
 
 
 def _joined(groups: list[Group]) -> Group:
@@ -311,6 +312,7 @@ def note(assembly: Assembly) -> str:
             acting[law.effect.title] += group.first.size
     lines += [f"{count} x {title}" for title, count in acting.items()]
     reads = [law.effect.title for law in assembly.laws if law.effect.reads_velocity()]
+    reads += ["the work that is followed"] * assembly.follows_work
     if reads:
         lines.append(f"velocity is read by {', '.join(dict.fromkeys(reads))}")
     else:

@@ -226,7 +226,7 @@ class _Source:
         names: dict[str, list[str]] = {"acceleration": [], "force": []}
         for function, found in names.items():
             for law in block.having(function):
-                found.append(f"{law.prefix}_{function[0]}")
+                found.append(law.names[f"={function}"])
                 self._write(f"{found[-1]} = {law.call(function, s, offered)}")
         return names["acceleration"], names["force"]
 

@@ -15,6 +15,7 @@ from numba.types import unliteral
 from ..callbacks import gist
 from ..checks import reals
 
+_REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
 _ARRAY = numba.types.Array(numba.float64, 1, "C", readonly=True)
 
 
@@ -33,7 +34,8 @@ class Effect:
     vectors : tuple of str
         The fields that hold a vector, with a component for each dimension; the functions get a tuple.
     arrays : tuple of str
-        The fields that hold an array of any length; the functions get it as an array that they may only read.
+        The fields that hold an array of any length; the functions get it as an array that they may only read. Every
+        effect with an array of its own is code of its own: let one act on many points rather than many on one each.
     source : str
         Where the formula comes from.
     """
@@ -136,7 +138,8 @@ class Effect:
             raise TypeError(f"{self.title} must have a function {' or '.join(self.needs)}.")
         for name, function in functions.items():
             if not isinstance(function, Dispatcher):
-                raise TypeError(f"{name} of {self.title} must be compiled: decorate it with @eig3.jit.")
+                what = ", and the name is not for a number" * (not callable(function))
+                raise TypeError(f"{name} of {self.title} must be compiled: decorate it with @eig3.jit{what}.")
             taken = [field for field in _fields(self) if field in self.offers[name]]
             if taken:
                 raise TypeError(f"{self.title} must not call a field {taken[0]}, which is what {name} is given.")
@@ -165,11 +168,13 @@ class Effect:
             raise TypeError(f"{name} of {self.title} does not compile: {gist(error)}.") from error
         numbers = {"force": dimension, "acceleration": dimension, "motion": 2}.get(name)
         parts = [returned] if numbers is None else list(returned) if isinstance(returned, numba.types.BaseTuple) else []
-        if len(parts) != (numbers or 1) or not all(isinstance(unliteral(part), numba.types.Number) for part in parts):
+        if len(parts) != (numbers or 1) or not all(isinstance(unliteral(part), _REAL) for part in parts):
             wanted = "a number" if numbers is None else f"a tuple of {numbers} number{'s' * (numbers > 1)}"
             raise TypeError(f"{name} of {self.title} must return {wanted} here, not {unliteral(returned)}.")
 
-    def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
+    def check_points(
+        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
+    ) -> None:
         """Refuse points that the effect cannot act on, in a sentence that names it.
 
         Parameters
@@ -177,6 +182,8 @@ class Effect:
         masses : list of ndarray, shape (points,)
             For each argument of points; 0 for those that are fixed.
         positions : list of ndarray, shape (points, dimension)
+        columns : dict of str to ndarray
+            The parameters of these points.
 
         Raises
         ------
@@ -216,7 +223,9 @@ class Body(Effect):
     needs: ClassVar[tuple[str, ...]] = ("force", "acceleration")
     takes: ClassVar[tuple[int, ...]] = (0, 1)
 
-    def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
+    def check_points(
+        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
+    ) -> None:
         if any((m == 0).any() for m in masses):
             raise ValueError(f"{self.title} acts on masses, but was given fixed points.")
 
@@ -229,8 +238,7 @@ class Link(Effect):
     time t, the distance r and the rate at which it grows, rate. In one dimension r has a sign: the two points are in
     order as long as they are in the order of the start, and where they have passed through each other r is negative.
 
-    A field of the name ``length`` is a natural length: where it is not 0 the points must not coincide at the start. So
-    it is in every class in which ``needs_direction`` is true.
+    A field of the name ``length`` is a natural length: where it is not 0 the points must not coincide at the start.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -241,20 +249,21 @@ class Link(Effect):
     needs: ClassVar[tuple[str, ...]] = ("tension", "density")
     takes: ClassVar[tuple[int, ...]] = (2,)
 
-    def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
+    def check_points(
+        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
+    ) -> None:
         if ((masses[0] == 0) & (masses[1] == 0)).any():
             raise ValueError(f"{self.title} stands between two fixed points, where it moves nothing.")
-        self.require(np.asarray(getattr(self, "length", 0.0)) >= 0, "length must not be negative")
-        if self.needs_direction and (positions[0] == positions[1]).all(axis=-1).any():
+        self.require(columns.get("length", 0.0) >= 0, "length must not be negative")
+        if (self.needs_direction(columns) & (positions[0] == positions[1]).all(axis=-1)).any():
             raise ValueError(
                 f"{self.title} has no direction where its ends coincide at the start: put them apart, or "
                 "take a spring without a natural length."
             )
 
-    @property
-    def needs_direction(self) -> bool:
-        """Whether the two points must not coincide at the start."""
-        return bool(np.any(getattr(self, "length", 0.0)))
+    def needs_direction(self, columns: dict[str, np.ndarray]) -> Any:
+        """Whether the two points must not coincide at the start; of each pair."""
+        return columns.get("length", np.zeros(1)) != 0
 
 
 class Motion(Effect):
@@ -271,7 +280,14 @@ class Motion(Effect):
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
         return super().columns((), dimension)  # one motion, whatever it moves
 
-    def check_points(self, masses: list[np.ndarray], positions: list[np.ndarray]) -> None:
+    def check(self, dimension: int) -> None:
+        super().check(dimension)
+        if "direction" not in self.vectors or not hasattr(self, "direction"):
+            raise TypeError(f'{self.title} must have a field direction, and vectors = ("direction",).')
+
+    def check_points(
+        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
+    ) -> None:
         if (masses[0] > 0).any():
             raise ValueError(f"{self.title} moves fixed points, but was given masses, which move by their forces.")
 

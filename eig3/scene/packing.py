@@ -67,11 +67,19 @@ def entry(array: str, offset: int, index: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Symbols:
-    """A law in the source: the prefix of its names, its functions and its parameters."""
+    """A law in the source: its functions and its parameters.
 
-    prefix: str
+    Attributes
+    ----------
+    functions : dict of str to jitted function
+    columns : dict of str to Column or Array
+    names : dict of str to str
+        In the source: of functions, of parameters that are the same for all members, and, as "=force", of results.
+    """
+
     functions: dict[str, Any]
     columns: dict[str, Column | Array]
+    names: dict[str, str]
 
     def reads(self, name: str, *functions: str) -> bool:
         """Whether one of these functions names the argument."""
@@ -81,18 +89,18 @@ class Symbols:
         """Assignments of the parameters of these functions that are the same for all members."""
         for name, column in self.columns.items():
             if column.is_uniform and self.reads(name, *functions):
-                yield f"{self.prefix}_{name} = {column.of('')}"
+                yield f"{self.names[name]} = {column.of('')}"
 
     def call(self, function: str, member: str, offered: dict[str, str]) -> str:
         """A call for one member; `offered` has the source of what is not a parameter."""
         values = (self._value(name, member, offered) for name in arguments(self.functions[function]))
-        return f"{self.prefix}_{function}({', '.join(values)})"
+        return f"{self.names[function]}({', '.join(values)})"
 
     def _value(self, name: str, member: str, offered: dict[str, str]) -> str:
         if name not in self.columns:
             return offered[name]
         column = self.columns[name]
-        return f"{self.prefix}_{name}" if column.is_uniform else column.of(member)
+        return self.names[name] if column.is_uniform else column.of(member)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +150,13 @@ class Packing:
 
     def __init__(self, assembly: Assembly) -> None:
         self._parts: list[np.ndarray] = []
-        self._prefixes = {"x", "y", "z"}  # which begin names of the source's own
+        self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}  # the source's own
+        self._names |= {
+            f"{axis}_{name}_{number}"
+            for axis in "xyz"
+            for name in ("shift", "speed")
+            for number in range(len(assembly.motions))
+        }
         self.functions: dict[str, Any] = {}
         self.weight = self._column(1 / assembly.cloud.masses[assembly.cloud.masses > 0])
         self.motions = [self._symbols(law) for law in assembly.motions]
@@ -170,29 +184,30 @@ class Packing:
         return Column(self._add(values.T), len(values), zero)
 
     def _symbols(self, law: Law) -> Symbols:
-        prefix = self._prefix(law.effect.title)
-        functions = law.effect.functions()
-        self.functions.update({f"{prefix}_{name}": function for name, function in functions.items()})
+        effect, functions = law.effect, law.effect.functions()
         columns = {
-            name: Array(self._add(values), values.size) if name in law.effect.arrays else self._column(values)
+            name: Array(self._add(values), values.size) if name in effect.arrays else self._column(values)
             for name, values in law.columns.items()
         }
-        return Symbols(prefix, functions, columns)
+        stem = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", effect.title).lower()
+        names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
+        names |= {f"={function}": self._name(f"{stem}_{function[0]}") for function in functions}
+        self.functions.update({names[name]: function for name, function in functions.items()})
+        return Symbols(functions, columns, names)
 
-    def _prefix(self, title: str) -> str:
-        """A name of its own for each law."""
-        stem = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", title).lower()
-        number, prefix = 1, stem
-        while prefix in self._prefixes:
+    def _name(self, wanted: str) -> str:
+        """A name that nothing else in the source has."""
+        number, name = 1, wanted
+        while name in self._names:
             number += 1
-            prefix = f"{stem}_{number}"
-        self._prefixes.add(prefix)
-        return prefix
+            name = f"{wanted}_{number}"
+        self._names.add(name)
+        return name
 
     def _block(self, group: Group) -> Block:
         laws = [self._symbols(law) for law in group.laws]
         anchor = None if group.anchor is None else self._column(group.anchor, is_place=True)
-        runs = group.runs()
+        runs = group.runs
         table = (
             runs if group.in_runs else np.concatenate([group.first, *([] if group.second is None else [group.second])])
         )

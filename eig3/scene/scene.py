@@ -55,7 +55,7 @@ class Points:
         return (self[k] for k in range(len(self)))
 
     def __getitem__(self, index: Any) -> Points:
-        return Points(self.scene, np.asarray(self.numbers[index]))
+        return Points(self.scene, _constant(np.asarray(self.numbers[index])))
 
     def of(self, values: ArrayLike) -> np.ndarray:
         """The part of these masses in positions or velocities of a run.
@@ -73,7 +73,7 @@ class Points:
         Raises
         ------
         ValueError
-            For fixed points, which no run holds.
+            For fixed points, which no run holds, and for runs of the scene before it got its last masses.
         """
         return self.scene._values_of(self.numbers, np.asarray(values))
 
@@ -178,7 +178,9 @@ class Scene:
         if len(flat) == 2 and (flat[0] == flat[1]).any():
             raise ValueError(f"{effect.title} stands between a point and itself.")
         cloud = self._cloud()
-        effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat])
+        effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat], columns)
+        if not flat[0].size:
+            return
         self._placements.append((effect, flat, columns))
 
     def problem(self, t_span: Sequence[float], *, name: str = "scene", work: bool = False) -> Problem:
@@ -238,7 +240,7 @@ class Scene:
         self._count += m.size
         rows = (m.size, self.dimension)
         self._parts.append((m.ravel(), position.reshape(rows), velocity.reshape(rows)))
-        return Points(self, numbers)
+        return Points(self, _constant(numbers))
 
     def _cloud(self) -> Cloud:
         """All points; joined only when points were added, since effects may be added one by one."""
@@ -258,11 +260,11 @@ class Scene:
         if len(points) not in effect.takes:
             takes = " or ".join(map(str, effect.takes))
             raise TypeError(f"{effect.title} takes {takes} arguments of points, not {len(points)}.")
-        try:
-            return list(np.broadcast_arrays(*(handle.numbers for handle in points))) if points else []
-        except ValueError:
-            shapes = " and ".join(str(handle.shape) for handle in points)
-            raise ValueError(f"{effect.title} was given ends of the shapes {shapes}, which do not pair.") from None
+        numbers = [handle.numbers for handle in points]
+        if len({array.shape for array in numbers if array.size != 1}) > 1:
+            shapes = " and ".join(str(array.shape) for array in numbers)
+            raise ValueError(f"{effect.title} was given ends of shapes {shapes}; give one shape, or one point for all.")
+        return list(np.broadcast_arrays(*numbers)) if numbers else []
 
     def _values_of(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
         free = self._cloud().free
@@ -278,6 +280,11 @@ class Scene:
         columns = free[numbers][..., np.newaxis] + count * np.arange(self.dimension)
         taken = values[..., columns]
         return taken[..., 0] if self.dimension == 1 else taken
+
+
+def _constant(numbers: np.ndarray) -> np.ndarray:
+    numbers.flags.writeable = False
+    return numbers
 
 
 def _spread(values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
