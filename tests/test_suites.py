@@ -36,6 +36,7 @@ def test_all_are_found():
         for problem in ("single_dof", "hardening_spring", "softening_spring", "spring_pendulum"):
             for mode in ("pointer", "inline"):
                 assert f"test_method[{problem}-{method}-{mode}]" in found
+    assert "test_scenes.py::test_scene[200 masses in space, springs-scene]" in found
 
 
 def test_save_compare_and_histogram(run_small, tmp_path):

@@ -223,8 +223,10 @@ def _link_groups(
 
 
 def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Group, np.ndarray]:
-    """Links with the fixed end, or else the lower index, first; and of each, whether it is to a fixed point and
-    the direction in one dimension."""
+    """Links with the fixed end, or else the lower index, first.
+
+    With them, of each, whether it is to a fixed point, and the sign that its group has in one dimension.
+    """
     free, x = cloud.free, cloud.positions
     swapped = (free[b] < 0) | ((free[a] >= 0) & (free[a] > free[b]))
     sign = np.where(x[b, 0] >= x[a, 0], 1, -1) if x.shape[1] == 1 else np.ones(a.size, dtype=np.int64)
@@ -250,9 +252,8 @@ def _split(group: Group) -> Iterator[Group]:
     order = np.lexsort((group.first, difference))
     rest = []
     for part in np.split(order, np.flatnonzero(np.diff(difference[order])) + 1):
-        regular = group.take(part)
-        if difference[part[0]] == 1 or (part.size >= _MANY and regular.in_runs):
-            yield regular
+        if difference[part[0]] == 1 or (part.size >= _MANY and group.take(part).in_runs):
+            yield group.take(part)
         else:
             rest.append(part)
     if rest:

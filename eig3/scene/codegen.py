@@ -45,13 +45,11 @@ def compiled(assembly: Assembly) -> tuple[Any, Any, np.ndarray]:
     """
     packing = Packing(assembly)
     source = _Source(assembly, packing)
-    wanted: list[Callable[[], None]] = [source.rhs]
     if assembly.follows_work:
-        wanted = [source.power, source.rhs]
+        source.power()
+    source.rhs()
     if assembly.follows_work or assembly.is_conservative:
-        wanted.append(source.energy)
-    for write in wanted:
-        write()
+        source.energy()
     functions = _functions(str(source), tuple(packing.functions.items()))
     return functions["rhs"], functions.get("energy"), packing.params
 
