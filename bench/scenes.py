@@ -33,6 +33,7 @@ from eig3.effects import (
     RotatingFrame,
     SampledMotion,
     SofteningSpring,
+    SupportMotion,
 )
 from eig3.kernels.jit import VECTOR
 from eig3.problem import Problem
@@ -187,6 +188,11 @@ CASES = (
 )
 
 
+@eig3.jit
+def swing(t):
+    return 0.1 * math.sin(t), 0.1 * math.cos(t)
+
+
 def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
     """Every effect of the catalogue that such a scene can have, with so much of its usual strength."""
     up = np.eye(dimension)[-1]
@@ -202,6 +208,7 @@ def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
     if dimension > 1:
         yield RotatingFrame(strength * 0.01 * (np.ones(1) if dimension == 2 else up))
     yield SampledMotion([0.0, 1.0, 2.0], [0.0, 0.1 * strength, 0.0], up)
+    yield SupportMotion(swing, strength * up)
     yield SofteningSpring(1.0 * strength, 1.0, 1.0)  # last: its tanh takes more than all others together
 
 

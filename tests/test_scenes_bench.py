@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from eig3 import effects
 from eig3.bench import scenes
 
 from .conftest import acceleration
@@ -25,6 +26,13 @@ def test_effects_at_no_strength_do_nothing(case):
     u, v = lean.u0, np.ones(lean.u0.size)
     np.testing.assert_allclose(acceleration(full, u, v), acceleration(lean, u, v), rtol=1e-11, atol=1e-11)
     assert full.params.size > lean.params.size
+
+
+def test_every_effect_is_there():
+    kinds = {effects.Body, effects.Link, effects.Motion}
+    known = {getattr(effects, name) for name in effects.__all__} - kinds
+    for strength in (0.0, 1.0):
+        assert {type(effect) for effect in scenes.catalogue(3, strength)} == known
 
 
 def test_the_command(tmp_path, monkeypatch):

@@ -49,7 +49,7 @@ class CoulombFriction(Body):
     source = "Coulomb (1785), smoothed"
 
     def __post_init__(self) -> None:
-        self.require((self._reals("slip") > 0).all(), "slip must be positive")
+        self.require(self._reals("slip") > 0, "slip must be positive")
         if self.normal is not None:
             self.require_unit("normal")
 

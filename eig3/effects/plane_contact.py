@@ -79,7 +79,7 @@ class PlaneContact(Body):
 
     def __post_init__(self) -> None:
         self.require_unit("normal")
-        self.require(np.asarray(self.slip) > 0, "slip must be positive")
+        self.require(self._reals("slip") > 0, "slip must be positive")
 
     @property
     def is_elastic(self):

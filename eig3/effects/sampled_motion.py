@@ -60,7 +60,7 @@ class SampledMotion(Motion):
         times, values = self._reals("times"), self._reals("values")
         self.require(times.ndim == 1 and times.size >= 2, "times must hold two samples at least")
         self.require(values.shape == times.shape, f"values must be as many as times, {times.size}")
-        self.require((np.diff(times) > 0).all(), "times must increase from sample to sample")
+        self.require(np.diff(times) > 0, "times must increase from sample to sample")
 
     @staticmethod
     @element
