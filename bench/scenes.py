@@ -222,11 +222,9 @@ def crowded(case: Case) -> tuple[Scene, int]:
 
 
 def _place(scene: Scene, effect: Any, support: Points, links: tuple[Points, Points]) -> None:
-    if isinstance(effect, Motion):
-        scene.add(effect, support)
+    scene.add(effect, *((support,) if isinstance(effect, Motion) else links if isinstance(effect, Link) else ()))
+    if isinstance(effect, SampledMotion):
         scene.add(LinearSpring(0.0), support, links[1])  # else nothing would stand on what moves
-    else:
-        scene.add(effect, *(links if isinstance(effect, Link) else ()))
 
 
 def growing() -> Iterator[tuple[str, Problem]]:
