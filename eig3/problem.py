@@ -112,13 +112,19 @@ class Problem:
         """
         if self.energy is None:
             raise ValueError(f"{self.name} has no energy; that of a scene has, with scene.problem(..., work=True).")
+        energy = check_callback(self.energy, "invariant", check_state(self.u0, self.v0)[2], "energy")
+        params = read_only(check_params(self.params))
+
+        def of(t: Any, u: ArrayLike, v: ArrayLike) -> float:
+            u, v, _ = check_state(u, v)
+            return energy(t, read_only(u), read_only(v), params)
+
         time = self.t_span[0] if t is None else t
-        if np.ndim(u) > np.ndim(self.u0):
-            times = np.broadcast_to(np.asarray(time, dtype=np.float64), len(np.asarray(u)))
-            return np.array([self.energy_of(*state) for state in zip(np.asarray(u), np.asarray(v), times, strict=True)])
-        u, v, form = check_state(u, v)
-        energy = check_callback(self.energy, "invariant", form, "energy")
-        return energy(time, read_only(u), read_only(v), read_only(check_params(self.params)))
+        if np.ndim(u) == np.ndim(self.u0):
+            return of(time, u, v)
+        u, v = np.asarray(u), np.asarray(v)
+        times = np.broadcast_to(np.asarray(time, dtype=np.float64), len(u))
+        return np.array([of(*state) for state in zip(times, u, v, strict=True)])
 
     def method(self, method: str | Method) -> Method:
         """The record for this problem: a name stands for the form without velocity where rhs does not read v."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .bench.text import NO_PICTURES
 from .checks import check_h, check_span
 from .critical import NoCriticalStepError
 from .methods import Method
@@ -48,10 +50,13 @@ def run(
     solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
     write(f"{problem.name}: {problem.source}")
     write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
-    if solution.success:
-        write(_balance(problem, solution))
+    balance = _Balance.of(problem, solution) if problem.energy is not None and solution.success else None
+    if balance:
+        write(balance.told())
+    elif solution.success:
+        write("  energy: none is known of this problem")
     if out is not None:
-        write(f"\nWritten to {out}: {', '.join(_save(problem, solution, out))}")
+        write(f"\nWritten to {out}: {_save(problem, solution, balance, out)}")
     return solution
 
 
@@ -65,39 +70,53 @@ def _step(problem: Problem, method: str | Method, span: float) -> float:
         return span / _STATES
 
 
-def _energy_and_work(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+@dataclass(frozen=True)
+class _Balance:
     """The mechanical energy and the work done so far, at the saved states; no work where it is not followed."""
-    work = solution.v[:, -1] if problem.follows_work else np.zeros(len(solution.t))
-    return problem.energy_of(solution.u, solution.v, solution.t) + work, work
+
+    energy: np.ndarray
+    work: np.ndarray | None
+    unit: str
+
+    @classmethod
+    def of(cls, problem: Problem, solution: Solution) -> _Balance:
+        unit = " J" if problem.note else ""  # scenes are in SI units, other problems often per mass
+        energy = problem.energy_of(solution.u, solution.v, solution.t)
+        if not problem.follows_work:
+            return cls(energy, None, unit)
+        work = solution.v[:, -1]
+        return cls(energy + work, work, unit)
+
+    def told(self) -> str:
+        """The energy at both ends, and how far its change is from the work done, where that is followed."""
+        energy, work, J = self.energy, self.work, self.unit
+        change = energy if work is None else energy - work
+        unaccounted = np.abs(change - change[0]).max()
+        lines = [
+            f"  energy: {energy[0]:.6g}{J} at the start, {energy[-1]:.6g}{J} at the end, "
+            f"{energy.min():.6g} to {energy.max():.6g}{J} on the way"
+        ]
+        if work is None:
+            lines.append(f"  change of energy: {unaccounted:.3g}{J} at most, where there should be none")
+        else:
+            lines.append(
+                f"  work done: {work[-1]:.6g}{J} at the end, {work.min():.6g} to {work.max():.6g}{J} on the way; "
+                f"change of energy less work: {unaccounted:.3g}{J} at most"
+            )
+        return "\n".join(lines)
+
+    def draw(self, figure: Any, t: np.ndarray) -> None:
+        """What has become of the energy since the start, and the work that accounts for it."""
+        axes = figure.subplots()
+        axes.plot(t, self.energy - self.energy[0], label="energy")
+        if self.work is not None:
+            axes.plot(t, self.work, "--", label="work done")
+        axes.set_ylabel(f"since the start\n({self.unit.strip() or 'its own unit'})")
+        axes.set_xlabel("t (s)")
+        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
 
 
-def _unit(problem: Problem) -> str:
-    return " J" if problem.note else ""  # scenes are in SI units, other problems often per mass
-
-
-def _balance(problem: Problem, solution: Solution) -> str:
-    """The energy at both ends, and how far its change is from the work done, where that is followed."""
-    if problem.energy is None:
-        return "  energy: none is known of this problem"
-    energy, work = _energy_and_work(problem, solution)
-    J = _unit(problem)
-    lines = [
-        f"  energy: {energy[0]:.6g}{J} at the start, {energy[-1]:.6g}{J} at the end, "
-        f"{energy.min():.6g} to {energy.max():.6g}{J} on the way"
-    ]
-    change = energy - work
-    unaccounted = np.abs(change - change[0]).max()
-    if problem.follows_work:
-        lines.append(
-            f"  work done: {work[-1]:.6g}{J} at the end, {work.min():.6g} to {work.max():.6g}{J} on the way; "
-            f"change of energy less work: {unaccounted:.3g}{J} at most"
-        )
-    else:
-        lines.append(f"  change of energy: {unaccounted:.3g}{J} at most, where there should be none")
-    return "\n".join(lines)
-
-
-def _save(problem: Problem, solution: Solution, out: Path) -> list[str]:
+def _save(problem: Problem, solution: Solution, balance: _Balance | None, out: Path) -> str:
     """Write what can be written; return the names."""
     t, u, v = solution.t, solution.u, solution.v
     names = [f"{problem.name}.npz"]
@@ -112,19 +131,17 @@ def _save(problem: Problem, solution: Solution, out: Path) -> list[str]:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        return [*names, "no picture, since matplotlib is not installed (pip install 'eig3[plot]')"]
-    with_energy = problem.energy is not None and solution.success
-    figure = Figure(figsize=(9, 8 if with_energy else 6), layout="constrained")
+        return ", ".join(names) + NO_PICTURES
+    figure = Figure(figsize=(9, 8 if balance else 6), layout="constrained")
     figure.suptitle(f"{problem.name}, {solution.method.label}, h = {solution.h:.3g} s")
-    if with_energy:
-        response, energy = figure.subfigures(2, 1, height_ratios=(3, 1))
-        _draw_energy(energy, problem, solution)
-    else:
-        response = figure
+    response = figure
+    if balance:
+        response, below = figure.subfigures(2, 1, height_ratios=(3, 1))
+        balance.draw(below, solution.t)
     (problem.draw or _draw)(response, solution)
     names.append(f"{problem.name}.png")
     figure.savefig(out / names[-1], dpi=130)
-    return names
+    return ", ".join(names)
 
 
 def _draw(figure: Any, solution: Solution) -> None:
@@ -137,15 +154,3 @@ def _draw(figure: Any, solution: Solution) -> None:
         axes.set_ylabel("displacement\n(its own unit)" if name == "u" else "velocity\n(that unit/s)")
         axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
     axes.set_xlabel("t (s)")
-
-
-def _draw_energy(figure: Any, problem: Problem, solution: Solution) -> None:
-    """What has become of the energy since the start, and the work that accounts for it."""
-    energy, work = _energy_and_work(problem, solution)
-    axes = figure.subplots()
-    axes.plot(solution.t, energy - energy[0], label="energy")
-    if problem.follows_work:
-        axes.plot(solution.t, work, "--", label="work done")
-    axes.set_ylabel(f"since the start\n({_unit(problem).strip() or 'its own unit'})")
-    axes.set_xlabel("t (s)")
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))

@@ -70,11 +70,12 @@ def quarter_car(
 
     def draw(figure, solution):
         heights, loads = figure.subplots(2, sharex=True)
+        below = np.interp(solution.t, x / speed, z)
         heights.plot(solution.t, 1e3 * (axle.of(solution.u) - 0.3), label="wheel")
         heights.plot(solution.t, 1e3 * (seat.of(solution.u) - 0.8), label="body")
-        heights.plot(solution.t, 1e3 * np.interp(solution.t, x / speed, z), "k", linewidth=0.5, label="road")
+        heights.plot(solution.t, 1e3 * below, "k", linewidth=0.5, label="road")
         heights.set_ylabel("height above rest (mm)")
-        squeeze = 0.3 + sag[1] - axle.of(solution.u) + np.interp(solution.t, x / speed, z)
+        squeeze = 0.3 + sag[1] - axle.of(solution.u) + below
         loads.plot(solution.t, 1e-3 * tyre * squeeze, color="C2", label="tyre on road")
         loads.axhline(1e-3 * G * (body + wheel), color="0.6", label="at rest")
         loads.set_ylabel("force (kN)")

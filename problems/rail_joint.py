@@ -1,7 +1,6 @@
 """A railway wheel that rolls over a dipped joint: the wheel and the rail meet in a Hertz contact."""
 
 import dataclasses
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike
 
 import eig3
 from eig3.effects import Gravity, LinearDamper, LinearSpring, Link
+from eig3.effects.hertz import push
 from eig3.problem import Problem
 from eig3.scene import Scene
 
@@ -49,8 +49,7 @@ class RollingContact(Link):
     @eig3.jit
     def tension(t, r, stiffness, reach, speed, start, half, angle):
         beside = max(0.0, 1 - abs(speed * t - start) / half)
-        d = max(0.0, reach - half * angle / 2 * beside * beside - r)
-        return -stiffness * d * math.sqrt(d)
+        return -push(reach - half * angle / 2 * beside * beside - r, stiffness)
 
 
 def rail_joint(

@@ -85,6 +85,12 @@ def hardening_chain(t, u, v, p, a):
         a[j] = p[j] * (right * (1 + right * right) - left * (1 + left * left)) + np.sin(t)
 
 
+@eig3.jit
+def shaken(t):
+    """A support's displacement and velocity."""
+    return 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t)
+
+
 def acceleration(problem, u, v, t=0.0):
     """What a problem's right-hand side of n degrees of freedom writes; NaN where it writes nothing."""
     a = np.full(np.size(problem.u0), np.nan)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import eig3
 from eig3 import effects
 from eig3.effects import (
     CoulombFriction,
@@ -26,12 +25,7 @@ from eig3.effects import (
 from eig3.problems.hertz_impact import contact_time
 from eig3.scene import Scene
 
-from .conftest import acceleration
-
-
-@eig3.jit
-def swing(t):
-    return 0.1 * math.sin(3 * t), 0.3 * math.cos(3 * t)
+from .conftest import acceleration, shaken
 
 
 def unit(dimension):
@@ -58,7 +52,7 @@ CATALOGUE = {
     "friction on a plane": lambda d: CoulombFriction(0.3, 9.81, 0.05, unit(d)),
     "rotating frame": lambda d: RotatingFrame(0.7 if d == 2 else (0.2, -0.4, 0.7)),
     "sampled motion": lambda d: SampledMotion([0.0, 1.0, 3.0], [0.0, 0.1, -0.1], unit(d)),
-    "support motion": lambda d: SupportMotion(swing, unit(d)),
+    "support motion": lambda d: SupportMotion(shaken, unit(d)),
 }
 PLANAR = (
     "rotating frame",

@@ -32,7 +32,7 @@ from eig3.effects import (
 )
 from eig3.scene import Scene, codegen
 
-from .conftest import acceleration
+from .conftest import acceleration, shaken
 
 
 def code(problem):
@@ -226,11 +226,6 @@ def test_angular_momentum_is_kept_to_second_order_by_eig3():
         _, angular = momenta(net, masses, problem.integrate(h=h))
         drifts.append(np.abs(angular - angular[0]).max())
     assert drifts[0] / drifts[1] > 3.5
-
-
-@eig3.jit
-def shaken(t):
-    return 0.1 * math.sin(3 * t), 0.3 * math.cos(3 * t)
 
 
 @pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("cd", 2), ("rk4", 4), ("ab3", 3)])

@@ -193,10 +193,10 @@ class _Source:
     def _pairs(self, block: Block) -> None:
         with self._members(block, *_LINK) as (s, i, j):
             self._pull(block, s, i, j, self._common)
+            ends = [("+=", i), ("-=", j)] if block.joins_masses else [("-=", i)]
             for axis in self._axes:
-                first, second = (("+=", i), ("-=", j)) if block.joins_masses else (None, ("-=", i))
-                for sign, k in (end for end in (first, second) if end):
-                    self._write(f"{self._at('a', axis, k)} {sign} f{axis}{self._own(k)}")
+                for sign, end in ends:
+                    self._write(f"{self._at('a', axis, end)} {sign} f{axis}{self._own(end)}")
 
     def _rows(self, block: Block) -> None:
         self._constants([block], *_LINK)
