@@ -6,7 +6,7 @@ import pytest
 
 from eig3.bench.paper import error_of
 from eig3.bench.timing import Storage
-from eig3.integrate import divide
+from eig3.integration import divide
 
 
 def pytest_benchmark_update_machine_info(machine_info):

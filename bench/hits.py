@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import eig3
-from eig3.plan import Plan, Prediction
+from eig3.analysis.planner import Plan, Prediction
 
 from . import text
 from .environment import in_words

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from eig3 import problems
-from eig3.integrate import divide
+from eig3.integration import divide
 from eig3.methods import METHODS, CentralDifference, Method
 from eig3.problem import Problem
 from eig3.solution import Solution, Status

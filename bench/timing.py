@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from eig3.integrate import divide
+from eig3.integration import divide
 from eig3.memory import available_memory
 from eig3.methods import Method
 from eig3.problem import Problem

@@ -4,11 +4,11 @@ import importlib
 from typing import Any
 
 from ._version import __version__
+from .analysis.critical import CriticalStep, NoCriticalStepError, critical_step
+from .analysis.planner import Plan, plan
 from .callbacks import jit
-from .critical import CriticalStep, NoCriticalStepError, critical_step
-from .integrate import IntegrationError, integrate
+from .integration import IntegrationError, integrate
 from .methods import AB2, AB3, EIG3, METHODS, RK2, RK3, RK4, CentralDifference, Method
-from .plan import Plan, plan
 from .problem import Problem
 from .solution import Solution, Status
 from .stepper import Stepper

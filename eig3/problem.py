@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .analysis.critical import CriticalStep, critical_step
 from .callbacks import check_callback, read_only
 from .checks import check_method, check_params, check_state
-from .critical import CriticalStep, critical_step
-from .integrate import integrate
+from .integration import integrate
 from .methods import Method
 from .solution import Solution
 from .stepper import Stepper

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from .analysis.critical import NoCriticalStepError
 from .bench.text import NO_PICTURES
 from .checks import check_h, check_span
-from .critical import NoCriticalStepError
 from .methods import Method
 from .problem import Problem
 from .solution import Solution

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
-from eig3.critical import critical
+from eig3.analysis.critical import critical
 from eig3.stability import limit
 
 from .conftest import gyroscope, hardening, oscillator, oscillator_vector, structure

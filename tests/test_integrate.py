@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import eig3
 from eig3 import integrate, memory
-from eig3.integrate import divide
+from eig3.integration import divide
 
 from .conftest import coupled, oscillator, oscillator_vector
 
@@ -104,7 +104,7 @@ def test_drift_is_that_of_every_step(save_every):
 
 
 def test_drift_of_a_vector_run_over_many_chunks(monkeypatch):
-    monkeypatch.setattr(sys.modules["eig3.integrate"], "_SCRATCH_VALUES", 300)
+    monkeypatch.setattr(sys.modules["eig3.integration"], "_SCRATCH_VALUES", 300)
     options = {"h": 0.01, "params": (1, 2, 3), "invariants": {"first": first_position}}
     run = integrate(coupled, (0, 50), [1.0, 2.0, 3.0], [0.0] * 3, save_every=13, **options)
     every = integrate(coupled, (0, 50), [1.0, 2.0, 3.0], [0.0] * 3, **options)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .memory import n_rows
-from .stepper import Stepper
+from ..memory import n_rows
+from ..stepper import Stepper
 
 
 class History:

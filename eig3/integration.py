@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .analysis.divergence import before_divergence, divergence_message
 from .checks import check_count, check_h, check_resolution, check_span
-from .divergence import before_divergence, divergence_message
-from .history import History
-from .interrupt import deferred_interrupt
 from .memory import check_history
 from .methods import Method
-from .progress import check_progress, progress_bar
+from .observers.history import History
+from .observers.interrupt import deferred_interrupt
+from .observers.invariants import Watch, watches_of
+from .observers.progress import check_progress, progress_bar
 from .solution import Solution, Status
 from .stepper import Stepper
-from .watch import Watch, watches_of
 
 _CHUNK_SECONDS = 0.1  # between looks at Ctrl-C and for divergence
 _CHUNK_GROWTH = 16

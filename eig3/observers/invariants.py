@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from .callbacks import check_callback, read_only
-from .kernels.invariant import extent
-from .kernels.jit import invariant_kernel
-from .stepper import Stepper
+from ..callbacks import check_callback, read_only
+from ..kernels.invariant import extent
+from ..kernels.jit import invariant_kernel
+from ..stepper import Stepper
 
 _PARTS = 16  # of a run, in each of which what grows steadily must have grown
 _NOTABLE = 1e-6  # growth over the run, relative to the invariant

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .callbacks import cached_jit
-from .checks import check_method, check_time
+from ..callbacks import cached_jit
+from ..checks import check_method, check_time
+from ..methods import Method
+from ..stability import eigenvalues, first_exit, oscillator_matrices, state_size, step_once
+from ..stability import limit as limit_of
+from ..stepper import Stepper
 from .linear import Linearised, linearise
-from .methods import Method
-from .stability import eigenvalues, first_exit, oscillator_matrices, state_size, step_once
-from .stability import limit as limit_of
-from .stepper import Stepper
 
 _COMMUTING = 1e-5  # of K or C: what an eigenvector of both leaves of each, where differences give K and C
 _RIGID = 1e-7  # of the largest: rates below this are those of rigid motion, with the round-off of differences

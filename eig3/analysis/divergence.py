@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, critical
-from .stepper import Stepper
 
 _OVERFLOWING = 1e100  # states beyond this make a right-hand side infinite by themselves
 _BLOWN_UP = 1e3  # times the size before: the growth of an instability

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from ..methods import METHODS, CentralDifference, Method
+from ..problem import Problem
+from ..solution import Solution, Status
 from .linear import linearise
-from .methods import METHODS, CentralDifference, Method
-from .problem import Problem
-from .solution import Solution, Status
 
 PILOT_SECONDS = 1.0  # of all pilot runs together
 _VALUES = 2**18  # of the states at which two runs are compared

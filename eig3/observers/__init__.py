@@ -1,0 +1,1 @@
+"""What watches a run between its native chunks: the history, invariants, growth, progress and Ctrl-C."""
