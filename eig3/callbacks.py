@@ -1,18 +1,24 @@
 """The user's compiled functions: the decorator for them, and the checks before a kernel sees one."""
 
+from __future__ import annotations
+
+import dis
 import inspect
 import re
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from .kernels.jit import OPTIONS, SCALAR, VECTOR, Form
+from .kernels.jit import OPTIONS
 from .kernels.jit import cached as cached_jit
+from .kernels.protocol import SCALAR, VECTOR, Form
 
-__all__ = ["cached_jit", "check_callback", "compile_for_own_arrays", "gist", "jit", "read_only"]
+__all__ = ["Callback", "cached_jit", "check_callback", "gist", "jit", "reads_velocity"]
 
 
 def jit(function: Callable | None = None, **options: Any) -> Any:
@@ -21,13 +27,35 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     Multiply-adds are fused, a division by zero gives infinity, and the GIL is released. Right-hand sides decorated
     with plain ``numba.njit`` work too, some of them a little slower.
 
-    As always with Numba, globals keep the value they had when the function was compiled, so that what may change
-    belongs in the parameters; and an index out of bounds is not noticed, unless the environment variable
-    NUMBA_BOUNDSCHECK is 1 when the program starts. A function cached with ``cache=True`` is then to be cached anew, in
-    an empty NUMBA_CACHE_DIR: Numba would load the unchecked one.
+    As always with Numba, a global keeps the value it had when the function was compiled, so what may change belongs in
+    the parameters. Numba does not check indices, unless the environment variable NUMBA_BOUNDSCHECK is 1 when the
+    program starts. A function with ``cache=True`` then needs an empty NUMBA_CACHE_DIR, because Numba would load the
+    unchecked code.
     """
     options = {**OPTIONS, **options}
     return numba.njit(**options) if function is None else numba.njit(**options)(function)
+
+
+@dataclass(frozen=True, eq=False)
+class Callback:
+    """A user's function, compiled for the fixed signature of its kind.
+
+    Attributes
+    ----------
+    address : int
+        Where its machine code begins: what a kernel in pointer mode takes.
+    call : callable
+        Calls it from Python, without looking at the types of the arguments: they must be those of the signature.
+    compiled : Numba's compile result
+        Keeps the machine code alive.
+    pace : dict
+        Seconds a step of the kernels that called it, by kernel and number of degrees of freedom.
+    """
+
+    address: int
+    call: Callable
+    compiled: Any
+    pace: dict[tuple, float] = field(default_factory=dict)
 
 
 _ARGUMENTS = {
@@ -38,9 +66,12 @@ _ARGUMENTS = {
 }
 _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
+# Weak, so that a program that makes many functions can forget them.
+_checked: WeakKeyDictionary[Dispatcher, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
 
-def check_callback(function: Any, kind: str, form: Form, name: str | None = None) -> Any:
-    """Return `function` compiled for the fixed signature of its kind, or say in a sentence what is wrong with it.
+
+def check_callback(function: Any, kind: str, form: Form, name: str | None = None) -> Callback:
+    """Compile `function` for the fixed signature of its kind, or say in a sentence what is wrong with it.
 
     Parameters
     ----------
@@ -55,7 +86,19 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     ------
     TypeError
     """
-    name = name or kind
+    signature = getattr(form, kind)
+    if isinstance(function, Dispatcher):
+        known = _checked.setdefault(function, {}).get((kind, form.name))
+        if known is not None and function.overloads.get(signature.args) is known.compiled:
+            return known
+    compiled = _compile(function, kind, form, name or kind)
+    address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+    callback = Callback(address, compiled.entry_point, compiled)
+    _checked[function][kind, form.name] = callback
+    return callback
+
+
+def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
     wanted = _ARGUMENTS.get((kind, form), _INVARIANT_ARGUMENTS)
     signature = getattr(form, kind)
     if not isinstance(function, Dispatcher):
@@ -67,32 +110,37 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     _check_arguments(function.py_func, name, kind, form, wanted, len(signature.args))
     try:
         function.compile(signature.args)
-        returned = function.overloads[signature.args].signature.return_type
+        compiled = function.overloads[signature.args]
     except Exception as error:  # Numba lets errors of Python's own through too
         if "readonly array" in str(error):
             raise TypeError(f"{name} must not write to u, v or p; it may only read them.") from error
         raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
+    returned = compiled.signature.return_type
     if returned != signature.return_type:
         raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
-    return function
+    return compiled
 
 
 def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
     """Compile a checked callback for the arrays of the loop that it is inlined in, which that loop may write.
 
-    Compiled by the loop itself it could not allocate, as the loop cannot.
+    If the loop itself compiled it, it could not allocate, because the loop cannot.
     """
     arguments = getattr(form, kind).args
     function.compile(tuple(x.copy(readonly=False) if isinstance(x, numba.types.Array) else x for x in arguments))
 
 
-def read_only(x: Any) -> Any:
-    """A view that compiled callbacks take as it is; a number stays what it is."""
-    if np.ndim(x) == 0:
-        return x
-    view = x.view()
-    view.flags.writeable = False
-    return view
+def reads_velocity(function: Any) -> bool:
+    """Whether a right-hand side may read its third argument, v; False only where its bytecode never names it.
+
+    Numba compiles no other access to a local variable than by an instruction that names it.
+    """
+    code = function.py_func.__code__
+    if code.co_argcount < 3:
+        return True
+    v = code.co_varnames[2]
+    named = (i.argval if isinstance(i.argval, tuple) else (i.argval,) for i in dis.get_instructions(code))
+    return v in code.co_cellvars or any(v in names for names in named)
 
 
 def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:
@@ -111,7 +159,7 @@ def _check_arguments(function: Callable, name: str, kind: str, form: Form, wante
 
 
 def _check_order(function: Callable, name: str, wanted: str) -> None:
-    """Refuse t, u, v or p in another's place: all but t are of one type, and the run would be silently wrong."""
+    """Refuse t, u, v or p in another's place: all but t have one type, and the run would be silently wrong."""
     names = list(inspect.signature(function).parameters)[:4]
     if any(letter in names and names.index(letter) != place for place, letter in enumerate("tuvp")):
         raise TypeError(f"{name} names its first arguments {', '.join(names)}, but gets them as {wanted}.")
@@ -134,7 +182,7 @@ def _described(returned: Any) -> str:
 
 
 def gist(error: Exception) -> str:
-    """Numba's reason without the pages around it, which stay in the chained exception."""
+    """Numba's reason in one line; its pages of details stay in the chained exception."""
     text = str(error)
     if text == "compilation disabled":
         return "its decorator must not list signatures"

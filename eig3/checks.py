@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .kernels.jit import SCALAR, VECTOR, Form
+from .kernels.protocol import SCALAR, VECTOR, Form
 from .methods import METHODS, Method
 
 

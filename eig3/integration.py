@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .analysis.divergence import before_divergence, divergence_message
+from .analysis.divergence import Divergence, find_blow_up, find_divergence
 from .checks import check_count, check_h, check_resolution, check_span
 from .memory import check_history
 from .methods import Method
+from .observers.chunk import Chunk, Observer
+from .observers.growth import Growth
 from .observers.history import History
-from .observers.interrupt import deferred_interrupt
+from .observers.interrupt import Flag, deferred_interrupt
 from .observers.invariants import Watch, watches_of
-from .observers.progress import check_progress, progress_bar
+from .observers.progress import Progress, check_progress
 from .solution import Solution, Status
 from .stepper import Stepper
 
-_CHUNK_SECONDS = 0.1  # between looks at Ctrl-C and for divergence
+_CHUNK_SECONDS = 0.1  # between two looks at Ctrl-C and for divergence
 _CHUNK_GROWTH = 16
-_SCRATCH_VALUES = 2**19  # of one array of states on which only invariants are evaluated: 4 MB, to stay in cache
+_FAST_GROWTH = 1e3  # of an invariant: more than this is no slow instability
 
 
 class IntegrationError(RuntimeError):
@@ -112,13 +113,12 @@ def integrate(
     check_progress(progress)
     stepper = Stepper(rhs, u0, v0, h=h, t0=t0, params=params, method=method, inline=inline)
     check_history(n_steps, every, np.size(stepper.u))
-    history = History(n_steps, every, stepper)
     watches = watches_of(invariants, stepper, n_steps)
-    with progress_bar(progress, n_steps) as advance_bar:
-        solution = _run(stepper, n_steps, history, watches, advance_bar)
-    if solution.success:
+    run = _Run(stepper, n_steps, History(n_steps, every, stepper, bool(watches)), watches, progress)
+    solution = run.solution()
+    if stepper.index == n_steps:
         solution.t[-1] = t1  # which t0 + n h meets to round-off only
-    elif raise_on_failure:
+    if raise_on_failure and not solution.success:
         raise IntegrationError(solution)
     return solution
 
@@ -136,65 +136,124 @@ def divide(span: float, h: float) -> tuple[int, float]:
     return n_steps, span / n_steps
 
 
-def _run(
-    stepper: Stepper,
-    n_steps: int,
-    history: History,
-    watches: list[Watch],
-    tell: Callable[[int], object],
-) -> Solution:
-    status = Status.COMPLETED
-    message: str | Callable[[], str] = "The run reached the end of its span."
-    count = 1
-    with deferred_interrupt() as interrupt:
-        while stepper.index < n_steps:
-            count = min(count, n_steps - stepper.index)
-            if watches and history.every > 1:
-                count = min(count, max(1, _SCRATCH_VALUES // np.size(stepper.u)))
-            first, begin = stepper.index, time.perf_counter()
+class _Run:
+    """A run in native chunks, with what watches it."""
+
+    def __init__(
+        self, stepper: Stepper, n_steps: int, history: History, watches: list[Watch], progress: bool
+    ) -> None:
+        self.stepper, self.n_steps = stepper, n_steps
+        self.history, self.watches, self.growth = history, watches, Growth(stepper, n_steps)
+        self.bar = Progress(n_steps) if progress else None
+        self.observers: list[Observer] = [history, *watches, self.growth, *([self.bar] if self.bar else [])]
+        self.status = Status.COMPLETED
+        self.message = "The run reached the end of its span."
+        self.reason: Callable[[], str] | None = None
+
+    def solution(self) -> Solution:
+        """Run to the end, or to what ends it before."""
+        try:
+            with deferred_interrupt() as interrupt:
+                self._march(interrupt)
+        except Exception as error:
+            self._end(Status.INTERRUPTED, f"{type(error).__name__} was raised after t = {self.stepper.t:g}.")
+            error.solution = self._result()  # type: ignore[attr-defined]
+            raise
+        finally:
+            if self.bar:
+                self.bar.close()
+        if self.status is Status.COMPLETED:
+            self._judge_growth()
+        return self._result()
+
+    def _march(self, interrupt: Flag) -> None:
+        stepper, failing = self.stepper, False
+        count = self._first_count()
+        while stepper.index < self.n_steps and self.status is Status.COMPLETED:
+            count = min(count, self.n_steps - stepper.index, self.history.most)
+            begin = time.perf_counter()
             try:
-                taken = _advance(stepper, count, history, watches)
-            except Exception as error:
-                message = f"The right-hand side or an invariant raised {type(error).__name__} after t = {stepper.t:g}."
-                error.solution = _finish(stepper, history, watches, Status.INTERRUPTED, message)  # type: ignore[attr-defined]
-                raise
+                chunk = self.history.advance(stepper, count)
+            except Exception:
+                if count == 1:
+                    raise
+                failing, count = True, count // 2  # keep what can be computed before the step that raises
+                continue
             if not stepper.is_finite:
-                stepper, message = before_divergence(stepper)
-                status = Status.DIVERGED
-            elif taken < count:
-                status, message = _failed_solve(stepper)
+                chunk = self._end_diverged(chunk)
+            elif stepper.index - chunk.first < count:
+                self._end_unsolved()
             elif interrupt.raised:
-                status, message = Status.INTERRUPTED, f"The run was interrupted at t = {stepper.t:g}."
-            tell(stepper.index - first)
-            if status is not Status.COMPLETED:
-                break
-            count = _next_count(count, time.perf_counter() - begin)
-    return _finish(stepper, history, watches, status, message)
+                self._end(Status.INTERRUPTED, f"The run was interrupted at t = {stepper.t:g}.")
+            for observer in self.observers:
+                observer.see(chunk)
+            if not failing:
+                count = _next_count(count, time.perf_counter() - begin)
+        self.stepper.note_pace()
 
+    def _first_count(self) -> int:
+        """Steps for about the time between two looks, where an earlier run tells how long a step takes."""
+        most = (self.n_steps + 1) // 2 if self.growth.needs_half else self.n_steps
+        pace = self.stepper.pace
+        return min(most, max(1, int(_CHUNK_SECONDS / pace))) if pace else 1
 
-def _advance(stepper: Stepper, count: int, history: History, watches: list[Watch]) -> int:
-    """Take `count` steps, keep the rows asked for, and follow the invariants over every one."""
-    first = stepper.index
-    u_rows, v_rows = history.window(first, count)
-    if not watches:
-        return stepper.advance(count, history.every, u_rows, v_rows)
-    if history.every == 1:
-        u_all, v_all = u_rows, v_rows
-    else:
-        u_all, v_all = (np.empty((count, *u_rows.shape[1:])) for _ in range(2))
-    taken = stepper.advance(count, 1, u_all, v_all)
-    if history.every > 1:
-        kept = slice(history.every - 1 - first % history.every, taken, history.every)
-        u_rows[: len(u_all[kept])], v_rows[: len(v_all[kept])] = u_all[kept], v_all[kept]
-    finite = taken if stepper.is_finite else _count_finite(u_all[:taken], v_all[:taken])
-    for watch in watches:
-        watch.follow(u_all[:finite], v_all[:finite])
-    return taken
+    def _end(self, status: Status, message: str, reason: Callable[[], str] | None = None) -> None:
+        self.status, self.message, self.reason = status, message, reason
 
+    def _end_diverged(self, chunk: Chunk) -> Chunk:
+        """Go back to the last finite state, and return the part of the chunk up to it."""
+        divergence = find_divergence(self.stepper)
+        self.stepper = divergence.last
+        self._end(Status.DIVERGED, divergence.message, divergence.explain)
+        finite = self.stepper.index // chunk.every - chunk.first // chunk.every
+        return chunk._replace(u=chunk.u[:finite], v=chunk.v[:finite], stepper=self.stepper)
 
-def _count_finite(u_rows: np.ndarray, v_rows: np.ndarray) -> int:
-    finite = np.isfinite(u_rows) & np.isfinite(v_rows)
-    return int(np.argmin(finite.reshape(len(finite), -1).all(axis=1)))
+    def _end_unsolved(self) -> None:
+        stepper = self.stepper
+        if not math.isfinite(stepper.residual):
+            divergence = Divergence(stepper, stepper.failed_degree, stepper.before())
+            self._end(Status.DIVERGED, divergence.message, divergence.explain)
+            return
+        remedies = ["a smaller h", "more max_iterations", "a larger tol"]
+        if stepper.running.kernel.endswith("fixed_point"):
+            remedies.append("solver='newton'")
+        self._end(
+            Status.NOT_CONVERGED,
+            f"{stepper.method.label}'s solve for the velocity did not converge at t = {stepper.t + stepper.h:g}, where "
+            f"its residual is {stepper.residual:.3g}; {', '.join(remedies[:-1])} or {remedies[-1]} may help.",
+        )
+
+    def _judge_growth(self) -> None:
+        """End as diverged where the motion is finite, but grew beyond measure through its step."""
+        suspect = self.growth.suspect(self.stepper)
+        blow_up = suspect and find_blow_up(self.stepper, suspect)
+        if blow_up:
+            self._end(Status.DIVERGED, blow_up.message, blow_up.explain)
+
+    def _result(self) -> Solution:
+        stepper = self.stepper
+        t, u, v = self.history.close(stepper)
+        return Solution(
+            t=t,
+            u=u,
+            v=v,
+            h=stepper.h,
+            n_steps=stepper.index,
+            n_rhs=stepper.n_rhs,
+            n_iterations=stepper.n_iterations,
+            status=self.status,
+            message=self.message,
+            kernel_seconds=stepper.seconds,
+            method=stepper.method,
+            drift={watch.name: watch.drift for watch in self.watches},
+            notes=(*self._growth_notes(), *solver_notes(stepper)),
+            reason=self.reason,
+        )
+
+    def _growth_notes(self) -> Iterator[str]:
+        for watch in self.watches if self.status is Status.COMPLETED else ():
+            if watch.growth:
+                yield _growth_note(watch.name, watch.growth, self.stepper.method)
 
 
 def _next_count(count: int, seconds: float) -> int:
@@ -203,49 +262,26 @@ def _next_count(count: int, seconds: float) -> int:
     return max(1, int(count * _CHUNK_SECONDS / seconds))
 
 
-def _failed_solve(stepper: Stepper) -> tuple[Status, str | Callable[[], str]]:
-    t = stepper.t + stepper.h
-    if not math.isfinite(stepper.residual):
-        return Status.DIVERGED, partial(divergence_message, stepper, stepper.failed_degree)
-    remedies = ["a smaller h", "more max_iterations", "a larger tol"]
-    if getattr(stepper.method, "solver", "newton") != "newton":
-        remedies.append("solver='newton'")
-    return Status.NOT_CONVERGED, (
-        f"{stepper.method.label}'s solve for the velocity did not converge at t = {t:g}, where its residual is "
-        f"{stepper.residual:.3g}; {', '.join(remedies[:-1])} or {remedies[-1]} may help."
-    )
-
-
-def _finish(
-    stepper: Stepper, history: History, watches: list[Watch], status: Status, message: str | Callable[[], str]
-) -> Solution:
-    t, u, v = history.close(stepper)
-    return Solution(
-        t=t,
-        u=u,
-        v=v,
-        h=stepper.h,
-        n_steps=stepper.index,
-        n_rhs=stepper.n_rhs,
-        n_newton=stepper.n_iterations,
-        status=status,
-        _told=message,
-        kernel_seconds=stepper.seconds,
-        method=stepper.method,
-        drift={watch.name: watch.drift for watch in watches},
-        notes=_notes(watches, stepper) if status is Status.COMPLETED else (),
-    )
-
-
-def _notes(watches: list[Watch], stepper: Stepper) -> tuple[str, ...]:
-    grown = [(watch.name, watch.growth) for watch in watches]
-    return tuple(_growth_note(name, growth, stepper.method) for name, growth in grown if growth)
-
-
 def _growth_note(name: str, growth: float, method: Method) -> str:
     amount = f"by {100 * growth:.2g} %" if growth < 1 else f"to {1 + growth:.3g} times its size"
     amount = amount if math.isfinite(growth) else "beyond the largest number there is,"
+    unstable = "slowly unstable" if growth < _FAST_GROWTH else "unstable"
     return (
         f"{name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is "
-        "slowly unstable here: take a smaller h, or a method that is stable for this system."
+        f"{unstable} here: take a smaller h, or a method that is stable for this system."
     )
+
+
+def solver_notes(stepper: Stepper) -> Iterator[str]:
+    """What the user should know of how an implicit method solved for the velocity."""
+    if stepper.changed_at is not None:
+        yield (
+            f"From t = {stepper.changed_at:g} on, {stepper.method.label} solves for the velocity by Newton's method, "
+            "because fixed-point iteration took too long or did not converge."
+        )
+    n = np.size(stepper.u)
+    if stepper.running.formulas.matrix and stepper.running.jacobian is None and n * stepper.n_iterations > stepper.n_rhs / 2:
+        yield (
+            f"Most of the {stepper.n_rhs} evaluations are differences of rhs for Newton's method, {n} in each "
+            "iteration: give a jacobian, or take solver='fixed-point' or another method."
+        )

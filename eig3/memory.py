@@ -9,6 +9,7 @@ import numpy as np
 from .methods import Method
 
 _CACHE_LINE = 64  # bytes
+_NOT_WORTH_A_LOOK = 2**24  # bytes, below which asking the system takes longer than using them
 
 
 def n_rows(n_steps: int, every: int) -> int:
@@ -19,8 +20,8 @@ def n_rows(n_steps: int, every: int) -> int:
 def check_history(n_steps: int, every: int, n: int) -> None:
     """Raise a MemoryError, naming the save_every that would fit, where the history of n degrees of freedom does not."""
     row = 8 * (2 * n + 1)  # u, v and t
-    needed, free = row * n_rows(n_steps, every), available_memory()
-    if needed <= free:
+    needed = row * n_rows(n_steps, every)
+    if needed <= _NOT_WORTH_A_LOOK or needed <= (free := available_memory()):
         return
     most = int(free // row) - 2
     remedy = f"save_every={math.ceil(n_steps / most)}" if most > 0 else "save_every=None and fewer degrees of freedom"
@@ -29,8 +30,9 @@ def check_history(n_steps: int, every: int, n: int) -> None:
 
 def check_workspace(method: Method, n: int) -> None:
     """Raise a MemoryError where the matrix of an implicit method does not fit."""
-    needed, free = method.workspace_bytes(n), available_memory()
-    if needed > free:
+    # The matrix, and its copy in the state that a stepper can go back to.
+    needed = 16 * n * n if method.formulas.matrix else 0
+    if needed > _NOT_WORTH_A_LOOK and needed > (free := available_memory()):
         raise MemoryError(
             f"the {n} x {n} matrix of Newton's method needs {needed:.3g} bytes and {free:.3g} are free; "
             "CentralDifference(solver='fixed-point') needs none."

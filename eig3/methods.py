@@ -6,17 +6,16 @@ import math
 import numbers
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import ModuleType
 from typing import Any, ClassVar
 
-from .kernels.jit import Form
+from .kernels.fixed import Formulas, formulas
 
 #: Every method by its short name; a record enters itself.
 METHODS: dict[str, Any] = {}
 
 
 class Method:
-    """What every method's record tells. A subclass with a `name` is known to `eig3.integrate` by it.
+    """What every method's record holds. A subclass with a `name` is known to `eig3.integrate` by it.
 
     Attributes
     ----------
@@ -29,7 +28,7 @@ class Method:
     evaluations : int or None
         Right-hand-side evaluations a step; None where an iteration decides.
     kernel : str
-        The module that holds the kernel, as `eig3.kernels` describes it.
+        The module that holds the formulas, as `eig3.kernels` describes it.
     """
 
     name: ClassVar[str]
@@ -45,36 +44,38 @@ class Method:
             return
         name = cls.name.lower()
         known = METHODS.get(name)
-        # a notebook may run a definition twice, but a name must not come to mean another method unseen
+        # A notebook may run a definition twice, but a name must not come to mean another method without an error.
         if known and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
             raise ValueError(f"name {name!r} is that of {known.__qualname__}; give {cls.__qualname__} another.")
         METHODS[name] = cls
+
+    @property
+    def is_implicit(self) -> bool:
+        """Whether a step solves equations by iteration, so that the number of evaluations is not known before."""
+        return self.evaluations is None
 
     @property
     def settings(self) -> tuple[float, ...]:
         """The numbers the kernel needs of the record."""
         return ()
 
-    def workspace_bytes(self, n: int) -> int:
-        """What a run of n degrees of freedom needs beyond a few vectors."""
-        return 0
+    def for_force(self, reads_velocity: bool, n: int) -> "Method":
+        """The record that runs, for a force on n degrees of freedom that reads the velocity or does not."""
+        return self
+
+    @property
+    def fallback(self) -> "Method | None":
+        """The record to go on with where the solve of a step does not converge."""
+        return None
 
     def without_velocity(self) -> "Method":
         """The record to prefer for a force that does not read v."""
         return self
 
     @property
-    def module(self) -> ModuleType:
-        """The module of the kernel, imported when first asked for."""
-        module = importlib.import_module(self.kernel)
-        missing = [name for name in ("start", "scratch", "scalar", "vector") if not hasattr(module, name)]
-        if missing:
-            raise TypeError(f"kernel {self.kernel!r} must define {', '.join(missing)}: see eig3.kernels.")
-        return module
-
-    def function(self, form: Form) -> Callable:
-        """The kernel for a form of right-hand side, as plain Python."""
-        return getattr(self.module, form.name + ("" if self.jacobian is None else "_jacobian"))
+    def formulas(self) -> Formulas:
+        """The formulas of the kernel, read when first asked for."""
+        return formulas(importlib.import_module(self.kernel))
 
 
 @dataclass(frozen=True)
@@ -87,14 +88,15 @@ class EIG3(Method):
         Weights of a_n - a_{n-1} in the displacement and in the velocity. The order is 2 for beta = 1/2 and else 1.
         (1, 1/2) has no numerical damping and the largest stable step of the second-order sets, omega h < 2 undamped;
         with beta = 1/2 a larger alpha damps the high frequencies, and a smaller one is unstable for every step.
-    velocity : {"explicit", "none"}
+    velocity : {"auto", "explicit", "none"}
         "none" is for a force without velocity: (1, 1/2) then computes the same u and v with fewer arrays read and
-        written. A force that reads velocity is refused where it does so at the start.
+        written. A force that reads the velocity at the start is refused. "auto" is "none" for a function that never
+        reads its argument v, and else "explicit".
     """
 
     alpha: float = 1.0
     beta: float = 0.5
-    velocity: str = field(default="explicit", repr=False)
+    velocity: str = field(default="auto", repr=False)
     name: ClassVar[str] = "eig3"
     label: ClassVar[str] = "EIG-3"
 
@@ -102,8 +104,8 @@ class EIG3(Method):
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):
             if not (isinstance(value, numbers.Real) and math.isfinite(value)):
                 raise ValueError(f"{name} must be a finite number, not {value!r}.")
-        if self.velocity not in ("explicit", "none"):
-            raise ValueError(f"velocity must be 'explicit' or 'none', not {self.velocity!r}.")
+        if self.velocity not in ("auto", "explicit", "none"):
+            raise ValueError(f"velocity must be 'auto', 'explicit' or 'none', not {self.velocity!r}.")
 
     @property
     def kernel(self) -> str:  # type: ignore[override]
@@ -113,6 +115,9 @@ class EIG3(Method):
     @property
     def ignores_velocity(self) -> bool:  # type: ignore[override]
         return self.velocity == "none"
+
+    def for_force(self, reads_velocity: bool, n: int) -> Method:
+        return self.without_velocity() if self.velocity == "auto" and not reads_velocity else self
 
     def without_velocity(self) -> Method:
         return dataclasses.replace(self, velocity="none")
@@ -132,14 +137,15 @@ class CentralDifference(Method):
 
     Parameters
     ----------
-    velocity : {"implicit", "none", "lagged"}
+    velocity : {"auto", "implicit", "none", "lagged"}
         "implicit" solves v = w + h/2 f(t, u, v) at every step: second order for every force. "none" is for a force
-        without velocity: one evaluation and no solve; a force that reads velocity is refused where it does so at the
-        start. "lagged" gives f the velocity of half a step before: explicit, but of first order only, and there to be
-        shown rather than preferred.
-    solver : {"newton", "fixed-point"}
-        How "implicit" solves. Newton's method converges also where h df/dv is large; fixed-point iteration is cheaper
-        where it is small.
+        without velocity: one evaluation and no solve. A force that reads the velocity at the start is refused. "auto"
+        is "none" for a function that never reads its argument v, and else "implicit". "lagged" gives f the velocity of
+        half a step before: explicit, but of first order only. It is there to be shown, not to be preferred.
+    solver : {"auto", "newton", "fixed-point"}
+        How "implicit" solves. Newton's method converges also where h df/dv is large. Fixed-point iteration is cheaper
+        where it is small. "auto" iterates, and changes to Newton's method for the rest of the run at the first step
+        where the iteration takes long or does not converge; with a jacobian it is "newton".
     jacobian : jitted function, optional
         df/dv for Newton's method: ``jacobian(t, u, v, p, J)``, writing the entries of the n x n array J, which come
         zeroed; or ``jacobian(t, u, v, p) -> float`` for one degree of freedom. Without it, differences of f.
@@ -151,8 +157,8 @@ class CentralDifference(Method):
         Iterations in one step before the run ends as NOT_CONVERGED.
     """
 
-    velocity: str = "implicit"
-    solver: str = "newton"
+    velocity: str = "auto"
+    solver: str = "auto"
     jacobian: Callable | None = None
     tol: float = 1e-12
     max_iterations: int = 50
@@ -160,11 +166,11 @@ class CentralDifference(Method):
     label: ClassVar[str] = "CD"
 
     def __post_init__(self) -> None:
-        if self.velocity not in ("implicit", "none", "lagged"):
-            raise ValueError(f"velocity must be 'implicit', 'none' or 'lagged', not {self.velocity!r}.")
-        if self.solver not in ("newton", "fixed-point"):
-            raise ValueError(f"solver must be 'newton' or 'fixed-point', not {self.solver!r}.")
-        if self.jacobian is not None and self.kernel != "eig3.kernels.cd_newton":
+        if self.velocity not in ("auto", "implicit", "none", "lagged"):
+            raise ValueError(f"velocity must be 'auto', 'implicit', 'none' or 'lagged', not {self.velocity!r}.")
+        if self.solver not in ("auto", "newton", "fixed-point"):
+            raise ValueError(f"solver must be 'auto', 'newton' or 'fixed-point', not {self.solver!r}.")
+        if self.jacobian is not None and not (self.is_implicit and self.solver != "fixed-point"):
             raise ValueError("jacobian is used by velocity='implicit' with solver='newton' only; leave it out.")
         if not (isinstance(self.tol, numbers.Real) and 0 < self.tol < 1):
             raise ValueError(f"tol must be a number between 0 and 1, not {self.tol!r}.")
@@ -172,14 +178,15 @@ class CentralDifference(Method):
             raise ValueError(f"max_iterations must be a whole number of at least 1, not {self.max_iterations!r}.")
 
     def __repr__(self) -> str:
-        told = [f for f in dataclasses.fields(self) if getattr(self, f.name) != f.default]
-        return f"CentralDifference({', '.join(f'{f.name}={getattr(self, f.name)!r}' for f in told)})"
+        changed = [f for f in dataclasses.fields(self) if getattr(self, f.name) != f.default]
+        return f"CentralDifference({', '.join(f'{f.name}={getattr(self, f.name)!r}' for f in changed)})"
 
     @property
     def kernel(self) -> str:  # type: ignore[override]
-        if self.velocity != "implicit":
+        if not self.is_implicit:
             return "eig3.kernels.cd"
-        return "eig3.kernels.cd_newton" if self.solver == "newton" else "eig3.kernels.cd_fixed_point"
+        newton = self.solver == "newton" or self.jacobian is not None
+        return "eig3.kernels.cd_newton" if newton else "eig3.kernels.cd_fixed_point"
 
     @property
     def order(self) -> int:  # type: ignore[override]
@@ -187,18 +194,27 @@ class CentralDifference(Method):
 
     @property
     def evaluations(self) -> int | None:  # type: ignore[override]
-        return None if self.velocity == "implicit" else 1
+        return None if self.velocity in ("auto", "implicit") else 1
 
     @property
     def ignores_velocity(self) -> bool:  # type: ignore[override]
         return self.velocity == "none"
 
-    def without_velocity(self) -> Method:
-        return dataclasses.replace(self, velocity="none")
+    def for_force(self, reads_velocity: bool, n: int) -> Method:
+        if self.velocity == "auto" and not reads_velocity:
+            return self.without_velocity()
+        if self.fallback is None:
+            return self
+        # Newton's method with differences takes some 2 n + 3 evaluations: more iterations than those do not pay.
+        return dataclasses.replace(self, solver="fixed-point", max_iterations=min(self.max_iterations, 8 + 4 * n))
 
-    def workspace_bytes(self, n: int) -> int:
-        # the matrix, and its copy in the state that the stepper can go back to
-        return 16 * n * n if self.kernel == "eig3.kernels.cd_newton" and n > 1 else 0
+    @property
+    def fallback(self) -> Method | None:
+        iterates_first = self.is_implicit and self.solver == "auto" and self.jacobian is None
+        return dataclasses.replace(self, solver="newton") if iterates_first else None
+
+    def without_velocity(self) -> Method:
+        return dataclasses.replace(self, velocity="none", jacobian=None)
 
     @property
     def settings(self) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.critical import CriticalStep, critical_step
-from .callbacks import check_callback, read_only
+from .callbacks import check_callback, reads_velocity
 from .checks import check_method, check_params, check_state
 from .integration import integrate
 from .methods import Method
@@ -113,11 +113,11 @@ class Problem:
         if self.energy is None:
             raise ValueError(f"{self.name} has no energy; that of a scene has, with scene.problem(..., work=True).")
         energy = check_callback(self.energy, "invariant", check_state(self.u0, self.v0)[2], "energy")
-        params = read_only(check_params(self.params))
+        params = check_params(self.params)
 
         def of(t: Any, u: ArrayLike, v: ArrayLike) -> float:
             u, v, _ = check_state(u, v)
-            return energy(t, read_only(u), read_only(v), params)
+            return energy.call(float(t), u, v, params)
 
         time = self.t_span[0] if t is None else t
         if np.ndim(u) == np.ndim(self.u0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -38,19 +39,20 @@ class Solution:
         Steps taken.
     n_rhs : int
         Evaluations of the right-hand side, with the one at the start.
-    n_newton : int
-        Iterations of CD's solver.
+    n_iterations : int
+        Iterations of an implicit method's solver.
     status : Status
     message : str
-        What happened, in a sentence. Of a diverged run it compares h with the critical step, and names a step that was
-        tried and holds; this is found out when first asked for, in two or three times the time that the run took.
+        What happened, in a sentence.
     drift : dict of str to float
         For each invariant, max |e_n - e_0| over every step.
     kernel_seconds : float
         Time inside the stepping kernel: no compiling, no invariants.
     method : Method
     notes : tuple of str
-        What a finite run does not show by itself: an invariant that grows steadily.
+        What the numbers do not show by themselves: an invariant that grows steadily, a solver that changed.
+    reason : callable, optional
+        Finds out more about a run that did not complete: what `explain` calls.
     """
 
     t: np.ndarray
@@ -59,20 +61,37 @@ class Solution:
     h: float
     n_steps: int
     n_rhs: int
-    n_newton: int
+    n_iterations: int
     status: Status
-    _told: str | Callable[[], str]
+    message: str
     kernel_seconds: float
     method: Method
     drift: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    reason: Callable[[], str] | None = None
+    _explanation: str = ""
+
+    def explain(self) -> str:
+        """Find out why a run did not complete, as far as that can be found out.
+
+        Of a diverged run this compares h with the critical step and names a step that was tried and holds. It takes
+        two or three times as long as the run, the first time.
+
+        Returns
+        -------
+        str
+            The message, with the reason. A solution that was pickled, copied through a process pool or loaded no
+            longer has the right-hand side and gives the message alone.
+        """
+        if self.reason is not None:
+            self._explanation = self._explanation or self.reason()
+        return self._explanation or self.message
 
     @property
-    def message(self) -> str:
-        """What happened, in a sentence."""
-        if not isinstance(self._told, str):
-            self._told = self._told()  # what finds it out holds the state of the run
-        return self._told
+    def n_newton(self) -> int:
+        """The old name of `n_iterations`."""
+        warnings.warn("n_newton is now n_iterations.", DeprecationWarning, stacklevel=2)
+        return self.n_iterations
 
     @property
     def success(self) -> bool:
@@ -117,7 +136,7 @@ class Solution:
         return u, v
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_told": self.message}  # what finds it out holds compiled code too
+        return {**vars(self), "reason": None}  # which holds compiled code
 
     def __repr__(self) -> str:
         per_step = 1e9 * self.kernel_seconds / self.n_steps if self.n_steps else 0.0
@@ -126,7 +145,7 @@ class Solution:
             f"Solution by {self.method!r}: {self.status.value}",
             f"  {dof} of freedom, t = {self.t[0]:g} to {self.t[-1]:g}, {self.n_steps} steps of h = {self.h:.6g}, "
             f"{len(self.t)} states saved",
-            f"  {self.n_rhs} evaluations{f', {self.n_newton} iterations' * (self.n_newton > 0)}, "
+            f"  {self.n_rhs} evaluations{f', {self.n_iterations} iterations' * (self.n_iterations > 0)}, "
             f"{self.kernel_seconds:.3g} s in the kernel ({per_step:.3g} ns a step)",
         ]
         lines += [f"  drift of {name}: {value:.4g}" for name, value in self.drift.items()]

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 
 from .callbacks import cached_jit, check_callback
 from .checks import check_method
-from .kernels.jit import VECTOR, pointer_kernel
+from .kernels.fixed import pointer_kernel
+from .kernels.protocol import VECTOR, Run
 from .methods import EIG3, Method
 
 _ROUND_OFF = 1e-11  # of an eigenvalue: its pair is 1e-5 apart where the limit is bisected to 1e-10
 _SIMPLE = 1e-6  # roots nearer to each other count as one
 _SOLVED_TOGETHER = 32  # oscillators of one call of an implicit method, whose matrix grows with them
 _OSCILLATES = 1e-7  # an imaginary part above what round-off gives to a double real root
-_REGULAR_STEP = 16  # a step index past every method's starting procedure
 _FURTHEST = 100.0  # omega h: what is stable there is taken to be stable for every step
 _TRACKING = 0.01  # omega h between two looks at where the principal root goes
 
@@ -80,20 +80,23 @@ def _oscillators(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.nd
 
 def state_size(method: Method) -> int:
     """Values that a method carries from step to step for one degree of freedom: u, v and its past."""
-    return 2 + len(method.module.start(1.0, 1.0, 1.0, 1.0))
+    return 2 + method.formulas.past
 
 
 def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -> np.ndarray:
     """Take one step of h = 1 with the vector kernel from the rows (u, v, past ...); NaN where a solve fails."""
+    method = method.fallback or method
     if method.jacobian is not None:  # that of another system
         method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
     rows, n = state.shape
-    kernel = pointer_kernel(method.function(VECTOR), VECTOR)
-    whole = np.concatenate([state, np.zeros((method.module.scratch(n), n))])
+    formulas = method.formulas
+    whole = np.zeros((formulas.state_rows(n), n))
+    whole[:rows] = state
     nowhere = np.empty((0, n))
-    run = (1.0, 0.0, params, _REGULAR_STEP, 1, 2**62, nowhere, nowhere)
+    run = Run(1.0, 0.0, params, formulas.start_steps, 1, 2**62, nowhere, nowhere)
     settings = np.array(method.settings, dtype=np.float64)
-    taken = kernel(check_callback(rhs, "rhs", VECTOR), whole, settings, np.zeros(4), run)
+    callbacks = check_callback(rhs, "rhs", VECTOR).address, None
+    taken = pointer_kernel(formulas.module, VECTOR)(callbacks, whole, settings, np.zeros(4), run)
     return whole[:rows] if taken else np.full_like(state, np.nan)
 
 

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import copy
+import math
 import operator
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .callbacks import check_callback, compile_for_own_arrays, read_only
+from .callbacks import check_callback, compile_for_own_arrays, reads_velocity
 from .checks import check_h, check_method, check_params, check_state, check_time
-from .kernels.jit import SCALAR, inline_kernel, pointer_kernel
+from .guard import first_acceleration, guarded
+from .kernels.fixed import STACKED_VALUES, inline_kernel, pointer_kernel
+from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Form, Run
 from .memory import aligned, check_workspace
 from .methods import Method
 
@@ -38,6 +43,10 @@ class Stepper:
         Steps taken so far.
     seconds : float
         Time spent in the kernel, without compiling.
+    running : Method
+        The record that takes the steps: `method` with everything decided that it leaves to the force.
+    changed_at : float or None
+        The time at which `running` was changed for its fallback, because the solve of a step did not converge.
 
     Raises
     ------
@@ -60,31 +69,27 @@ class Stepper:
         self.h = check_h(h)
         self.t0 = check_time(t0, "t0")
         u, v, self.form = check_state(u0, v0)
-        self.params = check_params(params)
+        self.params = guarded(check_params(params))
         self.method = check_method(method)
-        check_workspace(self.method, np.size(u))
         self.inline = inline
         self.index = 0
         self.seconds = 0.0
-        self._tally = np.zeros(4)  # as eig3.kernels describes it
-        self._settings = np.array(self.method.settings, dtype=np.float64)
-        self._callbacks = [check_callback(rhs, "rhs", self.form)]
-        if self.method.jacobian is not None:
-            self._callbacks.append(check_callback(self.method.jacobian, "jacobian", self.form))
+        self.changed_at: float | None = None
+        self._rhs = rhs
+        self._callback = check_callback(rhs, "rhs", self.form)
         self._start = u, v
-        with np.errstate(over="ignore"):  # what overflows here shows in the first step
-            a = self._first_acceleration(u, v)
-            past = self.method.module.start(u, v, a, self.h)
-        if self.form is SCALAR:
-            self._state = np.array([u, v, *past])
-        else:
-            self._state = aligned((2 + len(past) + self.method.module.scratch(u.size), u.size))
-            for row, values in zip(self._state, (u, v, *past), strict=False):
-                row[:] = values
-        self._state_before, self._tally_before = self._state.copy(), self._tally.copy()
-        self._index_before = 0
         self._nowhere = np.empty((0,) if self.form is SCALAR else (0, u.size))
-        self._kernel = self._compiled_kernel()
+        self._tally = np.zeros(4)
+        self._before: _Position | None = None
+        a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
+        running = self.method.for_force(reads_velocity(rhs), np.size(u))
+        self._prepare(running)
+        self._check_velocity(a)
+        with np.errstate(over="ignore"):  # what overflows here shows in the first step
+            past = running.formulas.start(u, v, a, self.h)
+        for k, values in enumerate((u, v, *past)):
+            self._state[k] = values
+        self._save()
 
     @property
     def t(self) -> float:
@@ -104,22 +109,22 @@ class Stepper:
     @property
     def n_rhs(self) -> int:
         """Evaluations of the right-hand side, with the one at the start."""
-        return 1 + int(self._tally[0])
+        return 1 + int(self._tally[EVALUATIONS])
 
     @property
     def n_iterations(self) -> int:
         """Iterations of an implicit method's solver."""
-        return int(self._tally[1])
+        return int(self._tally[ITERATIONS])
 
     @property
     def residual(self) -> float:
         """What a failed solve left of the equation for v; NaN where the step began with something not finite."""
-        return float(self._tally[2])
+        return float(self._tally[RESIDUAL])
 
     @property
     def failed_degree(self) -> int:
         """The degree of freedom in which a step that fails began with something not finite."""
-        return int(self._tally[3])
+        return int(self._tally[DEGREE])
 
     @property
     def is_finite(self) -> bool:
@@ -163,54 +168,122 @@ class Stepper:
             raise ValueError(f"count must not be negative and every be at least 1, not {count} and {every}.")
         rows = (self.index + count) // every - self.index // every
         u_rows, v_rows = self._check_rows(u_rows, rows), self._check_rows(v_rows, rows)
-        arguments = self._arguments(count, every, u_rows, v_rows)
-        np.copyto(self._state_before, self._state)
-        np.copyto(self._tally_before, self._tally)
-        self._index_before = self.index
+        self._save()
         try:
-            begin = time.perf_counter()
-            taken = self._kernel(*arguments)
-            self.seconds += time.perf_counter() - begin
-            self.index += taken
+            taken = self._call(self.index, count, every, u_rows, v_rows)
+            if taken < count and self._fall_back(self.index + taken):
+                written = (self.index + taken) // every - self.index // every
+                taken += self._call(self.index + taken, count - taken, every, u_rows[written:], v_rows[written:])
         except BaseException:
             self.back()
             raise
+        self.index += taken
         return taken
 
     def back(self) -> None:
         """Return to where the last `advance` started; `seconds` keeps what it took."""
-        np.copyto(self._state, self._state_before)
-        np.copyto(self._tally, self._tally_before)
-        self.index = self._index_before
+        before = self._before
+        if before.running is not self.running:
+            self._prepare(before.running)
+        self.index, self.changed_at = before.index, before.changed_at
+        np.copyto(self._state, before.state)
+        np.copyto(self._tally, before.tally)
 
     def fork(self) -> Stepper:
         """An independent stepper that stands at the same state."""
         other = copy.copy(self)
         other._state, other._tally = aligned(self._state.shape), self._tally.copy()
         np.copyto(other._state, self._state)
-        other._state_before, other._tally_before = self._state_before.copy(), self._tally_before.copy()
+        other._before = None
+        other._save()
+        return other
+
+    def before(self) -> Stepper:
+        """An independent stepper that stands where the last `advance` started."""
+        other = self.fork()
+        other._before = self._before
+        other.back()
         return other
 
     def restarted(self, h: float) -> Stepper:
         """A new stepper at the start, with another step."""
         options: dict[str, Any] = {"t0": self.t0, "params": self.params, "method": self.method, "inline": self.inline}
-        return Stepper(self._callbacks[0], *self._start, h=h, **options)
+        return Stepper(self._rhs, *self._start, h=h, **options)
 
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
         """f(t, u, v): a float, or a new array of shape (n,)."""
-        rhs, given = self._callbacks[0], (read_only(u), read_only(v), read_only(self.params))
         if self.form is SCALAR:
-            return rhs(t, *given)
+            return self._callback.call(t, u, v, self.params)
         a = np.full(u.size, np.nan)  # an entry that rhs forgets to write shows as not finite
-        rhs(t, *given, a)
+        self._callback.call(t, u, v, self.params, a)
         return a
+
+    @property
+    def pace(self) -> float | None:
+        """Seconds a step, as the last run of this right-hand side and kernel took; None before the first."""
+        return self._callback.pace.get(self._pace_key)
+
+    def note_pace(self) -> None:
+        """Keep how long a step took, for the runs to come."""
+        if self.index:
+            self._callback.pace[self._pace_key] = self.seconds / self.index
+
+    @property
+    def _pace_key(self) -> tuple:
+        return self.running.kernel, np.size(self._start[0])
+
+    def _prepare(self, running: Method) -> None:
+        """Make the kernel of a record ready, and a state of its size."""
+        self.running = running
+        n = np.size(self._start[0])
+        rows = running.formulas.state_rows(n)
+        check_workspace(running, n)
+        self._settings = np.array(running.settings, dtype=np.float64)
+        self._state = np.zeros(2 + running.formulas.past) if self.form is SCALAR else aligned((rows, n))
+        jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", self.form)
+        if self.inline:
+            self._callbacks: tuple = ()
+            self._kernel = _inline(self._rhs, running, self.form, n)
+        else:
+            self._callbacks = (self._callback.address, jacobian and jacobian.address)
+            self._kernel = pointer_kernel(running.formulas.module, self.form, jacobian is not None)
+
+    def _call(self, first: int, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray) -> int:
+        run = Run(self.h, self.t0, self.params, first, count, every, u_rows, v_rows)
+        begin = time.perf_counter()
+        taken = self._kernel(self._callbacks, self._state, self._settings, self._tally, run)
+        self.seconds += time.perf_counter() - begin
+        return taken
+
+    def _fall_back(self, index: int) -> bool:
+        """From a step on, go on with the method's fallback where it has one; both carry the same values from step to step."""
+        fallback = self.method.fallback
+        if fallback is None or self.changed_at is not None or not math.isfinite(self.residual):
+            return False
+        try:
+            check_workspace(fallback, np.size(self._start[0]))
+        except MemoryError:
+            return False
+        state = self._state
+        self._prepare(fallback)
+        carried = 2 + fallback.formulas.past
+        self._state[:carried] = state[:carried]
+        self.changed_at = self.t0 + index * self.h
+        return True
+
+    def _save(self) -> None:
+        before = self._before
+        if before is None or before.running is not self.running:
+            self._before = _Position(
+                self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy()
+            )
+            return
+        np.copyto(before.state, self._state)
+        np.copyto(before.tally, self._tally)
+        before.index, before.changed_at = self.index, self.changed_at
 
     def _component(self, row: int) -> Any:
         return float(self._state[row]) if self.form is SCALAR else self._state[row].copy()
-
-    def _arguments(self, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray) -> tuple:
-        run = (self.h, self.t0, self.params, self.index, count, every, u_rows, v_rows)
-        return *self._callbacks, self._state, self._settings, self._tally, run
 
     def _check_rows(self, rows: np.ndarray | None, count: int) -> np.ndarray:
         if rows is None:
@@ -222,28 +295,39 @@ class Stepper:
             raise ValueError(f"u_rows and v_rows must have shape {needed} at least, not {rows.shape}.")
         return rows
 
-    def _compiled_kernel(self) -> Any:
-        function = self.method.function(self.form)
-        arguments = self._arguments(0, _NEVER, self._nowhere, self._nowhere)
-        if self.inline:
-            for callback, kind in zip(self._callbacks, ("rhs", "jacobian"), strict=False):
-                compile_for_own_arrays(callback, kind, self.form)
-            kernel = inline_kernel(function)
-            kernel.compile(tuple(numba.typeof(argument) for argument in arguments))
-        else:
-            kernel = pointer_kernel(function, self.form, self.method.jacobian is not None)
-        kernel(*arguments)  # no steps: resolves the addresses of the callbacks before anything is timed
-        return kernel
-
-    def _first_acceleration(self, u: Any, v: Any) -> Any:
-        a = self.acceleration(self.t0, u, v)
-        bad = np.flatnonzero(~np.isfinite(a))
-        if bad.size:
-            raise ValueError(
-                f"rhs gives {np.atleast_1d(a)[bad[0]]} for degree of freedom {bad[0]} at the start; "
-                "it must give a finite acceleration for every degree of freedom, a[j] in the vector form."
-            )
+    def _check_velocity(self, a: Any) -> None:
+        """Refuse a method for forces without velocity where another velocity changes the acceleration."""
+        if not self.method.ignores_velocity:
+            return
+        u, v = self._start
         other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, and by as much as u gives
-        if self.method.ignores_velocity and np.any(self.acceleration(self.t0, u, other) != a):
+        if np.any(self.acceleration(self.t0, u, other) != a):
             raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
-        return a
+
+
+@dataclass
+class _Position:
+    """Where a stepper can go back to."""
+
+    index: int
+    running: Method
+    changed_at: float | None
+    state: np.ndarray
+    tally: np.ndarray
+
+
+# Weak, so that a program that makes many functions can forget them.
+_inlined: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Callable]]] = WeakKeyDictionary()
+
+
+def _inline(rhs: Any, method: Method, form: Form, n: int) -> Callable:
+    """The kernel of a method with the callbacks compiled into it."""
+    stacked = n if form is VECTOR and n * method.formulas.rows <= STACKED_VALUES else 0
+    key = method.formulas.module, form.name, stacked, method.jacobian
+    known, compiled = _inlined.setdefault(rhs, {}), rhs.overloads[form.rhs.args]
+    if key not in known or known[key][0] is not compiled:  # the user may have compiled rhs anew
+        for callback, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
+            if callback is not None:
+                compile_for_own_arrays(callback, kind, form)
+        known[key] = compiled, inline_kernel(method.formulas.module, form, rhs, method.jacobian, stacked)
+    return known[key][1]

@@ -12,7 +12,8 @@ u_{-1} = u_0 - h v_0 + h^2/2 a_0, which is w_0 = v_0 - h/2 a_0.
 """
 
 from .jit import element
-from .march import march_scalar, march_vector_lazily
+
+PAST, ROWS, EVALUATIONS = 2, 4, 1
 
 
 @element
@@ -27,20 +28,20 @@ def velocity(w, a, h):
 
 
 @element
-def step_scalar(f, t, y, c, h, p):
+def step_scalar(f, at, y, c):
     u, _, w, a = y
-    u, w = move(u, w, a, h)
-    a = f(t + h, u, w, p)
-    return (u, velocity(w, a, h), w, a), True
+    u, w = move(u, w, a, at.h)
+    a = f(at.t + at.h, u, w, at.p)
+    return (u, velocity(w, a, at.h), w, a), True
 
 
 @element
-def step_vector(f, t, y, c, h, p, n):
+def step_vector(f, at, y, c, n):
     u, _, w, a = y
     for j in range(n):
-        u[j], w[j] = move(u[j], w[j], a[j], h)
-    f(t + h, u, w, p, a)
-    return True
+        u[j], w[j] = move(u[j], w[j], a[j], at.h)
+    f(at.t + at.h, u, w, at.p, a)
+    return y, True
 
 
 @element
@@ -50,24 +51,5 @@ def complete(y, c, h, n):
         v[j] = velocity(w[j], a[j], h)
 
 
-def scratch(n):
-    return 0
-
-
 def start(u, v, a, h):
     return v - h / 2 * a, a
-
-
-def scalar(f, state, settings, tally, run):
-    y = state[0], state[1], state[2], state[3]
-    y, taken = march_scalar(step_scalar, f, y, (), run)
-    state[0], state[1], state[2], state[3] = y
-    tally[0] += taken
-    return taken
-
-
-def vector(f, state, settings, tally, run):
-    y = state[0], state[1], state[2], state[3]
-    taken = march_vector_lazily(step_vector, complete, f, y, (), run)
-    tally[0] += taken
-    return taken

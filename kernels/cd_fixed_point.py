@@ -1,86 +1,74 @@
 """CD, the central difference method, for a force that depends on velocity: v_n by fixed-point iteration.
 
-The step is that of `cd_newton`, and v = w + h/2 f(t, u, v) is repeated until v stands still, starting from the last
-step's acceleration. It converges where h/2 |df/dv| < 1 and needs no Jacobian: the cheaper choice where that is small.
+The step is that of `cd_newton`. v = w + h/2 f(t, u, v) is repeated until v stands still, starting from the last step's
+acceleration. The iteration converges where h/2 |df/dv| < 1 and needs no Jacobian: the cheaper choice where that is
+small.
 """
 
 import math
 
-from .cd_newton import first_not_finite, is_solved, move
+from .cd_newton import first_not_finite, is_solved, move, start
 from .jit import element
-from .march import march_scalar, march_vector
+from .protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL
+
+__all__ = ["PAST", "ROWS", "constants", "start", "step_scalar", "step_vector"]
+
+PAST, ROWS = 1, 7
 
 
 @element
-def step_scalar(f, t, y, c, h, p):
+def constants(settings, h, work):
+    return settings[0], int(settings[1]), work.tally
+
+
+@element
+def step_scalar(f, at, y, c):
     u, v, w = y
     tolerance, limit, tally = c
     impulse = v - w
-    u, w = move(u, v, w, h)
+    u, w = move(u, v, w, at.h)
     v = w + impulse
-    tally[2] = math.nan
+    last = math.nan
     for _ in range(limit):
-        v_next = w + h / 2 * f(t + h, u, v, p)
+        v_next = w + at.h / 2 * f(at.t + at.h, u, v, at.p)
         change = abs(v_next - v)
         v = v_next
-        tally[0] += 1
-        tally[1] += 1
+        tally[EVALUATIONS] += 1
+        tally[ITERATIONS] += 1
         scale = abs(v) + abs(w)
         if not math.isfinite(change + scale):
             break
-        if is_solved(change, tally[2], scale, abs(u), tolerance, h, 1):
+        if is_solved(change, last, scale, abs(u), tolerance, at.h, 1):
             return (u, v, w), True
-        tally[2] = change
+        last = change
+    tally[RESIDUAL] = last
     return (u, v, w), False
 
 
 @element
-def step_vector(f, t, y, c, h, p, n):
-    u, v, w, u_kept, v_kept, w_kept, a = y
+def step_vector(f, at, y, c, n):
+    u, v, w, u_next, v_next, w_next, a = y
     tolerance, limit, tally = c
     for j in range(n):
-        u_kept[j], v_kept[j], w_kept[j] = u[j], v[j], w[j]
         impulse = v[j] - w[j]
-        u[j], w[j] = move(u[j], v[j], w[j], h)
-        v[j] = w[j] + impulse
-    tally[2] = math.nan
+        u_next[j], w_next[j] = move(u[j], v[j], w[j], at.h)
+        v_next[j] = w_next[j] + impulse
+    last = math.nan
     for _ in range(limit):
-        f(t + h, u, v, p, a)
-        tally[0] += 1
-        tally[1] += 1
+        f(at.t + at.h, u_next, v_next, at.p, a)
+        tally[EVALUATIONS] += 1
+        tally[ITERATIONS] += 1
         change = scale = size = 0.0
         for j in range(n):
-            v_next = w[j] + h / 2 * a[j]
-            change += abs(v_next - v[j])  # a sum, since a maximum may pass over a NaN
-            scale += abs(v_next) + abs(w[j])
-            size += abs(u[j])
-            v[j] = v_next
+            v_iterated = w_next[j] + at.h / 2 * a[j]
+            change += abs(v_iterated - v_next[j])  # a sum, because a maximum may pass over a NaN
+            scale += abs(v_iterated) + abs(w_next[j])
+            size += abs(u_next[j])
+            v_next[j] = v_iterated
         if not math.isfinite(change + scale + size):
             break
-        if is_solved(change, tally[2], scale, size, tolerance, h, n):
-            return True
-        tally[2] = change
-    tally[3] = first_not_finite(v)
-    for j in range(n):  # the state stays what the last good step left
-        u[j], v[j], w[j] = u_kept[j], v_kept[j], w_kept[j]
-    return False
-
-
-def scratch(n):
-    return 4
-
-
-def start(u, v, a, h):
-    return (v - h / 2 * a,)
-
-
-def scalar(f, state, settings, tally, run):
-    y = state[0], state[1], state[2]
-    y, taken = march_scalar(step_scalar, f, y, (settings[0], int(settings[1]), tally), run)
-    state[0], state[1], state[2] = y
-    return taken
-
-
-def vector(f, state, settings, tally, run):
-    y = state[0], state[1], state[2], state[3], state[4], state[5], state[6]
-    return march_vector(step_vector, f, y, (settings[0], int(settings[1]), tally), run)
+        if is_solved(change, last, scale, size, tolerance, at.h, n):
+            return (u_next, v_next, w_next, u, v, w, a), True
+        last = change
+    tally[RESIDUAL], tally[DEGREE] = last, first_not_finite(v_next)
+    return y, False  # the state stays what the last good step left

@@ -4,11 +4,18 @@
     u_{n+1} = u_n + h v_n + h^2/2 [a_n + alpha (a_n - a_{n-1})]
     v_{n+1} = v_n + h [a_n + beta (a_n - a_{n-1})]
 
-The first step has no a_{-1}; taking a_{-1} = a_0 makes it the Taylor step of the article.
+The first step has no a_{-1}. With a_{-1} = a_0 it becomes the Taylor step of the article.
 """
 
 from .jit import element
-from .march import march_scalar, march_vector
+
+PAST, ROWS, EVALUATIONS = 1, 4, 1
+
+
+@element
+def constants(settings, h, work):
+    alpha, beta = settings[0], settings[1]
+    return h * h / 2 * (1 + alpha), h * h / 2 * alpha, h * (1 + beta), h * beta
 
 
 @element
@@ -19,47 +26,21 @@ def update(u, v, a, a_past, c, h):
 
 
 @element
-def step_scalar(f, t, y, c, h, p):
+def step_scalar(f, at, y, c):
     u, v, a_past = y
-    a = f(t, u, v, p)
-    u, v = update(u, v, a, a_past, c, h)
+    a = f(at.t, u, v, at.p)
+    u, v = update(u, v, a, a_past, c, at.h)
     return (u, v, a), True
 
 
 @element
-def step_vector(f, t, y, c, h, p, n):
+def step_vector(f, at, y, c, n):
     u, v, a_past, a = y
-    f(t, u, v, p, a)
+    f(at.t, u, v, at.p, a)
     for j in range(n):
-        u[j], v[j] = update(u[j], v[j], a[j], a_past[j], c, h)
-        a_past[j] = a[j]
-    return True
-
-
-@element
-def coefficients(settings, h):
-    alpha, beta = settings[0], settings[1]
-    return h * h / 2 * (1 + alpha), h * h / 2 * alpha, h * (1 + beta), h * beta
-
-
-def scratch(n):
-    return 1
+        u[j], v[j] = update(u[j], v[j], a[j], a_past[j], c, at.h)
+    return (u, v, a, a_past), True
 
 
 def start(u, v, a, h):
     return (a,)
-
-
-def scalar(f, state, settings, tally, run):
-    y = state[0], state[1], state[2]
-    y, taken = march_scalar(step_scalar, f, y, coefficients(settings, run[0]), run)
-    state[0], state[1], state[2] = y
-    tally[0] += taken
-    return taken
-
-
-def vector(f, state, settings, tally, run):
-    y = state[0], state[1], state[2], state[3]
-    taken = march_vector(step_vector, f, y, coefficients(settings, run[0]), run)
-    tally[0] += taken
-    return taken

@@ -7,40 +7,24 @@ are the formulas of EIG-3 with other names, and the positions those of central d
 step needs it: with n degrees of freedom fewer arrays are read and written in a step.
 """
 
-from .cd import complete, move, scratch, start, velocity
+from .cd import EVALUATIONS, PAST, ROWS, complete, move, start, velocity
 from .jit import element
-from .march import march_scalar, march_vector_lazily
 
-__all__ = ["scalar", "scratch", "start", "vector"]
-
-
-@element
-def step_scalar(f, t, y, c, h, p):
-    u, v, w, a = y
-    a = f(t, u, v, p)
-    u, w = move(u, w, a, h)
-    return (u, velocity(w, a, h), w, a), True
+__all__ = ["EVALUATIONS", "PAST", "ROWS", "complete", "start", "step_scalar", "step_vector"]
 
 
 @element
-def step_vector(f, t, y, c, h, p, n):
+def step_scalar(f, at, y, c):
     u, v, w, a = y
-    f(t, u, v, p, a)
+    a = f(at.t, u, v, at.p)
+    u, w = move(u, w, a, at.h)
+    return (u, velocity(w, a, at.h), w, a), True
+
+
+@element
+def step_vector(f, at, y, c, n):
+    u, v, w, a = y
+    f(at.t, u, v, at.p, a)
     for j in range(n):
-        u[j], w[j] = move(u[j], w[j], a[j], h)
-    return True
-
-
-def scalar(f, state, settings, tally, run):
-    y = state[0], state[1], state[2], state[3]
-    y, taken = march_scalar(step_scalar, f, y, (), run)
-    state[0], state[1], state[2], state[3] = y
-    tally[0] += taken
-    return taken
-
-
-def vector(f, state, settings, tally, run):
-    y = state[0], state[1], state[2], state[3]
-    taken = march_vector_lazily(step_vector, complete, f, y, (), run)
-    tally[0] += taken
-    return taken
+        u[j], w[j] = move(u[j], w[j], a[j], at.h)
+    return y, True

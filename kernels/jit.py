@@ -1,109 +1,81 @@
-"""Compiler options and the fixed signatures: the only place that knows either.
+"""Compiler options, and compiling with the cache on disk.
 
-A kernel is compiled in one of two modes. In pointer mode the right-hand side is an argument of a first-class function
-type, so that one compiled kernel, kept on disk, serves every right-hand side. In inline mode the same Python function
-is specialised for one right-hand side, which LLVM then inlines: the fastest loop, compiled anew in every process.
+A kernel is compiled in one of two modes. In pointer mode the right-hand side is an address: one compiled kernel, kept
+on disk, serves every right-hand side. In inline mode the same Python function is specialised for one right-hand side,
+which LLVM then inlines: the fastest loop, compiled anew in every process.
 """
 
-import functools
-import pathlib
+import contextlib
 import types
 import warnings
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core.errors import NumbaExperimentalFeatureWarning
-from numba.types import Array, FunctionType, Tuple, UniTuple, float64, int64, none
 
 # "contract" lets LLVM fuse a*b + c; "nsz" ignores the sign of zero. Full fastmath would delete tests for NaN and
-# infinity. The NumPy error model makes 1/0 infinite: Python's raises, and its check keeps loops from being vectorised.
+# infinity. The NumPy error model makes 1/0 infinite: Python's raises, and its check prevents vectorised loops.
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
-# Without NRT no reference count is touched. Counting the array arguments around a call through a pointer, which LLVM
-# cannot prune, triples the time of a step; and an exception leaks every reference a kernel holds, whole histories. It
-# makes allocation a compile error, and forbids to return an array to a function that does count.
-_KERNEL_OPTIONS: dict[str, Any] = {"_nrt": False, **OPTIONS}
+# Without NRT a kernel counts no references. Counting the array arguments around a call through a pointer, which LLVM
+# cannot remove, triples the time of a step; and an exception would leak every reference that the kernel holds, whole
+# histories. Without NRT an allocation is a compile error, and no kernel can return an array to code that counts.
+KERNEL_OPTIONS: dict[str, Any] = {"_nrt": False, **OPTIONS}
 
-#: The decorator of what kernels are built of.
-element = numba.njit(forceinline=True, **_KERNEL_OPTIONS)
-
-_vector, _matrix = Array(float64, 1, "C"), Array(float64, 2, "C")
-_given = Array(float64, 1, "C", readonly=True)  # what a callback may only read: to write it does not compile
+#: The decorator of the functions that kernels are built of.
+element = numba.njit(forceinline=True, **KERNEL_OPTIONS)
 
 
-@dataclass(frozen=True)
-class Form:
-    """The types of one form of right-hand side: one degree of freedom, or n."""
+def compile_kernel(
+    template: Callable, names: dict[str, Any], signature: Any, label: str, sources: tuple[str, ...] = ()
+) -> Any:
+    """Compile a template for a signature, or load it from the disk.
 
-    name: str
-    rhs: Any
-    jacobian: Any
-    invariant: Any
-    state: Any
-    rows: Any
+    Parameters
+    ----------
+    template : function
+        A plain Python function in a file.
+    names : dict
+        Globals that the template uses besides those of its own file.
+    signature : Numba signature
+    label : str
+        What distinguishes these names from others for the same template.
+    sources : tuple of str
+        Files outside this folder that the names come from.
 
-
-SCALAR = Form(
-    name="scalar",
-    rhs=float64(float64, float64, float64, _given),
-    jacobian=float64(float64, float64, float64, _given),
-    invariant=float64(float64, float64, float64, _given),
-    state=_vector,
-    rows=_vector,
-)
-VECTOR = Form(
-    name="vector",
-    rhs=none(float64, _given, _given, _given, _vector),
-    jacobian=none(float64, _given, _given, _given, _matrix),
-    invariant=float64(float64, _given, _given, _given),
-    state=_matrix,
-    rows=_matrix,
-)
-
-
-@functools.cache
-def pointer_kernel(function: Callable, form: Form, takes_jacobian: bool = False) -> Any:
-    """Compile a method's kernel, or load it from disk, with its callbacks as function pointers.
-
-    The kernel is called as ``kernel(rhs, [jacobian,] state, settings, tally, run)``, with ``run = (h, t0, p, first,
-    count, every, u_rows, v_rows)``, and returns how many of the `count` steps it took.
+    Notes
+    -----
+    Numba's cache notices a change of the template's file, but not of the files that it calls into. The name of the
+    kernel therefore holds the label and a fingerprint of all these files.
     """
-    callbacks = [FunctionType(form.rhs)] + [FunctionType(form.jacobian)] * takes_jacobian
-    run = Tuple((float64, float64, _vector, int64, int64, int64, form.rows, form.rows))
-    return _compile(function, int64(*callbacks, form.state, _vector, _vector, run))
+    function = bound(template, names)
+    function.__qualname__ = f"{template.__name__}_{label}_{fingerprint(sources)}"
+    with quiet():
+        return cached(function, signature, **KERNEL_OPTIONS)
 
 
-@functools.cache
-def inline_kernel(function: Callable) -> Any:
-    """The same kernel, specialised for each right-hand side it is called with."""
-    return numba.njit(**_KERNEL_OPTIONS)(function)
-
-
-@functools.cache
-def invariant_kernel(function: Callable, form: Form) -> Any:
-    """Compile the loop along an invariant, called as ``kernel(invariant, t0, h, p, first, u_rows, v_rows)``."""
-    arguments = float64, float64, _vector, int64, form.rows, form.rows
-    return _compile(function, UniTuple(float64, 2)(FunctionType(form.invariant), *arguments))
-
-
-def _compile(function: Callable, signature: Any) -> Any:
-    # Numba's cache notices a change of the file a kernel is in, but not of the files that it calls into; a name that
-    # holds a fingerprint of them all does.
-    named = types.FunctionType(function.__code__, function.__globals__, function.__name__)
-    named.__module__ = function.__module__
-    named.__qualname__ = f"{function.__name__}_{_fingerprint()}"
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Without the warning that first-class functions are experimental, which they have been since 2019."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # first-class functions, since 2019
-        return cached(named, signature, **_KERNEL_OPTIONS)
+        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+        yield
+
+
+def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:
+    """A copy of a function that finds `names` among its globals."""
+    function = types.FunctionType(template.__code__, {**template.__globals__, **names}, template.__name__)
+    function.__module__ = template.__module__
+    return function
 
 
 def cached(function: Callable, signature: Any = None, **options: Any) -> Any:
-    """Compile with the disk cache, or without where there is no place for it, and where indices are to be checked.
+    """Compile with the disk cache, or without it where no folder can be written and where indices are checked.
 
-    Numba's cache does not tell checked code from unchecked: each would be loaded for the other.
+    Numba's cache does not distinguish checked code from unchecked code and would load one for the other.
     """
     options = options or OPTIONS
     try:
@@ -114,9 +86,9 @@ def cached(function: Callable, signature: Any = None, **options: Any) -> Any:
         return numba.njit(signature, **options)(function)
 
 
-@functools.cache
-def _fingerprint() -> str:
+def fingerprint(sources: tuple[str, ...] = ()) -> str:
+    """A checksum of the kernels' source files and of other files."""
     checksum = 0
-    for path in sorted(pathlib.Path(__file__).parent.glob("*.py")):
+    for path in [*sorted(Path(__file__).parent.glob("*.py")), *map(Path, sources)]:
         checksum = zlib.crc32(path.read_bytes(), checksum)
     return f"{checksum:08x}"

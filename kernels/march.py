@@ -1,77 +1,65 @@
-"""The two loops every method runs in: from step `first`, take `count` steps and write every `every`-th state.
+"""The loops that every fixed-step method runs in: from step `first`, take `count` steps, write every `every`-th state.
 
-`step` returns whether it succeeded; LLVM drops the test for the methods that cannot fail. Time is t0 + i h from the
-step index i: a sum of steps would drift, and a chunk could not start in the middle.
+`step` returns the next state and whether it succeeded; LLVM drops the test for methods that cannot fail. Time is
+t0 + i h from the step index i. A sum of steps would drift, and a chunk could not start in the middle.
 """
 
 from .jit import element
+from .protocol import At, row_index
 
 
 @element
-def march_scalar(step, f, y, c, run):
-    """March the tuple `y` (u, v, history ...); return it and the number of steps taken."""
-    h, t0, p, first, count, every, u_rows, v_rows = run
-    row = 0
-    left = every - first % every
-    for i in range(first, first + count):
-        y_next, success = step(f, t0 + i * h, y, c, h, p)
+def march_scalar(step, f, y, c, run, first, last, row):
+    """March the tuple `y` (u, v, past ...) from step `first` to `last`; return it, the step and the row reached."""
+    left = run.every - first % run.every
+    for i in range(first, last):
+        y_next, success = step(f, At(i, run.t0 + i * run.h, run.h, run.p), y, c)
         if not success:
-            return y, i - first
+            return y, i, row
         y = y_next
         left -= 1
         if left == 0:
-            u_rows[row] = y[0]
-            v_rows[row] = y[1]
+            run.u_rows[row] = y[0]
+            run.v_rows[row] = y[1]
             row += 1
-            left = every
-    return y, count
+            left = run.every
+    return y, last, row
 
 
 @element
-def march_one_step(step, evaluations, f, state, tally, run):
-    """`march_scalar` for a method that carries nothing beside u and v, from the state array and back."""
-    y, taken = march_scalar(step, f, (state[0], state[1]), (), run)
-    state[0], state[1] = y
-    tally[0] += evaluations * taken
-    return taken
-
-
-@element
-def march_vector(step, f, y, c, run):
-    """March the tuple `y` of arrays (u, v, history ..., scratch ...) in place; return the number of steps taken."""
-    return march_vector_lazily(step, nothing, f, y, c, run)
-
-
-@element
-def nothing(y, c, h, n):
-    pass
-
-
-@element
-def march_vector_lazily(step, complete, f, y, c, run):
-    """`march_vector` for a step that leaves v to ``complete(y, c, h, n)``, called where a state is seen."""
-    n = y[0].size
-    if n == 2:  # a number the compiler knows: it drops the loops over two components, a tenth of a pendulum's time
-        return march_components(step, complete, f, y, c, 2, run)
-    return march_components(step, complete, f, y, c, n, run)
-
-
-@element
-def march_components(step, complete, f, y, c, n, run):
-    h, t0, p, first, count, every, u_rows, v_rows = run
-    u, v = y[0], y[1]
-    row = 0
-    left = every - first % every
-    for i in range(first, first + count):
-        if not step(f, t0 + i * h, y, c, h, p, n):
-            return i - first
+def march_vector(step, complete, f, y, c, n, run, first, last, row):
+    """`march_scalar` for a tuple of rows of n values, which a step may return in another order."""
+    left = run.every - first % run.every
+    for i in range(first, last):
+        y_next, success = step(f, At(i, run.t0 + i * run.h, run.h, run.p), y, c, n)
+        if not success:
+            return y, i, row
+        y = y_next
         left -= 1
         if left == 0:
-            complete(y, c, h, n)
-            for j in range(n):
-                u_rows[row, j] = u[j]
-                v_rows[row, j] = v[j]
+            write(complete, y, c, n, run, row)
             row += 1
-            left = every
-    complete(y, c, h, n)
-    return count
+            left = run.every
+    complete(y, c, run.h, n)
+    return y, last, row
+
+
+@element
+def write(complete, y, c, n, run, row):
+    complete(y, c, run.h, n)
+    u, v = y[0], y[1]
+    for j in range(n):
+        run.u_rows[row, j] = u[j]
+        run.v_rows[row, j] = v[j]
+
+
+@element
+def settle(y, state, n):
+    """Move the contents of the rows so that y[k] lies in row k of the state again."""
+    for k in range(len(y)):
+        place = row_index(y[k], state)
+        while place < k:  # an earlier exchange moved this content on
+            place = row_index(y[place], state)
+        if place != k:
+            for j in range(n):
+                state[k, j], state[place, j] = state[place, j], state[k, j]

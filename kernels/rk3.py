@@ -8,7 +8,8 @@ v_{n+1} = v + h/6 (a_1 + 4 a_2 + a_3)
 """
 
 from .jit import element
-from .march import march_one_step, march_vector
+
+ROWS, EVALUATIONS = 7, 3
 
 
 @element
@@ -27,25 +28,20 @@ def update(u, v, a1, a2, a3, h):
 
 
 @element
-def kutta(f, t, u, v, h, p):
-    """One step; return u, v and the acceleration it started with."""
+def step_scalar(f, at, y, c):
+    t, h, p = at.t, at.h, at.p
+    u, v = y
     a1 = f(t, u, v, p)
     u2, v2 = stage2(u, v, a1, h)
     a2 = f(t + h / 2, u2, v2, p)
     u3, v3 = stage3(u, v, a1, a2, h)
     a3 = f(t + h, u3, v3, p)
-    u, v = update(u, v, a1, a2, a3, h)
-    return u, v, a1
+    return update(u, v, a1, a2, a3, h), True
 
 
 @element
-def step_scalar(f, t, y, c, h, p):
-    u, v, _ = kutta(f, t, y[0], y[1], h, p)
-    return (u, v), True
-
-
-@element
-def step_vector(f, t, y, c, h, p, n):
+def step_vector(f, at, y, c, n):
+    t, h, p = at.t, at.h, at.p
     u, v, u_stage, v_stage, a1, a2, a3 = y
     f(t, u, v, p, a1)
     for j in range(n):
@@ -56,23 +52,4 @@ def step_vector(f, t, y, c, h, p, n):
     f(t + h, u_stage, v_stage, p, a3)
     for j in range(n):
         u[j], v[j] = update(u[j], v[j], a1[j], a2[j], a3[j], h)
-    return True
-
-
-def scratch(n):
-    return 5
-
-
-def start(u, v, a, h):
-    return ()
-
-
-def scalar(f, state, settings, tally, run):
-    return march_one_step(step_scalar, 3, f, state, tally, run)
-
-
-def vector(f, state, settings, tally, run):
-    y = state[0], state[1], state[2], state[3], state[4], state[5], state[6]
-    taken = march_vector(step_vector, f, y, (), run)
-    tally[0] += 3 * taken
-    return taken
+    return y, True

@@ -1,16 +1,17 @@
-"""Where a run left what is finite, and why."""
+"""Where a run left what is finite, or grew beyond measure, and why."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, critical
+from .linear import linearise
 
 _OVERFLOWING = 1e100  # states beyond this make a right-hand side infinite by themselves
 _BLOWN_UP = 1e3  # times the size before: the growth of an instability
@@ -22,23 +23,121 @@ _LEAST_SECONDS = 0.2  # to try shorter steps for
 _PATIENCE = 2.5  # or so many times as long as the run took, where that is longer
 
 
-def before_divergence(stepper: Stepper) -> tuple[Stepper, Callable[[], str]]:
-    """Bisect the last chunk for its last finite state; chunks agree bit for bit, so the search is exact.
+@dataclass(frozen=True)
+class Divergence:
+    """Where a run left what is finite, or grew beyond measure.
 
-    Returns
-    -------
+    Attributes
+    ----------
     last : Stepper
-        There.
-    message : callable
-        Why the run ends; to be called when somebody asks, since finding out can take as long as the run.
+        At the last state that the solution keeps.
+    degree : int
+        The degree of freedom that is not finite after the next step.
+    before : Stepper
+        Somewhere before the motion grew.
     """
-    bad_index, seconds = stepper.index, stepper.seconds
-    stepper.back()
-    last = _last(stepper, bad_index, lambda s: s.is_finite)
+
+    last: Stepper
+    degree: int
+    before: Stepper
+
+    @property
+    def message(self) -> str:
+        """What is known without looking for the reason."""
+        return f"{self._what}; solution.explain() looks for the reason."
+
+    @property
+    def _what(self) -> str:
+        last = self.last
+        where = "" if np.ndim(last.u) == 0 else f" in degree of freedom {self.degree}"
+        return f"The run became non-finite at t = {last.t + last.h:g}{where}, with h = {last.h:g}"
+
+    def explain(self) -> str:
+        """Compare h with the critical step, look for what rhs does wrong, and try shorter steps."""
+        last = self.last
+        start = last.restarted(last.h)
+        sane = last_sane(self.before, last.index + 1, start)
+        steps, unstable = _critical_steps(start, sane)
+        limits = [step.limit for _, step in steps]
+        culprit = _culprit(last)
+        if culprit and not (limits and last.h > min(limits)):
+            return f"{self._what}: {culprit}."
+        why = _comparison(last, steps) or unstable
+        reasons = [reason for reason in (culprit, why, _remedy(last, limits) if not unstable else "") if reason]
+        return f"{self._what}: {'; '.join(reasons)}."
+
+
+def find_divergence(stepper: Stepper) -> Divergence:
+    """Bisect the last chunk for its last finite state; chunks agree bit for bit, so the search is exact."""
+    before = stepper.before()
+    last = _last(before, stepper.index, lambda s: s.is_finite)
     bad = last.fork()
     bad.advance(1)
-    last.seconds = seconds
-    return last, partial(divergence_message, last, _first_not_finite(bad.u, bad.v), stepper)
+    last.seconds = stepper.seconds
+    return Divergence(last, _first_not_finite(bad.u, bad.v), before)
+
+
+@dataclass(frozen=True)
+class BlowUp:
+    """A finite motion that grew beyond measure through its step.
+
+    Attributes
+    ----------
+    last : Stepper
+        At the end of the run.
+    growth : float
+        The size at the end, in units of that at the start.
+    began : float
+        The time after which the motion grew.
+    why : str
+        How h compares with the critical step.
+    limits : list of float
+        The critical steps.
+    """
+
+    last: Stepper
+    growth: float
+    began: float
+    why: str
+    limits: list[float]
+
+    @property
+    def message(self) -> str:
+        last = self.last
+        return (
+            f"The motion stayed finite up to t = {last.t:g}, but from t = {self.began:g} on it grew to {self.growth:.2g} "
+            f"times its size, through the step h = {last.h:g}: {self.why}."
+        )
+
+    def explain(self) -> str:
+        """The message, with a step that was tried."""
+        return f"{self.message.rstrip('.')}; {_remedy(self.last, self.limits)}." if self.limits else self.message
+
+
+def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
+    """Whether a motion that grew beyond measure since `before` grew through the step of the method alone.
+
+    An unstable equilibrium, a resonance, a free fall grow by themselves: there the step is below the critical one. A
+    method without any stable step is the reason only where the system's own growth is much slower than what is seen.
+    """
+    start = stepper.restarted(stepper.h)
+    sane = last_sane(before, stepper.index, start)
+    steps, unstable = _critical_steps(start, sane)
+    limits = [step.limit for _, step in steps]
+    growth = _size(stepper) / (_size(start) or 1.0)
+    if unstable:
+        own_growth = max(_own_rate(start), _own_rate(sane)) * (stepper.t - stepper.t0)
+        guilty = math.log(growth) > 2 * own_growth + math.log(_BLOWN_UP)
+    else:
+        guilty = any(stepper.h > limit for limit in limits)
+    if not guilty:
+        return None
+    return BlowUp(stepper, growth, sane.t, _comparison(stepper, steps) or unstable, limits)
+
+
+def last_sane(before: Stepper, bad_index: int, start: Stepper) -> Stepper:
+    """The last state before a step index at which the motion has about the size it had at the start."""
+    return _last(before, bad_index, lambda s: _size(s) < (_BLOWN_UP * _size(start) or _OVERFLOWING))
 
 
 def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) -> Stepper:
@@ -53,31 +152,18 @@ def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) 
     return stepper
 
 
-def divergence_message(last: Stepper, degree: int, before: Stepper | None = None) -> str:
-    """Why a run ends.
+def _own_rate(stepper: Stepper) -> float:
+    """The fastest rate at which the linearised system grows by itself."""
+    try:
+        system = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
+    except Exception:  # rhs is not finite close to this state
+        return 0.0
+    return max(0.0, float(system.rates().real.max()))
 
-    Parameters
-    ----------
-    last : Stepper
-        At the last finite state.
-    degree : int
-        The degree of freedom that is not finite after the next step.
-    before : Stepper, optional
-        Somewhere before that.
-    """
-    where = "" if np.ndim(last.u) == 0 else f" in degree of freedom {degree}"
-    what = f"The run became non-finite at t = {last.t + last.h:g}{where}, with h = {last.h:g}"
-    start = last.restarted(last.h)
-    sane = _last(before or last, last.index + 1, lambda s: _size(s) < (_BLOWN_UP * _size(start) or _OVERFLOWING))
-    steps, unstable = _critical_steps(start, sane)
-    limits = [step.limit for _, step in steps]
-    culprit = _culprit(last)
-    if culprit and not (limits and last.h > min(limits)):
-        return f"{what}: {culprit}."
-    told = [f"{step.limit:.4g} {when}{_mode(step)}" for when, step in steps]
-    why = f"the critical step of {last.method!r} is {' and '.join(told)}" if told else unstable
-    reasons = [reason for reason in (culprit, why, _remedy(last, limits) if not unstable else "") if reason]
-    return f"{what}: {'; '.join(reasons)}."
+
+def _comparison(last: Stepper, steps: list[tuple[str, CriticalStep]]) -> str:
+    shown = [f"{step.limit:.4g} {when}{_mode(step)}" for when, step in steps]
+    return f"the critical step of {last.method!r} is {' and '.join(shown)}" if shown else ""
 
 
 def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, CriticalStep]], str]:

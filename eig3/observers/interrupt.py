@@ -1,4 +1,7 @@
-"""Ctrl-C as a flag, looked at between native chunks, so that it never falls between two halves of a bookkeeping."""
+"""Ctrl-C during a run.
+
+Ctrl-C sets a flag that is checked between chunks, so that the state is never half updated.
+"""
 
 import contextlib
 import signal
@@ -14,9 +17,9 @@ class Flag:
 
 @contextlib.contextmanager
 def deferred_interrupt() -> Iterator[Flag]:
-    """Within, the first Ctrl-C only raises the flag; the second is a KeyboardInterrupt as ever.
+    """Within, the first Ctrl-C only raises the flag; the second raises KeyboardInterrupt as always.
 
-    Python delivers signals to the main thread alone: elsewhere, and where a program has a handler of its own, nothing
+    Python delivers signals to the main thread only. In other threads, and where a program has its own handler, nothing
     changes.
     """
     flag = Flag()

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..callbacks import check_callback, read_only
-from ..kernels.invariant import extent
-from ..kernels.jit import invariant_kernel
+from ..callbacks import check_callback
+from ..kernels.invariant import invariant_kernel
 from ..stepper import Stepper
+from .chunk import Chunk
 
 _PARTS = 16  # of a run, in each of which what grows steadily must have grown
 _NOTABLE = 1e-6  # growth over the run, relative to the invariant
@@ -23,8 +23,8 @@ class Watch:
         self.name = name
         self.drift = 0.0
         self._function = check_callback(function, "invariant", stepper.form, f"invariants[{name!r}]")
-        self._kernel = invariant_kernel(extent, stepper.form)
-        self._start = self._function(stepper.t0, *map(read_only, (stepper.u, stepper.v, stepper.params)))
+        self._kernel = invariant_kernel(stepper.form)
+        self._start = self._function.call(stepper.t0, stepper.u, stepper.v, stepper.params)
         self._context = (stepper.t0, stepper.h, stepper.params)
         # of unequal lengths, lest every part ends in the same phase of a periodic motion
         self._ends = np.ceil(n_steps * (np.arange(1, _PARTS + 1) / _PARTS) ** 1.1).astype(int)
@@ -33,12 +33,13 @@ class Watch:
         self._turns = np.zeros(self._forward.size, dtype=np.int8)
         self._next = 1  # the step index to follow from
 
-    def follow(self, u_rows: np.ndarray, v_rows: np.ndarray) -> None:
-        """Take in the states of the next step indices."""
+    def see(self, chunk: Chunk) -> None:
+        """Take in every state of a chunk."""
+        u_rows, v_rows = chunk.u, chunk.v
         while len(u_rows):
             part = int(np.searchsorted(self._ends, self._next))
             count = min(len(u_rows), int(self._ends[part]) - self._next + 1)
-            low, high = self._kernel(self._function, *self._context, self._next, u_rows[:count], v_rows[:count])
+            low, high = self._kernel(self._function.address, *self._context, self._next, u_rows[:count], v_rows[:count])
             # np.minimum and np.maximum keep a NaN
             self._low[part], self._high[part] = np.minimum(self._low[part], low), np.maximum(self._high[part], high)
             self.drift = float(np.maximum(self.drift, np.maximum(self._start - low, high - self._start)))

@@ -1,7 +1,10 @@
 """A progress bar where one is asked for."""
 
-import contextlib
-from collections.abc import Callable, Iterator
+from __future__ import annotations
+
+from typing import Any
+
+from .chunk import Chunk
 
 
 def check_progress(progress: bool) -> None:
@@ -13,13 +16,16 @@ def check_progress(progress: bool) -> None:
             raise ImportError("progress=True needs tqdm: pip install tqdm.") from None
 
 
-@contextlib.contextmanager
-def progress_bar(progress: bool, n_steps: int) -> Iterator[Callable[[int], object]]:
-    """Give a function to call with the number of steps just taken."""
-    if not progress:
-        yield lambda steps: None
-        return
-    from tqdm.auto import tqdm
+class Progress:
+    """A bar that counts steps."""
 
-    with tqdm(total=n_steps, unit="step", unit_scale=True) as bar:
-        yield bar.update
+    def __init__(self, n_steps: int) -> None:
+        from tqdm.auto import tqdm
+
+        self._bar: Any = tqdm(total=n_steps, unit="step", unit_scale=True)
+
+    def see(self, chunk: Chunk) -> None:
+        self._bar.update(chunk.stepper.index - chunk.first)
+
+    def close(self) -> None:
+        self._bar.close()

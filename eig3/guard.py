@@ -1,0 +1,77 @@
+"""The first evaluation of a right-hand side, which finds out whether it stays within its arrays.
+
+Numba checks no index. So the arrays lie between cells of NaN: what is read there makes the result not finite, and what
+is written there shows afterwards.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .callbacks import Callback
+from .kernels.protocol import SCALAR, Form
+
+_CELLS = 64  # on each side of an array
+_DESCRIBED = {"p": "params", "u": "u0", "v": "v0"}
+
+
+def guarded(values: np.ndarray, cells: float = np.nan) -> np.ndarray:
+    """A copy of a 1-D array that lies between cells of the given value."""
+    buffer = np.full(values.size + 2 * _CELLS, cells)
+    inside = buffer[_CELLS : _CELLS + values.size]
+    inside[:] = values
+    return inside
+
+
+def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> Any:
+    """f(t, u, v): a float or an array; `p` must be guarded.
+
+    Raises
+    ------
+    ValueError
+        Where the result is not finite, or rhs writes beyond the end of a.
+    """
+    a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
+    if np.isfinite(a).all():
+        return a
+    bad = int(np.flatnonzero(~np.isfinite(a))[0])
+    beyond = _read_beyond(rhs, form, t, u, v, p)
+    what = f"rhs gives {np.atleast_1d(a)[bad]} for degree of freedom {bad} at the start"
+    if beyond:
+        sizes = ", ".join(f"{name} ({np.size({'p': p, 'u': u, 'v': v}[name])} values)" for name in beyond)
+        remedy = " and ".join(_DESCRIBED[name] for name in beyond)
+        raise ValueError(f"{what}, because it reads beyond the end of {sizes}; give {remedy} all the values it reads.")
+    raise ValueError(
+        f"{what}; it must give a finite acceleration for every degree of freedom, a[j] in the vector form."
+    )
+
+
+def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells: dict[str, float] | None = None) -> Any:
+    if form is SCALAR:
+        return rhs.call(t, given["u"], given["v"], given["p"])
+    u, v = (guarded(given[name], (cells or {}).get(name, np.nan)) for name in "uv")
+    a = guarded(np.full(u.size, np.nan))  # an entry that rhs does not write shows as not finite
+    rhs.call(t, u, v, given["p"], a)
+    if not np.isnan(a.base).sum() >= 2 * _CELLS:
+        raise ValueError(f"rhs writes beyond the end of a, which has {a.size} entries, one for each value of u0.")
+    return a
+
+
+def _read_beyond(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> list[str]:
+    """The arrays without whose cells of NaN the result is finite."""
+    names = ["p"] if form is SCALAR else ["p", "u", "v"]
+    given = {"p": p, "u": u, "v": v}
+
+    def is_finite(zeroed: list[str]) -> bool:
+        cells = dict.fromkeys(zeroed, 0.0)
+        filled = {**given, "p": guarded(p, cells.get("p", np.nan))}
+        try:
+            return bool(np.isfinite(_evaluate(rhs, form, t, filled, cells)).all())
+        except Exception:
+            return False
+
+    if not is_finite(names):
+        return []
+    return [name for name in names if not is_finite([other for other in names if other != name])]

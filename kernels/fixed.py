@@ -1,0 +1,224 @@
+# ruff: noqa: F821
+"""The kernel of a fixed-step method, made from the formulas in the method's file.
+
+The templates below become the kernel of one method when the names in capitals are bound to what its file declares.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numba
+from numba.types import Tuple, int64, none
+
+from .jit import KERNEL_OPTIONS, bound, compile_kernel, element, quiet
+from .march import march_scalar, march_vector, settle
+from .protocol import EVALUATIONS, SCALAR, Form, Work, copy_rows, floats, function_at, head, rows, stack_rows, tail, vector_type
+
+#: Values of all rows up to which the inline mode keeps them on the stack.
+STACKED_VALUES = 128
+
+
+def scalar(callbacks, state, settings, tally, run):
+    f = RHS(callbacks)
+    c = CONSTANTS(settings, run.h, Work(JACOBIAN(callbacks), tally, None))
+    y, begin, row = floats(state, VALUES), run.first, 0
+    if START_STEPS > 0:
+        begin = max(run.first, min(run.first + run.count, START_STEPS))
+        y, _, row = march_scalar(START_STEP, f, y, c, run, run.first, begin, row)
+    y, end, row = march_scalar(STEP, f, y, c, run, begin, run.first + run.count, row)
+    for k in range(VALUES):
+        state[k] = y[k]
+    tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
+    return end - run.first
+
+
+def vector(callbacks, state, settings, tally, run):
+    n = state.shape[1]
+    f = RHS(callbacks)
+    c = CONSTANTS(settings, run.h, Work(JACOBIAN(callbacks), tally, state[ROWS:]))
+    y, begin, row = rows(state, ROWS), run.first, 0
+    if START_STEPS > 0:
+        begin = max(run.first, min(run.first + run.count, START_STEPS))
+        y, _, row = march_vector(START_STEP, COMPLETE, f, y, c, n, run, run.first, begin, row)
+    own, rest = head(y, OWN_ROWS), tail(y, OWN_ROWS)
+    if n == 2:  # a number the compiler knows: it drops the loops over two components, a tenth of a pendulum's time
+        own, end, row = march_vector(STEP, COMPLETE, f, own, c, 2, run, begin, run.first + run.count, row)
+    else:
+        own, end, row = march_vector(STEP, COMPLETE, f, own, c, n, run, begin, run.first + run.count, row)
+    settle(own + rest, state, n)
+    tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
+    return end - run.first
+
+
+def stacked(callbacks, state, settings, tally, run):
+    f = RHS(callbacks)
+    c = CONSTANTS(settings, run.h, Work(JACOBIAN(callbacks), tally, state[ROWS:]))
+    kept, begin, row = rows(state, ROWS), run.first, 0
+    y = stack_rows(N, ROWS)
+    copy_rows(y, kept, N)
+    if START_STEPS > 0:
+        begin = max(run.first, min(run.first + run.count, START_STEPS))
+        y, _, row = march_vector(START_STEP, COMPLETE, f, y, c, N, run, run.first, begin, row)
+    own, end, row = march_vector(STEP, COMPLETE, f, head(y, OWN_ROWS), c, N, run, begin, run.first + run.count, row)
+    copy_rows(head(kept, OWN_ROWS), own, N)
+    tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
+    return end - run.first
+
+
+def start_scalar(f, at, y, c):
+    """The u and v of the starter's step, with the past that the method's own step records."""
+    own, _ = STEP(f, at, y, c)
+    started, success = STARTER_STEP(f, at, (y[0], y[1]), ())
+    return started + own[2:], success
+
+
+def start_vector(f, at, y, c, n):
+    kept, rest = head(tail(y, OWN_ROWS), 2), tail(y, OWN_ROWS_AND_2)
+    for j in range(n):
+        kept[0][j], kept[1][j] = y[0][j], y[1][j]
+    own, _ = STEP(f, at, head(y, OWN_ROWS), c, n)
+    for j in range(n):
+        own[0][j], own[1][j] = kept[0][j], kept[1][j]
+    started, success = STARTER_STEP(f, at, own[:2] + rest, (), n)
+    return started[:2] + own[2:] + kept + started[2:], success
+
+
+def stack_step(f, at, y, c, n):
+    """A step that moves values instead of rows, so that rows on the stack can be registers."""
+    y_next, success = STEP(f, at, y, c, N)
+    if success:
+        copy_rows(y, y_next, N)
+    return y, success
+
+
+@element
+def no_constants(settings, h, work):
+    return ()
+
+
+@element
+def nothing(y, c, h, n):
+    pass
+
+
+def no_past(u, v, a, h):
+    return ()
+
+
+class Formulas:
+    """What a method's file declares, with the defaults of what it leaves out.
+
+    Parameters
+    ----------
+    module : module
+        See `eig3.kernels`.
+
+    Raises
+    ------
+    TypeError
+        Where the file lacks something, or declares what does not fit.
+    """
+
+    def __init__(self, module: ModuleType) -> None:
+        missing = [name for name in ("ROWS", "step_scalar", "step_vector") if not hasattr(module, name)]
+        if missing:
+            raise TypeError(f"kernel {module.__name__!r} must define {', '.join(missing)}: see eig3.kernels.")
+        self.module = module
+        self.past: int = getattr(module, "PAST", 0)
+        self.matrix: bool = getattr(module, "MATRIX", False)
+        self.start: Callable = getattr(module, "start", self._zeros)
+        starter = getattr(module, "START", None)
+        self.starter = formulas(importlib.import_module(f".{starter}", __package__)) if starter else None
+        self.start_steps: int = getattr(module, "START_STEPS", 0)
+        if bool(self.starter) != (self.start_steps > 0):
+            raise TypeError(f"kernel {module.__name__!r} must define START and START_STEPS together or neither.")
+
+    def _zeros(self, u: Any, v: Any, a: Any, h: float) -> tuple:
+        return (0 * u,) * self.past
+
+    @property
+    def rows(self) -> int:
+        """Rows of the vector form: u, v, the past, scratch, and what the starter needs beside."""
+        return self.module.ROWS + (self.starter.rows if self.starter else 0)
+
+    def state_rows(self, n: int) -> int:
+        """Rows of the state of n degrees of freedom."""
+        return self.rows + n * self.matrix
+
+    def names(self, form: Form) -> dict[str, Any]:
+        """The names of a template bound to these formulas."""
+        cost = getattr(self.module, "EVALUATIONS", 0)
+        names = {
+            "CONSTANTS": getattr(self.module, "constants", no_constants),
+            "COMPLETE": getattr(self.module, "complete", nothing),
+            "STEP": getattr(self.module, f"step_{form.name}"),
+            "VALUES": 2 + self.past,
+            "ROWS": self.rows,
+            "OWN_ROWS": self.module.ROWS,
+            "START_STEPS": self.start_steps,
+            "COST": cost,
+            "START_COST": cost,
+        }
+        if self.starter:
+            begin = start_scalar if form is SCALAR else start_vector
+            theirs = getattr(self.starter.module, f"step_{form.name}")
+            own = {"STEP": names["STEP"], "STARTER_STEP": theirs}
+            own |= {"OWN_ROWS": self.module.ROWS, "OWN_ROWS_AND_2": self.module.ROWS + 2}
+            names["START_STEP"] = element(bound(begin, own))
+            names["START_COST"] += self.starter.module.EVALUATIONS
+        return names
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The files that these formulas come from."""
+        files = (self.module.__file__,) if self.module.__file__ else ()
+        return files + (self.starter.sources if self.starter else ())
+
+
+formulas = functools.cache(Formulas)
+
+
+@functools.cache
+def pointer_kernel(module: ModuleType, form: Form, takes_jacobian: bool = False) -> Any:
+    """Compile the kernel of a method, or load it from the disk, for callbacks given as addresses.
+
+    The kernel is called as ``kernel((rhs, jacobian or None), state, settings, tally, run)`` and returns how many of the
+    `run.count` steps it took.
+    """
+    method = formulas(module)
+    rhs_at, jacobian_at = function_at(form.rhs), function_at(form.jacobian)
+    names = method.names(form)
+    names["RHS"] = element(lambda callbacks: rhs_at(callbacks[0]))
+    names["JACOBIAN"] = element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian)
+    callbacks = Tuple((int64, int64 if takes_jacobian else none))
+    signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
+    label = f"{module.__name__}{'_jacobian' * takes_jacobian}"
+    kernel = compile_kernel(scalar if form is SCALAR else vector, names, signature, label, method.sources)
+    return kernel.overloads[signature.args].entry_point
+
+
+def no_jacobian(callbacks):
+    return None
+
+
+def inline_kernel(module: ModuleType, form: Form, rhs: Any, jacobian: Any, n: int) -> Any:
+    """Compile the same kernel for one right-hand side, which is inlined; it takes no addresses: ``kernel((), ...)``.
+
+    With `n` other than 0 it is also specialised for n degrees of freedom, whose rows lie on the stack.
+    """
+    names = {**formulas(module).names(form), "N": n}
+    names["RHS"] = element(lambda callbacks: rhs)
+    names["JACOBIAN"] = element((lambda callbacks: jacobian) if jacobian else no_jacobian)
+    if n:
+        for name in {"STEP", "START_STEP"} & names.keys():
+            names[name] = element(bound(stack_step, {"STEP": names[name], "N": n}))
+    template = scalar if form is SCALAR else stacked if n else vector
+    signature = int64(Tuple(()), form.state, vector_type, vector_type, form.run)
+    with quiet():
+        kernel = numba.njit(signature, **KERNEL_OPTIONS)(bound(template, names))
+    return kernel.overloads[signature.args].entry_point

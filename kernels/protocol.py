@@ -1,0 +1,217 @@
+"""What kernels, marches and callbacks agree on: their signatures and the rows of a state."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numba.np import arrayobj
+from numba.types import Array, float64, int64, none
+
+#: What each entry of a kernel's `tally` counts or reports.
+EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
+
+
+class Run(NamedTuple):
+    """What a kernel marches: `count` steps from step index `first`, writing every `every`-th state into the rows."""
+
+    h: Any
+    t0: Any
+    p: Any
+    first: Any
+    count: Any
+    every: Any
+    u_rows: Any
+    v_rows: Any
+
+
+class At(NamedTuple):
+    """Where a step begins: its index i, the time t = t0 + i h, the step length h and the parameters p."""
+
+    i: Any
+    t: Any
+    h: Any
+    p: Any
+
+
+class Work(NamedTuple):
+    """What a method that solves equations needs besides f: the jacobian or None, the tally, and an n x n matrix."""
+
+    jacobian: Any
+    tally: Any
+    matrix: Any
+
+
+vector_type, matrix_type = Array(float64, 1, "C"), Array(float64, 2, "C")
+_given = Array(float64, 1, "C", readonly=True)  # a callback that writes to such an array does not compile
+
+
+@dataclass(frozen=True)
+class Form:
+    """The types of one form of right-hand side: one degree of freedom, or n."""
+
+    name: str
+    rhs: Any
+    jacobian: Any
+    invariant: Any
+    state: Any
+
+    @property
+    def run(self) -> Any:
+        """The type of `Run`."""
+        return types.NamedTuple((float64, float64, vector_type, int64, int64, int64, self.state, self.state), Run)
+
+
+SCALAR = Form(
+    name="scalar",
+    rhs=float64(float64, float64, float64, _given),
+    jacobian=float64(float64, float64, float64, _given),
+    invariant=float64(float64, float64, float64, _given),
+    state=vector_type,
+)
+VECTOR = Form(
+    name="vector",
+    rhs=none(float64, _given, _given, _given, vector_type),
+    jacobian=none(float64, _given, _given, _given, matrix_type),
+    invariant=float64(float64, _given, _given, _given),
+    state=matrix_type,
+)
+
+
+def function_at(signature: Any) -> Any:
+    """Return a compiled ``function(address)`` that turns the address of a compiled callback into the callback.
+
+    An address is a plain integer. A callback passed as an object costs some ten microseconds in each call, because
+    Numba looks up its address again.
+    """
+    kind = types.FunctionType(signature)
+
+    @intrinsic
+    def function(typingctx, address):
+        def codegen(context, builder, signature, args):
+            value = cgutils.create_struct_proxy(kind)(context, builder)
+            value.jit_addr = builder.inttoptr(args[0], value.jit_addr.type)
+            return value._getvalue()
+
+        return kind(int64), codegen
+
+    return function
+
+
+@intrinsic(prefer_literal=True)
+def floats(typingctx, state, count):
+    """``floats(state, count)``: the first `count` numbers of a 1-D array as a tuple; `count` is a literal."""
+    kind = types.UniTuple(float64, count.literal_value)
+
+    def codegen(context, builder, signature, args):
+        source = arrayobj.make_array(signature.args[0])(context, builder, args[0])
+        indices = [context.get_constant(types.intp, k) for k in range(count.literal_value)]
+        values = [builder.load(builder.gep(source.data, [index])) for index in indices]
+        return context.make_tuple(builder, kind, values)
+
+    return kind(state, count), codegen
+
+
+@intrinsic(prefer_literal=True)
+def rows(typingctx, state, count):
+    """``rows(state, count)``: the first `count` rows of a 2-D array as a tuple of 1-D arrays; `count` is a literal."""
+    kind = types.UniTuple(vector_type, count.literal_value)
+
+    def codegen(context, builder, signature, args):
+        source = arrayobj.make_array(signature.args[0])(context, builder, args[0])
+        (n,) = cgutils.unpack_tuple(builder, source.shape, 2)[1:]
+        begins = (builder.mul(n, context.get_constant(types.intp, k)) for k in range(count.literal_value))
+        values = [_array(context, builder, builder.gep(source.data, [begin]), n) for begin in begins]
+        return context.make_tuple(builder, kind, values)
+
+    return kind(state, count), codegen
+
+
+@intrinsic(prefer_literal=True)
+def head(typingctx, y, count):
+    """``head(y, count)``: the first `count` entries of a tuple; `count` is a literal, also by another name.
+
+    Numba slices a tuple only by numbers that are written out.
+    """
+    kind = types.UniTuple(y.dtype, count.literal_value)
+
+    def codegen(context, builder, signature, args):
+        return context.make_tuple(builder, kind, cgutils.unpack_tuple(builder, args[0])[: kind.count])
+
+    return kind(y, count), codegen
+
+
+@intrinsic(prefer_literal=True)
+def tail(typingctx, y, count):
+    """``tail(y, count)``: the entries of a tuple after the first `count`."""
+    kind = types.UniTuple(y.dtype, y.count - count.literal_value)
+
+    def codegen(context, builder, signature, args):
+        return context.make_tuple(builder, kind, cgutils.unpack_tuple(builder, args[0])[count.literal_value :])
+
+    return kind(y, count), codegen
+
+
+@intrinsic(prefer_literal=True)
+def stack_rows(typingctx, n, count):
+    """``stack_rows(n, count)``: a tuple of `count` arrays of n values on the stack; both are literals.
+
+    LLVM keeps such arrays in registers once it has unrolled the loops over n.
+    """
+    kind = types.UniTuple(vector_type, count.literal_value)
+
+    def codegen(context, builder, signature, args):
+        size = context.get_constant(types.intp, n.literal_value)
+        values = []
+        for _ in range(count.literal_value):
+            with builder.goto_entry_block():
+                memory = builder.alloca(ir.ArrayType(ir.DoubleType(), n.literal_value))
+            data = builder.bitcast(memory, ir.DoubleType().as_pointer())
+            values.append(_array(context, builder, data, size))
+        return context.make_tuple(builder, kind, values)
+
+    return kind(n, count), codegen
+
+
+@intrinsic(prefer_literal=True)
+def copy_rows(typingctx, target, source, n):
+    """``copy_rows(target, source, n)``: n values of each row of a tuple into the rows of another; n is a literal.
+
+    All values are read before the first is written, so `source` may hold the rows of `target` in another order.
+    """
+
+    def codegen(context, builder, signature, args):
+        def places(rows: Any) -> list[Any]:
+            arrays = cgutils.unpack_tuple(builder, rows, len(target))
+            data = [arrayobj.make_array(vector_type)(context, builder, array).data for array in arrays]
+            return [builder.gep(d, [context.get_constant(types.intp, j)]) for d in data for j in range(n.literal_value)]
+
+        values = [builder.load(place) for place in places(args[1])]
+        for value, place in zip(values, places(args[0]), strict=True):
+            builder.store(value, place)
+        return context.get_dummy_value()
+
+    return none(target, source, n), codegen
+
+
+@intrinsic
+def row_index(typingctx, row, state):
+    """``row_index(row, state)``: which row of a 2-D array a 1-D array is."""
+
+    def codegen(context, builder, signature, args):
+        arrays = [arrayobj.make_array(kind)(context, builder, x) for kind, x in zip(signature.args, args, strict=True)]
+        begin, origin = (builder.ptrtoint(array.data, context.get_value_type(types.intp)) for array in arrays)
+        stride = cgutils.unpack_tuple(builder, arrays[1].strides, 2)[0]
+        return builder.sdiv(builder.sub(begin, origin), stride)
+
+    return int64(row, state), codegen
+
+
+def _array(context: Any, builder: Any, data: Any, n: Any) -> Any:
+    """A contiguous 1-D array over memory that nobody counts references to."""
+    array = arrayobj.make_array(vector_type)(context, builder)
+    stride = context.get_constant(types.intp, 8)
+    arrayobj.populate_array(array, data=data, shape=[n], strides=[stride], itemsize=stride, meminfo=None)
+    return array._getvalue()
