@@ -116,7 +116,7 @@ def integrate(
     watches = watches_of(invariants, stepper, n_steps)
     run = _Run(stepper, n_steps, History(n_steps, every, stepper, bool(watches)), watches, progress)
     solution = run.solution()
-    if stepper.index == n_steps:
+    if solution.n_steps == n_steps:
         solution.t[-1] = t1  # which t0 + n h meets to round-off only
     if raise_on_failure and not solution.success:
         raise IntegrationError(solution)
@@ -156,7 +156,9 @@ class _Run:
             with deferred_interrupt() as interrupt:
                 self._march(interrupt)
         except Exception as error:
-            self._end(Status.INTERRUPTED, f"{type(error).__name__} was raised after t = {self.stepper.t:g}.")
+            self._end(
+                Status.INTERRUPTED, f"A function of the run raised {type(error).__name__} after t = {self.stepper.t:g}."
+            )
             error.solution = self._result()  # type: ignore[attr-defined]
             raise
         finally:

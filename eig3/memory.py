@@ -9,7 +9,7 @@ import numpy as np
 from .methods import Method
 
 _CACHE_LINE = 64  # bytes
-_NOT_WORTH_A_LOOK = 2**24  # bytes, below which asking the system takes longer than using them
+_NOT_WORTH_A_LOOK = 2**20  # bytes, below which asking the system takes longer than using them
 
 
 def n_rows(n_steps: int, every: int) -> int:

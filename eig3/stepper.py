@@ -84,8 +84,8 @@ class Stepper:
         a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
         running = self.method.for_force(reads_velocity(rhs), np.size(u))
         self._prepare(running)
-        self._check_velocity(a)
         with np.errstate(over="ignore"):  # what overflows here shows in the first step
+            self._check_velocity(a)
             past = running.formulas.start(u, v, a, self.h)
         for k, values in enumerate((u, v, *past)):
             self._state[k] = values

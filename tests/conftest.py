@@ -17,7 +17,7 @@ ALL_METHODS = [
     eig3.EIG3(),
     eig3.EIG3(alpha=1.2),
     eig3.CentralDifference(),
-    eig3.CentralDifference(solver="fixed-point"),
+    eig3.CentralDifference(solver="newton"),
     eig3.CentralDifference(velocity="lagged"),
     eig3.RK2(),
     eig3.RK3(),

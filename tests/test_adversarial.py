@@ -122,7 +122,7 @@ def test_amplitude_of_a_linear_system_is_a_factor(method, form, u0):
 @both_forms
 def test_overflow_keeps_the_finite_part(method, form):
     problem = linear(method, form, 3.0, 1e300, 0.0)
-    if method.evaluations is None:
+    if method.is_implicit:
         problem["params"] = (3.0, 0.0)  # a solve could fail first
     run = integrate(t_span=(0, 300), h=3.0, **problem)
     assert run.status is eig3.Status.DIVERGED
@@ -294,7 +294,7 @@ def test_a_stage_that_is_not_finite_ends_the_run(method, form, value):
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_message_blames_the_right_hand_side(method, form, value):
     run = run_bad_once(method, form, 0.5, value)
-    assert f"rhs gives {value} at t = 0.5" in run.message
+    assert f"rhs gives {value} at t = 0.5" in run.explain()
 
 
 @pytest.mark.parametrize(("alpha", "beta"), [(-1.0, 0.5), (1.0, -1.0), (-1.0, -1.0)])
@@ -348,7 +348,7 @@ def test_exception_comes_through_with_the_part_before(method, rhs, u0, v0):
     partial = caught.value.solution
     assert partial.status is eig3.Status.INTERRUPTED
     assert "ArithmeticError" in partial.message
-    assert 0 < partial.t[-1] <= 5
+    assert 5 - STEP <= partial.t[-1] <= 5 + STEP  # a step may look further ahead, or only at its start
     whole = integrate(rhs, (0, 8), params=9.0, **options)
     np.testing.assert_array_equal(partial.u, whole.u[: partial.n_steps + 1])
     np.testing.assert_array_equal(partial.v, whole.v[: partial.n_steps + 1])
@@ -371,7 +371,7 @@ for inline in (False, True):
     try:
         eig3.integrate(writes_past_the_end, (0, 1), [1.0, 2.0], [0.0, 0.0], h=0.01, params=0.5, inline=inline)
     except IndexError as error:
-        assert 0 < error.solution.t[-1] <= 0.5
+        assert 0.5 < error.solution.t[-1] < 0.52
         assert "IndexError" in error.solution.message
     else:
         raise AssertionError("not noticed")
@@ -437,7 +437,7 @@ def invariant_that_writes(t, u, v, p):
 def test_jacobian_and_invariant_only_read_too():
     start = {"t_span": (0, 1), "u0": [1.0], "v0": [0.0], "h": STEP, "params": (2.0, 0.0)}
     with pytest.raises(TypeError, match="jacobian must not write"):
-        integrate(spring_vector, **start, method=eig3.CentralDifference(jacobian=jacobian_that_writes))
+        integrate(spring_vector, **start, method=eig3.CentralDifference(velocity="implicit", jacobian=jacobian_that_writes))
     with pytest.raises(TypeError, match=r"invariants\['e'\] must not write"):
         integrate(spring_vector, **start, invariants={"e": invariant_that_writes})
 
@@ -450,10 +450,6 @@ def test_a_million_degrees_of_freedom(method):
     n = 10**6
     u0 = np.linspace(-1, 1, n)
     problem = {"h": 0.1, "params": (2.0, 0.0), "method": method, "save_every": None}
-    if method.workspace_bytes(n):
-        with pytest.raises(MemoryError, match="fixed-point"):
-            integrate(spring_vector, (0, 0.4), u0, -u0, **problem)
-        return
     run = integrate(spring_vector, (0, 0.4), u0, -u0, **problem)
     assert run.success
     for j in (0, 1, 314159, n - 1):  # four steps, multiply-adds fused or not

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import eig3.kernels.fixed
 import eig3.kernels.jit
 
 SCRIPT = """
@@ -62,7 +63,7 @@ def test_a_change_of_any_kernel_file_is_noticed(tmp_path, monkeypatch):
     copy = tmp_path / "kernels"
     shutil.copytree(Path(eig3.kernels.jit.__file__).parent, copy)
     monkeypatch.setattr(eig3.kernels.jit, "__file__", str(copy / "jit.py"))
-    fingerprint = eig3.kernels.jit._fingerprint.__wrapped__
+    fingerprint = eig3.kernels.jit.fingerprint
     before = fingerprint()
     (copy / "march.py").write_text((copy / "march.py").read_text() + "\n")
     assert fingerprint() != before
@@ -78,8 +79,8 @@ def test_without_a_place_for_the_cache_kernels_are_compiled(monkeypatch):
     monkeypatch.setattr(eig3.kernels.jit.numba, "njit", nowhere)
     from eig3.kernels import rk4
 
-    kernel = eig3.kernels.jit.pointer_kernel.__wrapped__(rk4.scalar, eig3.kernels.jit.SCALAR)
-    assert kernel.signatures
+    kernel = eig3.kernels.fixed.pointer_kernel.__wrapped__(rk4, eig3.kernels.protocol.SCALAR)
+    assert callable(kernel)
 
 
 def test_other_errors_of_the_compiler_come_through(monkeypatch):
@@ -88,6 +89,4 @@ def test_other_errors_of_the_compiler_come_through(monkeypatch):
 
     monkeypatch.setattr(eig3.kernels.jit.numba, "njit", broken)
     with pytest.raises(RuntimeError, match="out of registers"):
-        eig3.kernels.jit.pointer_kernel.__wrapped__(
-            test_other_errors_of_the_compiler_come_through, eig3.kernels.jit.SCALAR
-        )
+        eig3.kernels.jit.cached(test_other_errors_of_the_compiler_come_through, "int64()")

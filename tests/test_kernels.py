@@ -142,7 +142,7 @@ def test_ab3_starts_with_kutta():
     rk3 = eig3.integrate(oscillator, (0, 0.5), 0.5, 0.25, method="rk3", **options)
     np.testing.assert_array_equal(ab3.u[:3], rk3.u[:3])
     assert ab3.u[3] != rk3.u[3]
-    assert ab3.n_rhs == 1 + 3 + 3 + 3
+    assert ab3.n_rhs == 1 + 2 * (3 + 1) + 3  # a starting step also records f at its start in the past
 
 
 def test_scalar_form_equals_vector_form(method):
@@ -195,7 +195,7 @@ def test_evaluations_a_step_are_those_of_the_record(method):
     stepper.advance(10)
     before = stepper.n_rhs
     stepper.advance(100)
-    if method.evaluations is None:
+    if method.is_implicit:
         assert stepper.n_rhs - before >= 100
         assert stepper.n_iterations > 0
     else:

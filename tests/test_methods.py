@@ -35,8 +35,8 @@ def test_a_kernel_file_that_lacks_something_is_told():
     class Incomplete(eig3.Method):
         kernel: ClassVar[str] = "eig3.kernels.march"
 
-    with pytest.raises(TypeError, match=r"kernel 'eig3.kernels.march' must define start, scratch, scalar, vector"):
-        _ = Incomplete().module
+    with pytest.raises(TypeError, match=r"kernel 'eig3.kernels.march' must define ROWS, step_scalar, step_vector"):
+        _ = Incomplete().formulas
 
 
 def test_every_record_is_hashable_and_tells_what_it_is():

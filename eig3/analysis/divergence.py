@@ -237,7 +237,7 @@ def _candidates(h: float, limits: list[float]) -> list[float]:
     longest = _SAFETY * min([h, *([max(limits)] if limits else [])])
     least = min([longest, *(_SAFETY * limit for limit in limits if limit > _BROUGHT_ABOUT * h)])
     halved = [longest / 2**i for i in range(_HALVINGS)]
-    return [_rounded(step) for step in sorted({*halved, least}, reverse=True)]
+    return [float(f"{step:.3g}") for step in sorted({*halved, least}, reverse=True)]
 
 
 def _holds(trial: Stepper, n_steps: int) -> bool:
@@ -249,9 +249,3 @@ def _holds(trial: Stepper, n_steps: int) -> bool:
     except Exception:  # of rhs
         return False
     return taken == n_steps - n_steps // 2 and trial.is_finite and _size(trial) < _BLOWN_UP * (size or 1.0)
-
-
-def _rounded(h: float) -> float:
-    """To three digits, towards zero."""
-    unit = 10.0 ** (np.floor(np.log10(h)) - 2)
-    return float(np.floor(h / unit) * unit)

@@ -1,0 +1,140 @@
+"""Finite blow-ups: a motion that grows through its step alone does not end as completed; one that may grow does."""
+
+import math
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import integrate, problems
+
+from .conftest import oscillator, oscillator_vector, spring
+
+
+@eig3.jit
+def lennard_jones(t, u, v, p, a):
+    """Atoms in the plane: x of all, then y of all; p holds a spring to the centre that keeps them together."""
+    n = u.size // 2
+    for i in range(2 * n):
+        a[i] = -p[0] * u[i]
+    for i in range(n):
+        for j in range(i):
+            dx, dy = u[i] - u[j], u[n + i] - u[n + j]
+            s = 1 / (dx * dx + dy * dy)
+            pull = 24 * (s**4 - 2 * s**7)
+            a[i] -= pull * dx
+            a[n + i] -= pull * dy
+            a[j] += pull * dx
+            a[n + j] += pull * dy
+
+
+def atoms(side):
+    x, y = np.meshgrid(*(2 ** (1 / 6) * (np.arange(side) - (side - 1) / 2),) * 2)
+    u0 = np.concatenate([x.ravel(), y.ravel()])
+    return {"u0": u0, "v0": 3.0 * np.random.default_rng(1).standard_normal(u0.size), "params": 0.01}
+
+
+def blown_up(run):
+    assert run.status is eig3.Status.DIVERGED
+    assert not run.success
+    assert np.isfinite(run.u).all()
+    assert "grew to" in run.message
+    assert "critical step" in run.message or "unstable at every step" in run.message
+    return run
+
+
+@pytest.mark.parametrize("save_every", [1, None])
+@pytest.mark.parametrize(("rhs", "u0"), [(spring, 1.0), (oscillator_vector, [1.0, 0.5])], ids=["scalar", "vector"])
+def test_a_step_above_the_limit_that_stays_finite(rhs, u0, save_every):
+    """omega h = 2.1: u grows as exp(0.63 n), which 190 steps do not bring to overflow."""
+    run = blown_up(integrate(rhs, (0, 400), u0, np.zeros_like(u0), h=2.1, params=(1.0, 0.0), save_every=save_every))
+    assert run.t[-1] == 400  # nothing is cut off
+    assert "is 2 from t = 0" in run.message
+    growth = float(run.message.partition("grew to ")[2].split()[0])
+    assert growth == pytest.approx(max(np.abs(run.u[-1]).max(), np.abs(run.v[-1]).max()), rel=0.05)
+    assert "h = 1.8 was tried and holds" in run.explain()
+    with pytest.raises(eig3.IntegrationError, match="grew to"):
+        integrate(rhs, (0, 400), u0, np.zeros_like(u0), h=2.1, params=(1.0, 0.0), raise_on_failure=True)
+
+
+def test_ab3_above_its_limit():
+    """AB3 is stable up to omega h = 0.7236: here up to h = 0.00804."""
+    run = blown_up(integrate(spring, (0, 15), 1.0, 0.0, h=0.01, params=90.0, method="ab3"))
+    assert "0.00804" in run.message
+
+
+@pytest.mark.parametrize("method", ["rk2", "ab2"])
+def test_a_method_without_a_stable_step(method):
+    run = blown_up(integrate(spring, (0, 1000), 1.0, 0.0, h=0.1, params=4.0, method=method))
+    assert "unstable at every step" in run.message
+
+
+def test_atoms_that_come_close_on_their_way():
+    """A step just below the critical one at the start is too long where the atoms collide."""
+    start = atoms(8)
+    limit = eig3.critical_step(lennard_jones, start["u0"], start["v0"], start["params"]).limit
+    run = blown_up(integrate(lennard_jones, (0, 400 * limit), **start, h=0.98 * limit, save_every=None))
+    assert integrate(lennard_jones, (0, 400 * limit), **start, h=0.05 * limit, save_every=None).success
+    assert "h = " in run.message
+
+
+@eig3.jit
+def inverted_pendulum(t, u, v, p):
+    return p[0] * np.sin(u)
+
+
+@eig3.jit
+def falling(t, u, v, p):
+    return 9.81
+
+
+@eig3.jit
+def forced(t, u, v, p):
+    return p[0] * np.sin(p[1] * t) - u
+
+
+@eig3.jit
+def shaken_storeys(t, u, v, p, a):
+    a[0] = 400 * (u[1] - u[0]) - 400 * u[0] - 0.5 * v[0] + 5 * np.sin(3 * t) ** 2
+    a[1] = 400 * (u[0] - u[1]) - 0.5 * v[1]
+
+
+@eig3.jit
+def saddle(t, u, v, p, a):
+    """One direction that grows as exp(t), and one that vibrates at omega = 3."""
+    a[0] = u[0]
+    a[1] = -9 * u[1]
+
+
+ALLOWED = {
+    "an inverted pendulum that leaves its position": (inverted_pendulum, (0, 40), 1e-9, 0.0, 100.0),
+    "a linear instability of the system": (saddle, (0, 60), [1e-12, 0.1], [0.0, 0.0], 1.0),
+    "free fall": (falling, (0, 1e4), 0.0, 0.0, 1.0),
+    "resonance from rest": (forced, (0, 2000), 0.0, 0.0, (1.0, 1.0)),
+    "a force from rest": (forced, (0, 500), 0.0, 0.0, (1e9, 0.3)),
+    "a structure from rest": (shaken_storeys, (0, 50), [0.0, 0.0], [0.0, 0.0], 1.0),
+    "negative damping": (oscillator, (0, 400), 1.0, 0.0, (1.0, -0.1)),
+}
+
+
+@pytest.mark.parametrize("save_every", [1, None])
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk4", "rk2"])
+@pytest.mark.parametrize("name", ALLOWED)
+def test_a_motion_that_grows_by_itself_is_left_alone(name, method, save_every):
+    rhs, span, u0, v0, params = ALLOWED[name]
+    for _ in range(2):  # the second run has the pace of the first, and so other chunks
+        run = integrate(rhs, span, u0, v0, h=0.01, params=params, method=method, save_every=save_every)
+        assert run.success
+        assert run.notes == ()
+
+
+def test_a_contact_far_from_the_start_is_left_alone():
+    """A planet that passes close by the sun has a critical step that falls by a factor of 100 there."""
+    run = problems.kepler(e=0.9).integrate(h=1e-3, save_every=None, invariants={})
+    assert run.success
+
+
+def test_what_is_found_at_the_end_costs_no_run_that_stays_small(monkeypatch):
+    monkeypatch.setattr(eig3.integration, "find_blow_up", None)
+    assert integrate(spring, (0, 400), 1.0, 0.0, h=0.5, params=1.0).success
+    assert math.isfinite(integrate(forced, (0, 500), 0.0, 0.0, h=0.01, params=(1.0, 0.3)).u[-1])
