@@ -34,6 +34,8 @@ class Problem:
     t_span : (float, float)
     energy : jitted function, optional
         ``energy(t, u, v, p) -> float``, constant along the exact solution: the invariant "energy" of `integrate`.
+    energy_unit : str
+        Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     exact : callable, optional
         ``exact(t) -> (u, v)`` for an array of times.
     continuum : callable, optional
@@ -67,6 +69,7 @@ class Problem:
     note: str = ""
     h: float | None = None
     draw: Callable[[Any, Solution], None] | None = None
+    energy_unit: str = "J"
     follows_work: bool = False
 
     def integrate(

@@ -1,0 +1,193 @@
+"""Draw a run on a matplotlib figure: panels against time at the right, pictures without a time axis at their left.
+
+Every function works on the figure it is given, so that this module does not import matplotlib.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .solution import Solution
+
+#: What a command adds to the names of the files that it wrote, where it cannot draw.
+NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
+
+_AGAINST_TIME, _BESIDE = "against time", "beside"  # labels by which the axes of each kind are found again
+_LINES = 6  # degrees of freedom in one panel
+_FEW = 40  # states; so few are marked by dots
+_GROWTH = 5.0  # times its size: a motion that grows further no longer counts as the motion before the growth
+_BLOW_UP = 1e3  # times the size of the motion: less is no blow-up
+
+
+def time_panel(figure: Any, ylabel: str) -> Any:
+    """Add a panel below the others against time; all of them share the time axis.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    above = time_panels(figure)
+    axes = figure.add_subplot(label=_AGAINST_TIME, sharex=above[0] if above else None)
+    axes.margins(x=0)
+    axes.set(xlabel="t (s)", ylabel=ylabel)
+    for panel in above:
+        panel.set_xlabel("")
+        panel.tick_params(labelbottom=False)
+    _arrange(figure)
+    return axes
+
+
+def time_panels(figure: Any) -> list[Any]:
+    """The panels against time, the highest first."""
+    return [axes for axes in figure.axes if axes.get_label() == _AGAINST_TIME]
+
+
+def picture(figure: Any, **options: Any) -> Any:
+    """Add a picture at the left of the panels against time; `options` are those of ``figure.add_subplot``.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    axes = figure.add_subplot(label=_BESIDE, **options)
+    _arrange(figure)
+    return axes
+
+
+def pictures(figure: Any) -> list[Any]:
+    """The pictures at the left, the highest first."""
+    return [axes for axes in figure.axes if axes.get_label() == _BESIDE]
+
+
+def _arrange(figure: Any) -> None:
+    columns = [axes for axes in (pictures(figure), time_panels(figure)) if axes]
+    for column, cell in zip(columns, figure.add_gridspec(1, len(columns)), strict=True):
+        for axes, place in zip(column, cell.subgridspec(len(column), 1), strict=True):
+            axes.set_subplotspec(place)
+
+
+def legend(axes: Any) -> None:
+    """Put the legend outside the panel, where it hides no line."""
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+
+
+def lines(axes: Any, t: np.ndarray, values: np.ndarray, names: Sequence[str] = ()) -> None:
+    """Draw each column of `values`, shape (m,) or (m, n), against time, with a legend if there are names."""
+    axes.plot(t, values, linewidth=0.8, marker="." if len(t) < _FEW else "", label=names or None)
+    if names:
+        legend(axes)
+
+
+def oscillator(figure: Any, solution: Solution, units: tuple[str, str] = ("m", "m/s")) -> None:
+    """Draw a single degree of freedom: the phase portrait, and the displacement and the velocity against time.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    solution : Solution
+        Its u and v have shape (m,).
+    units : (str, str)
+        Of displacement and velocity.
+    """
+    u_label, v_label = f"displacement u ({units[0]})", f"velocity v ({units[1]})"
+    portrait = picture(figure)
+    portrait.set(xlabel=u_label, ylabel=v_label, title="phase portrait")
+    path(portrait, solution.u, solution.v, "C0")
+    lines(time_panel(figure, u_label), solution.t, solution.u)
+    lines(time_panel(figure, v_label), solution.t, solution.v)
+
+
+def path(axes: Any, x: np.ndarray, y: np.ndarray, color: str, name: str = "path") -> None:
+    """Draw a path in a plane, with a dot at its start."""
+    axes.plot(x, y, color=color, linewidth=0.6, marker="." if len(x) < _FEW else "", label=name)
+    axes.plot(x[0], y[0], color=color, marker="o", linestyle="none", label=f"{name}, start")
+
+
+def histories(
+    figure: Any, solution: Solution, names: Sequence[str] = (), units: tuple[str, str] = ("m", "m/s")
+) -> None:
+    """Draw the displacements and the velocities of the first degrees of freedom against time.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    solution : Solution
+    names : sequence of str
+        Of the degrees of freedom; u0, u1, ... if not given.
+    units : (str, str)
+        Of displacement and velocity.
+    """
+    u, v = (x.reshape(len(solution.t), -1)[:, :_LINES] for x in (solution.u, solution.v))
+    names = list(names) or [f"$u_{{{j}}}$" for j in range(u.shape[1])]
+    lines(time_panel(figure, f"displacement ({units[0]})"), solution.t, u, names)
+    lines(time_panel(figure, f"velocity ({units[1]})"), solution.t, v, names)
+
+
+def field(figure: Any, solution: Solution, places: np.ndarray, label: str, units: tuple[str, str]) -> None:
+    """Draw the displacement and the velocity of a row of masses over space and time.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    solution : Solution
+        Its u and v have shape (m, n).
+    places : ndarray, shape (n,)
+        Where the masses are, in ascending order.
+    label : str
+        What `places` is, with its unit.
+    units : (str, str)
+        Of displacement and velocity.
+    """
+    t, middle = solution.t, (places[1:] + places[:-1]) / 2
+    # edges of cells: times may be unevenly spaced at the end of a run, and a single state needs a width too
+    times = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, [max(t[-1], t[0] + solution.h)]])
+    edges = np.concatenate([[2 * places[0] - middle[0]], middle, [2 * places[-1] - middle[-1]]])
+    for values, name, unit in ((solution.u, "displacement", units[0]), (solution.v, "velocity", units[1])):
+        size = np.abs(values).max() or 1.0
+        axes = time_panel(figure, label)
+        image = axes.pcolorfast(times, edges, values.T, cmap="RdBu_r", vmin=-size, vmax=size)
+        # a child of the panel, so that the panels stay as wide as those without a bar
+        bar = axes.inset_axes((1.02, 0, 0.02, 1))
+        bar.figure.colorbar(image, cax=bar, label=f"{name} ({unit})")
+
+
+def before_growth(solution: Solution) -> Solution:
+    """The part of a run that shows its motion: all of it, or, where the run failed, what was before it blew up.
+
+    Drawn to its end, a run that blows up shows nothing but its last few steps, up to 1e308.
+    """
+    if solution.success:
+        return solution
+    n = max(1, min(_motion(solution.u), _motion(solution.v)))
+    return replace(solution, t=solution.t[:n], u=solution.u[:n], v=solution.v[:n])
+
+
+def _motion(values: np.ndarray) -> int:
+    """How many states there are before the growth: up to `_GROWTH` times the size that was kept for longest.
+
+    An instability grows by a constant factor a step, and is at no size for long; the motion before it is.
+    """
+    n = len(values)
+    size = np.maximum.accumulate(np.abs(values).reshape(n, -1).max(axis=1))
+    with np.errstate(over="ignore"):
+        left = np.searchsorted(size, _GROWTH * size, side="right")
+        kept = left - np.arange(n)
+        # the first, not the longest: where the growth begins at once, all are of a length but for a step or two
+        k = int(np.argmax(kept >= kept.max() / 2))
+        return int(left[k]) if size[-1] > _BLOW_UP * size[k] else n
+
+
+def mark_end(figure: Any, t: float, name: str) -> None:
+    """Draw a line at time t across all panels against time; `name` says what ends there."""
+    for axes in time_panels(figure):
+        low, high = axes.get_xlim()
+        axes.set_xlim(low, max(high, t + 0.03 * (t - low)))
+        axes.axvline(t, color="C3", linestyle="--", linewidth=1)
+    for axes in time_panels(figure)[:1]:
+        axes.annotate(
+            name, (t, 1), (0, 3), xycoords=("data", "axes fraction"), textcoords="offset points", color="C3", ha="right"
+        )
