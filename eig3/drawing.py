@@ -19,8 +19,10 @@ NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'ei
 _AGAINST_TIME, _BESIDE = "against time", "beside"  # labels by which the axes of each kind are found again
 _LINES = 6  # degrees of freedom in one panel
 _FEW = 40  # states; so few are marked by dots
-_GROWTH = 5.0  # times its size: a motion that grows further no longer counts as the motion before the growth
-_BLOW_UP = 1e3  # times the size of the motion: less is no blow-up
+_MANY, _PERIODS = 80, 25  # of more periods than the first number, as many as the second are shown against time
+_GROWTH = 5.0  # times the size of the motion: larger states belong to the growth
+_BLOW_UP = 1e3  # times the size of the motion: a run that grows less is drawn to its end
+_TAIL = 8  # states of the growth that are shown, at least
 
 
 def time_panel(figure: Any, ylabel: str) -> Any:
@@ -64,15 +66,19 @@ def pictures(figure: Any) -> list[Any]:
 
 
 def _arrange(figure: Any) -> None:
-    columns = [axes for axes in (pictures(figure), time_panels(figure)) if axes]
-    for column, cell in zip(columns, figure.add_gridspec(1, len(columns)), strict=True):
+    columns = [column for column in (pictures(figure), time_panels(figure)) if column]
+    widths = [1 / len(column) if column == pictures(figure) else 1 for column in columns]
+    for column, cell in zip(columns, figure.add_gridspec(1, len(columns), width_ratios=widths), strict=True):
         for axes, place in zip(column, cell.subgridspec(len(column), 1), strict=True):
             axes.set_subplotspec(place)
 
 
 def legend(axes: Any) -> None:
-    """Put the legend outside the panel, where it hides no line."""
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    """Put the legend outside, where it hides no line: at the right of a panel against time, above a picture."""
+    if axes.get_label() == _AGAINST_TIME:
+        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    else:
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
 
 
 def lines(axes: Any, t: np.ndarray, values: np.ndarray, names: Sequence[str] = ()) -> None:
@@ -95,16 +101,28 @@ def oscillator(figure: Any, solution: Solution, units: tuple[str, str] = ("m", "
     """
     u_label, v_label = f"displacement u ({units[0]})", f"velocity v ({units[1]})"
     portrait = picture(figure)
-    portrait.set(xlabel=u_label, ylabel=v_label, title="phase portrait")
-    path(portrait, solution.u, solution.v, "C0")
-    lines(time_panel(figure, u_label), solution.t, solution.u)
-    lines(time_panel(figure, v_label), solution.t, solution.v)
+    portrait.set(xlabel=u_label, ylabel=v_label)
+    path(portrait, solution.u, solution.v, "C0", "phase portrait")
+    legend(portrait)
+    for values, label in ((solution.u, u_label), (solution.v, v_label)):
+        lines(time_panel(figure, label), solution.t, values)
+    first_periods(figure, solution, solution.v)
 
 
-def path(axes: Any, x: np.ndarray, y: np.ndarray, color: str, name: str = "path") -> None:
+def first_periods(figure: Any, solution: Solution, v: np.ndarray) -> None:
+    """Limit the time axis to the first periods of the velocity v, shape (m,), if all of them would be a solid band."""
+    turns = np.flatnonzero(np.diff(np.signbit(v)))
+    if len(turns) > 2 * _MANY and solution.success:  # of a run that failed, the end matters
+        highest = time_panels(figure)[0]
+        highest.set_xlim(solution.t[0], solution.t[turns[2 * _PERIODS]])
+        highest.set_title(f"the first {_PERIODS} of {len(turns) / 2:.0f} periods", fontsize="medium")
+
+
+def path(axes: Any, x: np.ndarray, y: np.ndarray, color: str, name: str) -> None:
     """Draw a path in a plane, with a dot at its start."""
+    start = None if axes.lines else "start"  # in the legend once, for all paths of a picture
     axes.plot(x, y, color=color, linewidth=0.6, marker="." if len(x) < _FEW else "", label=name)
-    axes.plot(x[0], y[0], color=color, marker="o", linestyle="none", label=f"{name}, start")
+    axes.plot(x[0], y[0], color=color, marker="o", linestyle="none", label=start)
 
 
 def histories(
@@ -156,38 +174,53 @@ def field(figure: Any, solution: Solution, places: np.ndarray, label: str, units
 
 
 def before_growth(solution: Solution) -> Solution:
-    """The part of a run that shows its motion: all of it, or, where the run failed, what was before it blew up.
+    """The part of a run that shows its motion: the whole run, or, where it blew up, the states before the growth.
 
-    Drawn to its end, a run that blows up shows nothing but its last few steps, up to 1e308.
+    A picture of the whole of such a run would show its last few steps only, in which the state grows up to 1e308.
     """
     if solution.success:
         return solution
-    n = max(1, min(_motion(solution.u), _motion(solution.v)))
+    n = max(2, min(_motion(solution.u), _motion(solution.v)))
     return replace(solution, t=solution.t[:n], u=solution.u[:n], v=solution.v[:n])
 
 
 def _motion(values: np.ndarray) -> int:
-    """How many states there are before the growth: up to `_GROWTH` times the size that was kept for longest.
+    """How many states there are before the growth: those up to `_GROWTH` times the size that lasts longest.
 
-    An instability grows by a constant factor a step, and is at no size for long; the motion before it is.
+    An instability grows by a constant factor a step, so that no size lasts long; that of the motion before it does.
     """
-    n = len(values)
-    size = np.maximum.accumulate(np.abs(values).reshape(n, -1).max(axis=1))
+    size = np.maximum.accumulate(_sizes(values))
+    level, begin = np.unique(size, return_index=True)
+    level, begin = level[level > 0], begin[level > 0]
+    if not len(level):
+        return len(size)
+    logarithm = np.log(level)
+    lasts = np.interp(logarithm + np.log(_GROWTH), logarithm, begin) - begin
+    # the first that lasts about as long as the longest: in a growth from the start all last equally long
+    scale = level[np.argmax(lasts >= 0.75 * lasts.max())]
+    return int(np.searchsorted(size / scale, _GROWTH, side="right")) if size[-1] / scale > _BLOW_UP else len(size)
+
+
+def _sizes(values: np.ndarray) -> np.ndarray:
+    return np.abs(values).reshape(len(values), -1).max(axis=1)
+
+
+def growth(figure: Any, solution: Solution, n: int) -> None:
+    """Add a panel, with a logarithmic scale, that shows how a run grows after its first n states."""
+    axes = time_panel(figure, "size / size before\nthe growth (-)")
+    axes.set_yscale("log", nonpositive="mask")
+    axes.set_ylim(1e-3, 1e12)  # matplotlib cannot place ticks near 1e308
+    end = n + max(_TAIL, n // 4)
     with np.errstate(over="ignore"):
-        left = np.searchsorted(size, _GROWTH * size, side="right")
-        kept = left - np.arange(n)
-        # the first, not the longest: where the growth begins at once, all are of a length but for a step or two
-        k = int(np.argmax(kept >= kept.max() / 2))
-        return int(left[k]) if size[-1] > _BLOW_UP * size[k] else n
+        sizes = [x[:end] / (x[:n].max() or 1.0) for x in map(_sizes, (solution.u, solution.v))]
+    lines(axes, solution.t[:end], np.column_stack(sizes), ["displacement", "velocity"])
 
 
-def mark_end(figure: Any, t: float, name: str) -> None:
-    """Draw a line at time t across all panels against time; `name` says what ends there."""
-    for axes in time_panels(figure):
-        low, high = axes.get_xlim()
-        axes.set_xlim(low, max(high, t + 0.03 * (t - low)))
+def mark(figure: Any, t: float, name: str) -> None:
+    """Draw a line at time t across all panels against time; `name` says what happens there."""
+    panels = time_panels(figure)
+    for axes in panels:
         axes.axvline(t, color="C3", linestyle="--", linewidth=1)
-    for axes in time_panels(figure)[:1]:
-        axes.annotate(
-            name, (t, 1), (0, 3), xycoords=("data", "axes fraction"), textcoords="offset points", color="C3", ha="right"
-        )
+    if panels:
+        above = {"xycoords": ("data", "axes fraction"), "xytext": (0, 3), "textcoords": "offset points"}
+        panels[0].annotate(name, (t, 1), color="C3", ha="center", **above)

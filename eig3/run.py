@@ -126,14 +126,14 @@ class _Balance:
 
     def draw(self, figure: Any) -> None:
         """The change of energy since the start, and the work that explains it."""
-        axes = drawing.time_panel(figure, f"change since\nthe start ({self.unit})")
         change = self.energy - self.energy[0]
         if self.work is None:
-            drawing.lines(axes, self.t, change, ["energy"])
-        else:
-            drawing.lines(axes, self.t, np.column_stack([change, self.work]), ["energy", "work done"])
-            axes.lines[1].set_linestyle("--")
-            drawing.legend(axes)
+            drawing.lines(drawing.time_panel(figure, f"change of energy\n({self.unit})"), self.t, change)
+            return
+        axes = drawing.time_panel(figure, f"since the start\n({self.unit})")
+        drawing.lines(axes, self.t, np.column_stack([change, self.work]), ["change of\nenergy", "work done"])
+        axes.lines[1].set_linestyle("--")
+        drawing.legend(axes)
 
 
 def _save(problem: Problem, solution: Solution, balance: _Balance | None, out: Path) -> str:
@@ -167,10 +167,13 @@ def _draw(figure: Any, problem: Problem, solution: Solution, balance: _Balance |
         balance.draw(figure)
     title = f"{problem.name}, {solution.method.label}, h = {solution.h:.3g} s"
     if not solution.success:
-        end, reached = shown.t[-1], solution.t[-1]
-        drawing.mark_end(figure, end, "growth begins" if end < reached else solution.status.value)
-        title += f"\n{solution.status.value}: the last finite state is at t = {reached:.4g} s"
-        title += f"; only the motion before the growth is shown, up to t = {end:.4g} s" * bool(end < reached)
+        what, n = solution.status.value, len(shown.t)
+        title += f"\n{what}; the last state is at t = {solution.t[-1]:.4g} s"
+        if n < len(solution.t):
+            title += f"\nshown up to t = {shown.t[-1]:.4g} s, where the growth begins"
+            drawing.growth(figure, solution, n)
+            what = "growth begins"
+        drawing.mark(figure, shown.t[-1], what)
     figure.suptitle(title)
     width, height = _PANEL
     is_wide = bool(drawing.pictures(figure))

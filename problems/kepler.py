@@ -62,12 +62,12 @@ def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None 
 
     def draw(figure, solution):
         orbit = drawing.picture(figure, aspect="equal")
-        drawing.path(orbit, *solution.u.T, "C0", "planet")
+        drawing.path(orbit, *solution.u.T, "C0", "planet's path")
         period = np.linspace(0, 2 * math.pi * math.sqrt(a**3 / GM), 1000)
         orbit.plot(*exact(period)[0].T, "k--", linewidth=1, label="exact orbit")
         orbit.plot(0, 0, "C1o", markersize=9, label="sun (focus)")
-        orbit.set(xlabel="x (m)", ylabel="y (m)", title="orbit")
-        orbit.legend(loc="upper left")
+        orbit.set(xlabel="x (m)", ylabel="y (m)")
+        drawing.legend(orbit)
         drawing.histories(figure, solution, ["x", "y"])
 
     return Problem(

@@ -79,7 +79,7 @@ def quarter_car(
         squeeze = 0.3 + sag[1] - axle.of(u) + below
         loads = drawing.time_panel(figure, "force of tyre\non road (kN)")
         loads.axhline(1e-3 * G * (body + wheel), color="0.6", label="at rest")
-        drawing.lines(loads, t, 1e-3 * tyre * squeeze, ["moving"])
+        drawing.lines(loads, t, 1e-3 * tyre * squeeze, ["driving"])
 
     return replace(
         scene.problem((0.0, t_end), name="quarter_car", work=work),

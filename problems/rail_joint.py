@@ -113,7 +113,7 @@ def rail_joint(
         force = [-meeting.tension(*at, *constants) for at in zip(t, heights[:, 2] - heights[:, 0], strict=True)]
         below = drawing.time_panel(figure, "contact force (kN)")
         below.axhline(1e-3 * carried[2], color="0.6", label="at rest")
-        drawing.lines(below, t, 1e-3 * np.array(force), ["moving"])
+        drawing.lines(below, t, 1e-3 * np.array(force), ["rolling"])
         for axes in (above, below):
             axes.axvline(1 / speed, color="k", linestyle=":", linewidth=1, label="at the joint")
             drawing.legend(axes)

@@ -48,11 +48,11 @@ def two_frequency_oscillator(
             raise ValueError(f"{name} must be positive, not {value}.")
 
     def draw(figure, solution):
-        for mode, name in ((0, "slow"), (1, "fast")):
-            for values, quantity in ((solution.u, "u (m)"), (solution.v, "v (m/s)")):
-                axes = drawing.time_panel(figure, f"{name} mode\n{quantity}")
-                # dots, since the saved states may be further apart than the periods of the fast mode
-                axes.plot(solution.t, values[:, mode], linestyle="none", marker=".", markersize=1)
+        drawing.lines(drawing.time_panel(figure, "slow mode (m)"), solution.t, solution.u[:, 0])
+        # dots, since the fast mode may have many periods between two saved states
+        fast = drawing.time_panel(figure, "fast mode (m),\nsaved states")
+        fast.plot(solution.t, solution.u[:, 1], linestyle="none", marker=".", markersize=2)
+        drawing.first_periods(figure, solution, solution.v[:, 0])
 
     return Problem(
         name="two_frequency_oscillator",
