@@ -69,7 +69,7 @@ def run(
     solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
     write(f"{problem.name}: {problem.source}")
     write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
-    balance = _Balance.of(problem, solution) if problem.energy is not None and solution.success else None
+    balance = Balance.of(problem, solution) if problem.energy is not None and solution.success else None
     if balance:
         write(balance.summary())
     elif solution.success:
@@ -90,7 +90,7 @@ def _step(problem: Problem, method: str | Method, span: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Balance:
+class Balance:
     """The mechanical energy at the saved states, and the work done up to each of them, or None if not followed."""
 
     t: np.ndarray
@@ -99,7 +99,7 @@ class _Balance:
     unit: str
 
     @classmethod
-    def of(cls, problem: Problem, solution: Solution) -> _Balance:
+    def of(cls, problem: Problem, solution: Solution) -> Balance:
         energy = problem.energy_of(solution.u, solution.v, solution.t)
         if not problem.follows_work:
             return cls(solution.t, energy, None, problem.energy_unit)
@@ -136,7 +136,7 @@ class _Balance:
         drawing.legend(axes)
 
 
-def _save(problem: Problem, solution: Solution, balance: _Balance | None, out: Path) -> str:
+def _save(problem: Problem, solution: Solution, balance: Balance | None, out: Path) -> str:
     """Write the files that can be written; return their names."""
     t, u, v = solution.t, solution.u, solution.v
     names = [f"{problem.name}.npz"]
@@ -153,14 +153,14 @@ def _save(problem: Problem, solution: Solution, balance: _Balance | None, out: P
     except ImportError:
         return ", ".join(names) + drawing.NO_PICTURES
     figure = Figure(layout="constrained")
-    _draw(figure, problem, solution, balance)
+    draw(figure, problem, solution, balance)
     names.append(f"{problem.name}.png")
     figure.savefig(out / names[-1], dpi=130)
     return ", ".join(names)
 
 
-def _draw(figure: Any, problem: Problem, solution: Solution, balance: _Balance | None) -> None:
-    """The problem's own picture, with the energy balance below it; of a failed run, the part before it blew up."""
+def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | None = None) -> None:
+    """Draw the problem's own picture and the energy balance; of a run that blew up, the part before the growth."""
     shown = drawing.before_growth(solution)
     (problem.draw or drawing.histories)(figure, shown)
     if balance:

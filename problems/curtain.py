@@ -74,7 +74,7 @@ def curtain(
             axes.set(title=f"t = {solution.t[k]:.2g} s", xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
             axes.set(xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side))
             axes.set(xticks=(-side, 0, side), yticks=(side,), zticks=(-side, 0))
-            axes.set_box_aspect((2, 1, 1.5), zoom=0.85)
+            axes.set_box_aspect((2, 1, 1.5), zoom=0.8)
         edge = cloth[-1].of(solution.u)
         for j, name in ((0, "x"), (2, "z")):
             axes = drawing.time_panel(figure, f"{name} of the free edge\n(m)")
