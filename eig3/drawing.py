@@ -13,16 +13,16 @@ import numpy as np
 
 from .solution import Solution
 
-#: What a command adds to the names of the files that it wrote, where it cannot draw.
+#: A command prints this after the names of the files that it wrote, if it cannot draw.
 NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
 
-_AGAINST_TIME, _BESIDE = "against time", "beside"  # labels by which the axes of each kind are found again
-_LINES = 6  # degrees of freedom in one panel
-_FEW = 40  # states; so few are marked by dots
-_MANY, _PERIODS = 80, 25  # of more periods than the first number, as many as the second are shown against time
+_AGAINST_TIME = "against time"  # label of the axes that are panels against time
+_LINES = 6  # largest number of degrees of freedom in one panel
+_FEW = 40  # a line through fewer states than this has dots at the states
+_MANY, _PERIODS = 80, 25  # of more than 80 periods, the first 25 are shown
 _GROWTH = 5.0  # times the size of the motion: larger states belong to the growth
 _BLOW_UP = 1e3  # times the size of the motion: a run that grows less is drawn to its end
-_TAIL = 8  # states of the growth that are shown, at least
+_TAIL = 8  # smallest number of states of the growth that are shown
 
 
 def time_panel(figure: Any, ylabel: str) -> Any:
@@ -55,14 +55,14 @@ def picture(figure: Any, **options: Any) -> Any:
     -------
     matplotlib.axes.Axes
     """
-    axes = figure.add_subplot(label=_BESIDE, **options)
+    axes = figure.add_subplot(**options)
     _arrange(figure)
     return axes
 
 
 def pictures(figure: Any) -> list[Any]:
-    """The pictures at the left, the highest first."""
-    return [axes for axes in figure.axes if axes.get_label() == _BESIDE]
+    """All other axes, which are at the left, the highest first."""
+    return [axes for axes in figure.axes if axes.get_label() != _AGAINST_TIME]
 
 
 def _arrange(figure: Any) -> None:
@@ -180,7 +180,7 @@ def before_growth(solution: Solution) -> Solution:
     """
     if solution.success:
         return solution
-    n = max(2, min(_motion(solution.u), _motion(solution.v)))
+    n = max(2, min(_motion(solution.u), _motion(solution.v)))  # two at least, for a line
     return replace(solution, t=solution.t[:n], u=solution.u[:n], v=solution.v[:n])
 
 

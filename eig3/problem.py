@@ -50,7 +50,7 @@ class Problem:
     h : float, optional
         A step that resolves the motion, for a first look at it.
     draw : callable, optional
-        ``draw(figure, solution)`` draws the response on a matplotlib figure.
+        ``draw(figure, solution)`` draws the response on a matplotlib figure, with the panels of `eig3.drawing`.
     follows_work : bool
         Whether the velocity of the last degree of freedom is the work done so far, J.
     """

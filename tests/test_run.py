@@ -184,6 +184,18 @@ def test_growth_from_the_start_is_cut_at_five_times_its_size():
     assert len(drawing.before_growth(history(1.5 ** t[:800], Status.DIVERGED)).t) == 4
 
 
+def test_axes_of_a_users_own_drawing_stay_beside_the_energy():
+    def own(figure, solution):
+        for axes, values in zip(figure.subplots(2), (solution.u, solution.v), strict=True):
+            axes.plot(solution.t, values)
+
+    figure, _ = drawn(dataclasses.replace(problems.hertz_impact(), draw=own), h=1e-4)
+    figure.draw_without_rendering()
+    above, below, energy = (axes.get_position() for axes in figure.axes)
+    assert above.y0 > below.y1
+    assert max(above.x1, below.x1) < energy.x0
+
+
 def test_an_interrupted_run_is_marked_and_drawn_whole():
     figure, solution = drawn(problems.duffing(), h=0.1, status=Status.INTERRUPTED)
     first = drawing.time_panels(figure)[0]
