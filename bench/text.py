@@ -3,8 +3,7 @@
 import sys
 from collections.abc import Sequence
 
-#: What a benchmark says of its pictures where they cannot be drawn.
-NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
+from eig3.drawing import NO_PICTURES as NO_PICTURES
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

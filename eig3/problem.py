@@ -34,6 +34,8 @@ class Problem:
     t_span : (float, float)
     energy : jitted function, optional
         ``energy(t, u, v, p) -> float``, constant along the exact solution: the invariant "energy" of `integrate`.
+    energy_unit : str
+        Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     exact : callable, optional
         ``exact(t) -> (u, v)`` for an array of times.
     continuum : callable, optional
@@ -48,7 +50,7 @@ class Problem:
     h : float, optional
         A step that resolves the motion, for a first look at it.
     draw : callable, optional
-        ``draw(figure, solution)`` draws the response on a matplotlib figure.
+        ``draw(figure, solution)`` draws the response on a matplotlib figure, with the panels of `eig3.drawing`.
     follows_work : bool
         Whether the velocity of the last degree of freedom is the work done so far, J.
     """
@@ -67,6 +69,7 @@ class Problem:
     note: str = ""
     h: float | None = None
     draw: Callable[[Any, Solution], None] | None = None
+    energy_unit: str = "J"
     follows_work: bool = False
 
     def integrate(

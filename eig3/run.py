@@ -1,4 +1,4 @@
-"""`eig3 run`: one problem, its history in files, a picture, and what became of its energy."""
+"""`eig3 run`: integrate one problem, write its history and a picture, and report its energy balance."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from . import drawing
 from .analysis.critical import NoCriticalStepError
-from .bench.text import NO_PICTURES
 from .checks import check_h, check_span
 from .methods import Method
 from .problem import Problem
 from .solution import Solution
 
-_STATES = 2000  # saved in a run, at most,
-_VALUES = 4_000_000  # and no more numbers than this
-_CSV_VALUES = 200_000  # a longer history goes to the NPZ file only
-_LINES = 6  # degrees of freedom in a picture
+_STEPS = 2000  # at least, where the problem suggests no step
+_STATES = 20_000  # largest number of saved states
+_VALUES = 4_000_000  # largest number of saved displacements and velocities
+_CSV_VALUES = 200_000  # a longer history is written to the NPZ file only
+_PANEL = 6.5, 2.5  # width and height of a panel with its labels, inches
 
 
 def run(
@@ -32,12 +33,30 @@ def run(
     out: Path | None = None,
     write: Callable[[str], None] = print,
 ) -> Solution:
-    """Run one of `eig3.problems`; write its history and picture to `out`.
+    """Integrate one of `eig3.problems` and report on the run.
+
+    Parameters
+    ----------
+    build : callable
+        Builds the problem; gets `t_end`, and ``work=True`` where it has this parameter.
+    h : float, optional
+        The step, s. The default is the step that the problem suggests, or else a tenth of the critical step.
+    method : str or Method
+    t_end : float, optional
+        Duration, s; the problem's own if not given.
+    out : Path, optional
+        An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
+    write : callable
+        Gets the report.
+
+    Returns
+    -------
+    Solution
 
     Raises
     ------
     TypeError, ValueError
-        As `eig3.integrate` does.
+        For bad arguments, as `eig3.integrate` raises them.
     """
     options: dict[str, Any] = {"work": True} if "work" in inspect.signature(build).parameters else {}
     if t_end is not None:
@@ -50,74 +69,75 @@ def run(
     solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
     write(f"{problem.name}: {problem.source}")
     write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
-    balance = _Balance.of(problem, solution) if problem.energy is not None and solution.success else None
+    balance = Balance.of(problem, solution) if problem.energy is not None and solution.success else None
     if balance:
-        write(balance.told())
+        write(balance.summary())
     elif solution.success:
-        write("  energy: none is known of this problem")
+        write("  energy: this problem defines none")
     if out is not None:
         write(f"\nWritten to {out}: {_save(problem, solution, balance, out)}")
     return solution
 
 
 def _step(problem: Problem, method: str | Method, span: float) -> float:
-    """The problem's own, or one that is short beside the span and what is stable at the start."""
+    """The step that the problem suggests, or one well below the span and the critical step at the start."""
     if problem.h is not None:
         return problem.h
     try:
-        return min(span / _STATES, problem.critical_step(method=method).h / 10)
+        return min(span / _STEPS, problem.critical_step(method=method).h / 10)
     except NoCriticalStepError:
-        return span / _STATES
+        return span / _STEPS
 
 
 @dataclass(frozen=True)
-class _Balance:
-    """The mechanical energy and the work done so far, at the saved states; no work where it is not followed."""
+class Balance:
+    """The mechanical energy at the saved states, and the work done up to each of them, or None if not followed."""
 
+    t: np.ndarray
     energy: np.ndarray
     work: np.ndarray | None
     unit: str
 
     @classmethod
-    def of(cls, problem: Problem, solution: Solution) -> _Balance:
-        unit = " J" if problem.note else ""  # scenes are in SI units, other problems often per mass
+    def of(cls, problem: Problem, solution: Solution) -> Balance:
         energy = problem.energy_of(solution.u, solution.v, solution.t)
         if not problem.follows_work:
-            return cls(energy, None, unit)
+            return cls(solution.t, energy, None, problem.energy_unit)
         work = solution.v[:, -1]
-        return cls(energy + work, work, unit)
+        return cls(solution.t, energy + work, work, problem.energy_unit)
 
-    def told(self) -> str:
-        """The energy at both ends, and how far its change is from the work done, where that is followed."""
-        energy, work, J = self.energy, self.work, self.unit
+    def summary(self) -> str:
+        """The energy at both ends, and the largest change that the work done does not explain."""
+        energy, work, unit = self.energy, self.work, self.unit
         change = energy if work is None else energy - work
-        unaccounted = np.abs(change - change[0]).max()
+        unexplained = np.abs(change - change[0]).max()
         lines = [
-            f"  energy: {energy[0]:.6g}{J} at the start, {energy[-1]:.6g}{J} at the end, "
-            f"{energy.min():.6g} to {energy.max():.6g}{J} on the way"
+            f"  energy: {energy[0]:.6g} {unit} at the start, {energy[-1]:.6g} {unit} at the end, "
+            f"between {energy.min():.6g} and {energy.max():.6g} {unit}"
         ]
         if work is None:
-            lines.append(f"  change of energy: {unaccounted:.3g}{J} at most, where there should be none")
+            lines.append(f"  change of energy: at most {unexplained:.3g} {unit}; the exact solution keeps its energy")
         else:
             lines.append(
-                f"  work done: {work[-1]:.6g}{J} at the end, {work.min():.6g} to {work.max():.6g}{J} on the way; "
-                f"change of energy less work: {unaccounted:.3g}{J} at most"
+                f"  work done: {work[-1]:.6g} {unit} at the end, between {work.min():.6g} and {work.max():.6g} {unit}; "
+                f"change of energy minus work: at most {unexplained:.3g} {unit}"
             )
         return "\n".join(lines)
 
-    def draw(self, figure: Any, t: np.ndarray) -> None:
-        """What has become of the energy since the start, and the work that accounts for it."""
-        axes = figure.subplots()
-        axes.plot(t, self.energy - self.energy[0], label="energy")
-        if self.work is not None:
-            axes.plot(t, self.work, "--", label="work done")
-        axes.set_ylabel(f"since the start\n({self.unit.strip() or 'its own unit'})")
-        axes.set_xlabel("t (s)")
-        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    def draw(self, figure: Any) -> None:
+        """The change of energy since the start, and the work that explains it."""
+        change = self.energy - self.energy[0]
+        if self.work is None:
+            drawing.lines(drawing.time_panel(figure, f"change of energy\n({self.unit})"), self.t, change)
+            return
+        axes = drawing.time_panel(figure, f"since the start\n({self.unit})")
+        drawing.lines(axes, self.t, np.column_stack([change, self.work]), ["change of\nenergy", "work done"])
+        axes.lines[1].set_linestyle("--")
+        drawing.legend(axes)
 
 
-def _save(problem: Problem, solution: Solution, balance: _Balance | None, out: Path) -> str:
-    """Write what can be written; return the names."""
+def _save(problem: Problem, solution: Solution, balance: Balance | None, out: Path) -> str:
+    """Write the files that can be written; return their names."""
     t, u, v = solution.t, solution.u, solution.v
     names = [f"{problem.name}.npz"]
     np.savez_compressed(out / names[0], t=t, u=u, v=v)
@@ -131,26 +151,30 @@ def _save(problem: Problem, solution: Solution, balance: _Balance | None, out: P
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        return ", ".join(names) + NO_PICTURES
-    figure = Figure(figsize=(9, 8 if balance else 6), layout="constrained")
-    figure.suptitle(f"{problem.name}, {solution.method.label}, h = {solution.h:.3g} s")
-    response = figure
-    if balance:
-        response, below = figure.subfigures(2, 1, height_ratios=(3, 1))
-        balance.draw(below, solution.t)
-    (problem.draw or _draw)(response, solution)
+        return ", ".join(names) + drawing.NO_PICTURES
+    figure = Figure(layout="constrained")
+    draw(figure, problem, solution, balance)
     names.append(f"{problem.name}.png")
     figure.savefig(out / names[-1], dpi=130)
     return ", ".join(names)
 
 
-def _draw(figure: Any, solution: Solution) -> None:
-    """The first degrees of freedom against time."""
-    u, v = (x.reshape(len(solution.t), -1)[:, :_LINES] for x in (solution.u, solution.v))
-    for axes, values, name in zip(figure.subplots(2, sharex=True), (u, v), "uv", strict=True):
-        for j in range(values.shape[1]):
-            label = f"${name}_{j}$" if solution.u.ndim > 1 else f"${name}$"
-            axes.plot(solution.t, values[:, j], linewidth=1, label=label)
-        axes.set_ylabel("displacement\n(its own unit)" if name == "u" else "velocity\n(that unit/s)")
-        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
-    axes.set_xlabel("t (s)")
+def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | None = None) -> None:
+    """Draw the problem's own picture and the energy balance; of a run that blew up, the part before the growth."""
+    shown = drawing.before_growth(solution)
+    (problem.draw or drawing.histories)(figure, shown)
+    if balance:
+        balance.draw(figure)
+    title = f"{problem.name}, {solution.method.label}, h = {solution.h:.3g} s"
+    if not solution.success:
+        what, n = solution.status.value, len(shown.t)
+        title += f"\n{what}; the last state is at t = {solution.t[-1]:.4g} s"
+        if n < len(solution.t):
+            title += f"\nshown up to t = {shown.t[-1]:.4g} s, where the growth begins"
+            drawing.growth(figure, solution, n)
+            what = "growth begins"
+        drawing.mark(figure, shown.t[-1], what)
+    figure.suptitle(title)
+    width, height = _PANEL
+    is_wide = bool(drawing.pictures(figure))
+    figure.set_size_inches((2 if is_wide else 1.4) * width, max(2, len(drawing.time_panels(figure))) * height + 0.5)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.effects import Gravity, LinearDamper, LinearSpring, QuadraticDrag
 from eig3.problem import Problem
 from eig3.scene import Scene
@@ -64,24 +65,20 @@ def curtain(
     scene.add(QuadraticDrag(drag / n**2))
 
     def draw(figure, solution):
-        above, below = figure.subfigures(2, 1, height_ratios=(4, 3))
-        shapes = above.subplots(1, 3, subplot_kw={"projection": "3d"})
-        for axes, share in zip(shapes, (0, 1 / 6, 1 / 2), strict=True):
+        for share in (0, 1 / 6, 1 / 2):
             k = np.abs(solution.t - share * solution.t[-1]).argmin()
+            axes = drawing.picture(figure, projection="3d")
             x, y, z = np.moveaxis(cloth.of(solution.u[k]), -1, 0)
             axes.plot_wireframe(x, y, z, rcount=n // 2, ccount=n // 2, linewidth=0.5)
             axes.scatter(*np.transpose(grid[0, [0, -1]]), color="C3", s=12)
             axes.set(title=f"t = {solution.t[k]:.2g} s", xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
             axes.set(xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side))
             axes.set(xticks=(-side, 0, side), yticks=(side,), zticks=(-side, 0))
-            axes.set_box_aspect((2, 1, 1.5), zoom=0.75)
-        axes = below.subplots()
+            axes.set_box_aspect((2, 1, 1.5), zoom=0.8)
         edge = cloth[-1].of(solution.u)
-        axes.plot(solution.t, edge[:, n // 2, 0], label="x, middle")
-        axes.plot(solution.t, edge[:, n // 2, 2], label="z, middle")
-        axes.plot(solution.t, edge[:, 0, 2], label="z, corner")
-        axes.set(xlabel="t (s)", ylabel="free edge (m)")
-        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+        for j, name in ((0, "x"), (2, "z")):
+            axes = drawing.time_panel(figure, f"{name} of the free edge\n(m)")
+            drawing.lines(axes, solution.t, edge[:, [n // 2, 0], j], ["middle", "corner"])
 
     return replace(
         scene.problem((0.0, t_end), name="curtain", work=work),

@@ -1,11 +1,11 @@
-"""The elastic bar of a viscous material: the force depends on the velocity, and damping lowers explicit limits."""
+"""The bar of `elastic_bar` with viscous damping: the force depends on the velocity, which lowers the critical step."""
 
 import numpy as np
 
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
-from .elastic_bar import gaussian_pulse, lumped_frequencies, standing_waves, stiffness
+from .elastic_bar import drawing_of_bar, gaussian_pulse, lumped_frequencies, standing_waves, stiffness
 
 
 @cached_jit
@@ -26,28 +26,31 @@ def damped_bar(
     width: float = 0.05,
     t_end: float = 0.002,
 ) -> Problem:
-    """A bar of Kelvin and Voigt's material: stress E (strain + tau strain'), displaced by a Gaussian pulse, at rest.
+    """A bar of a Kelvin-Voigt material that starts from rest with a displacement in the form of a Gaussian pulse.
+
+    The stress is E (strain + tau strain rate). u is the displacements of the masses, in units of the height of the
+    pulse.
 
     Parameters
     ----------
     n, length, wave_speed, centre, width, t_end
         As for `elastic_bar`.
     xi : float
-        Damping ratio at the frequency 2 wave_speed (n + 1) / length, above all of the n masses; that of a mode is
-        proportional to its frequency.
+        Damping ratio at the frequency 2 wave_speed (n + 1) / length, which is above all natural frequencies of the n
+        masses; at least 0. The damping ratio of a mode is proportional to its frequency.
 
     Raises
     ------
     ValueError
-        For fewer than two masses or a negative xi.
+        If n is less than 2 or xi is negative.
 
     Notes
     -----
-    `exact` is the solution for the n masses, `continuum` that of the bar, both by their modes of vibration.
+    `exact` is the solution for the n masses and `continuum` that for the bar, both by modal superposition.
     """
     if not xi >= 0:
         raise ValueError(f"xi must not be negative, not {xi}.")
-    _, u0 = gaussian_pulse(n, centre, width)
+    x, u0 = gaussian_pulse(n, centre, width)
     highest = 2 * stiffness(n, length, wave_speed) ** 0.5
     lumped = lumped_frequencies(n, length, wave_speed)
     continuous = np.arange(1, n + 1) * np.pi * wave_speed / length
@@ -60,5 +63,6 @@ def damped_bar(
         t_span=(0.0, t_end),
         exact=standing_waves(u0, lumped, xi * lumped / highest),
         continuum=standing_waves(u0, continuous, xi * continuous / highest),
-        source="Kelvin-Voigt bar, by modes of vibration",
+        source="Kelvin-Voigt bar, by modal superposition",
+        draw=drawing_of_bar(x * length),
     )

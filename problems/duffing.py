@@ -1,7 +1,8 @@
-"""u'' + delta u' + a u + b u^3 = gamma cos(omega t): Duffing's oscillator, compiled with the terms it has."""
+"""u'' + delta u' + a u + b u^3 = gamma cos(omega t): Duffing's oscillator; zero terms are not compiled."""
 
 import math
 
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -41,28 +42,34 @@ def duffing(
     v0: float = 0.0,
     t_end: float = 50.0,
 ) -> Problem:
-    """Duffing's oscillator; with the defaults it has two wells, at u = -1 and 1, and jumps between them chaotically.
+    """Duffing's oscillator; u is the displacement in m.
+
+    With the defaults the potential has two wells, at u = -1 m and 1 m, and the motion between them is chaotic.
 
     Parameters
     ----------
     delta : float
-        Damping by mass, 1/s; not negative.
+        Damping coefficient per unit mass, 1/s; at least 0.
     a : float
-        Linear stiffness by mass, 1/s^2.
+        Linear stiffness per unit mass, 1/s^2.
     b : float
-        Cubic stiffness by mass, 1/(m^2 s^2).
+        Cubic stiffness per unit mass, 1/(m^2 s^2).
     gamma, omega : float
-        Amplitude by mass (m/s^2) and frequency (rad/s) of the harmonic force.
+        Amplitude per unit mass (m/s^2) and frequency (rad/s) of the harmonic force.
     u0, v0 : float
         Displacement (m) and velocity (m/s) at t = 0.
     t_end : float
-        Duration, s. With the defaults a difference of 1e-10 m grows to 5e-6 m in 50 s and to 1 m in 100 s, when
-        round-off alone shows in the fourth decimal.
+        Duration, s.
 
     Raises
     ------
     ValueError
-        For a negative delta.
+        If delta is negative.
+
+    Notes
+    -----
+    With the defaults, a difference of 1e-10 m in the displacement grows to 5e-6 m in 50 s and to 1 m in 100 s. After
+    100 s, round-off errors reach the fourth decimal.
     """
     if not delta >= 0:
         raise ValueError(f"delta must not be negative, not {delta}.")
@@ -81,7 +88,9 @@ def duffing(
         params=(a, b, delta, gamma, omega),
         t_span=(0.0, t_end),
         energy=None if is_damped or is_forced else energy,
+        energy_unit="J/kg",
         uses_velocity=is_damped,
         source="Guckenheimer and Holmes, Nonlinear Oscillations, Dynamical Systems, and Bifurcations of Vector Fields, "
         "section 2.2",
+        draw=drawing.oscillator,
     )

@@ -1,7 +1,8 @@
-"""u'' + mu tanh(u' / v_s) + omega^2 u = 0: an oscillator with dry friction, smoothed over small speeds."""
+"""u'' + mu tanh(u' / v_s) + omega^2 u = 0: an oscillator with dry friction, made smooth at low speeds."""
 
 import math
 
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -14,28 +15,30 @@ def rhs(t, u, v, p):
 def friction_oscillator(
     omega: float = 1.0, mu: float = 0.1, v_s: float = 1e-3, u0: float = 1.05, v0: float = 0.0, t_end: float = 13.0
 ) -> Problem:
-    """An oscillator with Coulomb's friction, whose amplitude falls by 2 mu / omega^2 every half period.
+    """An oscillator with Coulomb friction; u is the displacement in m.
+
+    The amplitude decreases by 2 mu / omega^2 in every half period.
 
     Parameters
     ----------
     omega : float
         Natural frequency, rad/s.
     mu : float
-        Force of friction by mass, m/s^2; not negative.
+        Friction force per unit mass, m/s^2; at least 0.
     v_s : float
-        Speed at which the friction is tanh(1) = 0.76 of mu, m/s. Below it acts as a damper of rate mu / v_s, for which
-        the step of an explicit method must be short. The mass does not stick: where the spring is weaker than mu it
-        creeps.
+        Speed at which the friction reaches tanh(1) = 0.76 of mu, m/s. At lower speeds it acts as a viscous damper of
+        rate mu / v_s, which limits the step of an explicit method. The mass never sticks: where the spring force is
+        smaller than the friction force, it moves slowly.
     u0, v0 : float
         Displacement (m) and velocity (m/s) at t = 0.
     t_end : float
-        Duration, s. With the other defaults the peaks are -0.85, 0.65, -0.45 and 0.25, and these are four half periods
-        and a little more.
+        Duration, s. The default is slightly more than four half periods; with the other defaults, the peaks are at
+        -0.85, 0.65, -0.45 and 0.25 m.
 
     Raises
     ------
     ValueError
-        For omega or v_s that is not positive, or a negative mu.
+        If omega or v_s is not positive, or if mu is negative.
     """
     for name, value in (("omega", omega), ("v_s", v_s)):
         if not value > 0:
@@ -51,4 +54,5 @@ def friction_oscillator(
         t_span=(0.0, t_end),
         uses_velocity=True,
         source="Den Hartog, Mechanical Vibrations: free vibration with Coulomb's friction",
+        draw=drawing.oscillator,
     )

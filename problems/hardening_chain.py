@@ -1,7 +1,10 @@
-"""Masses in a row joined by hardening springs, struck at one end."""
+"""A row of masses joined by hardening springs, with an impact at one end."""
+
+from functools import partial
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -9,7 +12,7 @@ from eig3.problem import Problem
 @cached_jit
 def rhs(t, u, v, p, a):
     n, k, s = u.size, p[0], p[1]
-    force = k * u[0] * (1 + s * u[0] * u[0])  # of the spring before mass j; the wall is before mass 0
+    force = k * u[0] * (1 + s * u[0] * u[0])  # in the spring before mass j; the wall is before mass 0
     for j in range(n - 1):
         stretch = u[j + 1] - u[j]
         after = k * stretch * (1 + s * stretch * stretch)
@@ -20,7 +23,7 @@ def rhs(t, u, v, p, a):
 
 @cached_jit
 def energy(t, u, v, p):
-    """Of the unit of mass that one lump has."""
+    """Energy per mass of one lump, J/kg."""
     k, s = p[0], p[1]
     total, before = 0.0, 0.0
     for j in range(u.size):
@@ -33,25 +36,26 @@ def energy(t, u, v, p):
 def hardening_chain(
     n: int = 200, stiffness: float = 1e4, hardening: float = 1e4, speed: float = 1.0, t_end: float = 10.0
 ) -> Problem:
-    """A chain of unit masses from a wall to a free end, which is struck towards the wall.
+    """A chain of equal masses from a wall to a free end, with an impact on the free end; u is the displacements in m.
 
     Parameters
     ----------
     n : int
-        Masses; two at least.
+        Number of masses, at least 2.
     stiffness : float
-        Of a spring at rest, by mass, 1/s^2.
+        Stiffness of an unstretched spring per mass, 1/s^2.
     hardening : float
-        A spring stretched by d pulls with stiffness d (1 + hardening d^2); 1/m^2.
+        Coefficient of the cubic term, 1/m^2. The force per mass of a spring stretched by d is
+        stiffness d (1 + hardening d^2).
     speed : float
-        That of the free mass at the start, m/s.
+        Speed of the free mass towards the wall at t = 0, m/s.
     t_end : float
-        Duration, s: some five passes of the wave with the defaults.
+        Duration, s. With the defaults, the wave travels along the chain about five times.
 
     Raises
     ------
     ValueError
-        For fewer than two masses.
+        If n is less than 2.
     """
     if n < 2:
         raise ValueError(f"n must be at least 2, not {n}.")
@@ -65,6 +69,8 @@ def hardening_chain(
         params=(stiffness, hardening),
         t_span=(0.0, t_end),
         energy=energy,
+        energy_unit="J/kg",
         uses_velocity=False,
-        source="Fermi, Pasta, Ulam and Tsingou's chain with cubic forces, struck as a rod in impact tests",
+        source="Fermi, Pasta, Ulam and Tsingou's chain with cubic forces, with an impact as in tests of rods",
+        draw=partial(drawing.field, places=np.arange(1.0, n + 1), label="number of the mass", units=("m", "m/s")),
     )

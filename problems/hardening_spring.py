@@ -1,5 +1,6 @@
-"""u'' + S1 u (1 + S2 u^2) = 0: a spring that stiffens as it is stretched."""
+"""u'' + S1 u (1 + S2 u^2) = 0: a mass on a spring that becomes stiffer under load."""
 
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -17,18 +18,18 @@ def energy(t, u, v, p):
 def hardening_spring(
     S1: float = 100.0, S2: float = 10.0, u0: float = 1.5, v0: float = 0.0, t_end: float = 15.15328
 ) -> Problem:
-    """The elastic hardening spring of the article, section 4.2.
+    """The elastic hardening spring of the article, section 4.2; u is the displacement in m.
 
     Parameters
     ----------
     S1 : float
-        Stiffness by mass at u = 0, 1/s^2.
+        Stiffness per unit mass at u = 0, 1/s^2.
     S2 : float
-        Hardening, 1/m^2.
+        Coefficient of the cubic term, 1/m^2.
     u0, v0 : float
         Displacement (m) and velocity (m/s) at t = 0.
     t_end : float
-        Duration, s. With the other defaults the period is 0.1515328 s, and this is a hundred of them.
+        Duration, s. With the other defaults the period is 0.1515328 s, and the default duration is 100 periods.
     """
     return Problem(
         name="hardening_spring",
@@ -38,7 +39,9 @@ def hardening_spring(
         params=(S1, S2),
         t_span=(0.0, t_end),
         energy=energy,
+        energy_unit="J/kg",
         uses_velocity=False,
         source="EIG-3 article, section 4.2, after Xie",
         h=1e-4,
+        draw=drawing.oscillator,
     )

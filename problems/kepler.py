@@ -1,10 +1,11 @@
-"""A planet around a fixed sun: at a large eccentricity one short passage asks for all the accuracy."""
+"""A planet around a fixed sun: on an eccentric orbit, the short passage near the sun needs the smallest steps."""
 
 import math
 from collections.abc import Callable
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -24,12 +25,12 @@ def energy(t, u, v, p):
 
 @cached_jit
 def angular_momentum(t, u, v, p):
-    """Constant as the energy is; both are of the unit of mass."""
+    """Per unit mass, m^2/s; constant along the exact solution, as the energy is."""
     return u[0] * v[1] - u[1] * v[0]
 
 
 def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None = None) -> Problem:
-    """Kepler's problem in the plane, from the perihelion; u is (x, y), with the sun at the origin.
+    """Kepler's problem in the plane, from the perihelion; u is (x, y) in m, and the sun is at the origin.
 
     Parameters
     ----------
@@ -45,18 +46,30 @@ def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None 
     Raises
     ------
     ValueError
-        For GM or a that is not positive, or e not in [0, 1).
+        If GM or a is not positive, or if e is not in [0, 1).
 
     Notes
     -----
-    `exact` solves Kepler's equation to round-off. ``eig3.problems.kepler.angular_momentum`` is another invariant; as
-    the package has the function under the module's name, import it by ``from eig3.problems.kepler import``.
+    `exact` solves Kepler's equation to round-off. The angular momentum is another invariant; import it with
+    ``from eig3.problems.kepler import angular_momentum``: in `eig3.problems`, `kepler` is the function.
     """
     for name, value in (("GM", GM), ("a", a)):
         if not value > 0:
             raise ValueError(f"{name} must be positive, not {value}.")
     if not 0 <= e < 1:
         raise ValueError(f"e must be at least 0 and below 1, as on an orbit that returns, not {e}.")
+    exact = ellipse(GM, a, e)
+
+    def draw(figure, solution):
+        orbit = drawing.picture(figure, aspect="equal")
+        drawing.path(orbit, *solution.u.T, "C0", "planet's path")
+        period = np.linspace(0, 2 * math.pi * math.sqrt(a**3 / GM), 1000)
+        orbit.plot(*exact(period)[0].T, "k--", linewidth=1, label="exact orbit")
+        orbit.plot(0, 0, "C1o", markersize=9, label="sun (focus)")
+        orbit.set(xlabel="x (m)", ylabel="y (m)")
+        drawing.legend(orbit)
+        drawing.histories(figure, solution, ["x", "y"])
+
     return Problem(
         name="kepler",
         rhs=rhs,
@@ -65,21 +78,23 @@ def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None 
         params=(GM,),
         t_span=(0.0, 40 * math.pi * math.sqrt(a**3 / GM) if t_end is None else t_end),
         energy=energy,
-        exact=ellipse(GM, a, e),
+        energy_unit="J/kg",
+        exact=exact,
         uses_velocity=False,
         source="Kepler, Astronomia nova, chapter 60; as a test, Hairer, Lubich and Wanner, Geometric Numerical "
         "Integration, section I.2",
         h=1e-3,
+        draw=draw,
     )
 
 
 def ellipse(GM: float, a: float, e: float) -> Callable:
-    """``exact(t) -> (u, v)`` of the motion from the perihelion."""
+    """Return ``exact(t) -> (u, v)`` of the motion that starts at the perihelion."""
     rate, b = math.sqrt(GM / a) / a, a * math.sqrt((1 - e) * (1 + e))
 
     def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         t = np.asarray(t, dtype=np.float64)
-        # the sine and cosine take 2 pi off with all its digits; a remainder would lose some at every orbit
+        # sin and cos reduce the angle by the exact 2 pi; a remainder by the rounded 2 pi adds an error every orbit
         E = eccentric_anomaly(np.arctan2(np.sin(rate * t), np.cos(rate * t)), e)
         sine, cosine = np.sin(E), np.cos(E)
         E_rate = rate / (1 - e * cosine)
@@ -90,10 +105,10 @@ def ellipse(GM: float, a: float, e: float) -> Callable:
 
 
 def eccentric_anomaly(M: np.ndarray, e: float) -> np.ndarray:
-    """E of Kepler's equation E - e sin E = M, for mean anomalies from -pi to pi.
+    """Solve Kepler's equation E - e sin E = M for E, with the mean anomaly M from -pi to pi.
 
-    For M >= 0 the left side is convex, so that Newton's method comes down from any bound above E without passing it,
-    and has ended where it no longer comes down.
+    For M >= 0 the left side is convex. Newton's method that starts above the solution therefore decreases to it without
+    passing it, and has converged when E no longer decreases.
     """
     sign, M = np.sign(M), np.abs(M)
     E = np.minimum(np.minimum(M + e, M / (1 - e)), np.pi)

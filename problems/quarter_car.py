@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.effects import Gravity, LinearDamper, LinearSpring, SampledMotion
 from eig3.problem import Problem
 from eig3.scene import Scene
@@ -69,19 +70,16 @@ def quarter_car(
     scene.add(SampledMotion(x / speed, z), ground)
 
     def draw(figure, solution):
-        heights, loads = figure.subplots(2, sharex=True)
-        below = np.interp(solution.t, x / speed, z)
-        heights.plot(solution.t, 1e3 * (axle.of(solution.u) - 0.3), label="wheel")
-        heights.plot(solution.t, 1e3 * (seat.of(solution.u) - 0.8), label="body")
-        heights.plot(solution.t, 1e3 * below, "k", linewidth=0.5, label="road")
-        heights.set_ylabel("height above rest (mm)")
-        squeeze = 0.3 + sag[1] - axle.of(solution.u) + below
-        loads.plot(solution.t, 1e-3 * tyre * squeeze, color="C2", label="tyre on road")
+        t, u = solution.t, solution.u
+        below = np.interp(t, x / speed, z)
+        heights = np.column_stack([axle.of(u) - 0.3, seat.of(u) - 0.8, below])
+        drawing.lines(
+            drawing.time_panel(figure, "height above rest\n(mm)"), t, 1e3 * heights, ["wheel", "body", "road"]
+        )
+        squeeze = 0.3 + sag[1] - axle.of(u) + below
+        loads = drawing.time_panel(figure, "force of tyre\non road (kN)")
         loads.axhline(1e-3 * G * (body + wheel), color="0.6", label="at rest")
-        loads.set_ylabel("force (kN)")
-        loads.set_xlabel("t (s)")
-        for axes in (heights, loads):
-            axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+        drawing.lines(loads, t, 1e-3 * tyre * squeeze, ["driving"])
 
     return replace(
         scene.problem((0.0, t_end), name="quarter_car", work=work),

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import eig3
+from eig3 import drawing
 from eig3.effects import Gravity, LinearDamper, LinearSpring, Link
 from eig3.effects.hertz import push
 from eig3.problem import Problem
@@ -103,21 +104,19 @@ def rail_joint(
     scene.add(meeting, head, centre)
 
     def draw(figure, solution):
-        heights, forces = figure.subplots(2, sharex=True)
-        for name, part in (("rail", head), ("sleeper", tie), ("wheel", centre), ("car", body)):
-            height = part.of(solution.u)
-            heights.plot(1e3 * solution.t, 1e3 * (height - height[0]), label=name)
-        heights.set_ylabel("height above rest (mm)")
-        r = centre.of(solution.u) - head.of(solution.u)
+        t = solution.t
+        heights = np.column_stack([part.of(solution.u) for part in (head, tie, centre, body)])
+        names = ["rail", "sleeper", "wheel", "car"]
+        above = drawing.time_panel(figure, "height above rest\n(mm)")
+        drawing.lines(above, t, 1e3 * (heights - heights[0]), names)
         constants = dataclasses.astuple(meeting)
-        force = [-meeting.tension(*at, *constants) for at in zip(solution.t, r, strict=True)]
-        forces.plot(1e3 * solution.t, 1e-3 * np.array(force), color="C4", label="contact")
-        forces.axhline(1e-3 * carried[2], color="0.6", label="at rest")
-        forces.set_ylabel("force (kN)")
-        forces.set_xlabel("t (ms)")
-        for axes in (heights, forces):
-            axes.axvline(1e3 / speed, color="k", linestyle=":", linewidth=1, label="at the joint")
-            axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+        force = [-meeting.tension(*at, *constants) for at in zip(t, heights[:, 2] - heights[:, 0], strict=True)]
+        below = drawing.time_panel(figure, "contact force (kN)")
+        below.axhline(1e-3 * carried[2], color="0.6", label="at rest")
+        drawing.lines(below, t, 1e-3 * np.array(force), ["rolling"])
+        for axes in (above, below):
+            axes.axvline(1 / speed, color="k", linestyle=":", linewidth=1, label="at the joint")
+            drawing.legend(axes)
 
     return replace(
         scene.problem((0.0, t_end), name="rail_joint", work=work),

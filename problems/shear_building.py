@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.effects import LinearDamper, LinearSpring, SampledMotion
 from eig3.problem import Problem
 from eig3.scene import Scene
@@ -67,18 +68,11 @@ def shear_building(
     scene.add(SampledMotion(t, x), ground)
 
     def draw(figure, solution):
-        places, drifts = figure.subplots(2, sharex=True)
-        moved = np.interp(solution.t, t, x)
-        u = np.column_stack([moved, floors.of(solution.u)])
-        places.plot(solution.t, 1e3 * moved, color="0.5", label="ground")
-        places.plot(solution.t, 1e3 * u[:, 3], color="C3", label="third floor", linewidth=1)
-        for k in (1, 2, 3):
-            drifts.plot(solution.t, 1e3 * (u[:, k] - u[:, k - 1]), color=f"C{k}", label=f"storey {k}", linewidth=1)
-        places.set_ylabel("displacement (mm)")
-        drifts.set_ylabel("drift of the storey (mm)")
-        drifts.set_xlabel("t (s)")
-        for axes in (places, drifts):
-            axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+        u = 1e3 * np.column_stack([np.interp(solution.t, t, x), floors.of(solution.u)])
+        names = ["ground", "third floor"]
+        drawing.lines(drawing.time_panel(figure, "displacement (mm)"), solution.t, u[:, [0, 3]], names)
+        names = ["storey 1", "storey 2", "storey 3"]
+        drawing.lines(drawing.time_panel(figure, "drift of the storey\n(mm)"), solution.t, np.diff(u), names)
 
     return replace(
         scene.problem((0.0, t_end), name="shear_building", work=work),

@@ -1,9 +1,10 @@
-"""u'' + 2 xi omega u' + omega^2 u = F cos(omega_f t): the oscillator, compiled with the terms its constants name."""
+"""u'' + 2 xi omega u' + omega^2 u = F cos(omega_f t): the linear oscillator; zero terms are not compiled."""
 
 from collections.abc import Callable
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -42,7 +43,7 @@ def single_dof(
     v0: float = 0.0,
     t_end: float = 1000.0,
 ) -> Problem:
-    """The single degree of freedom of the article, section 4.1.
+    """The linear oscillator of the article, section 4.1; u is the displacement in m.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ def single_dof(
     xi : float
         Damping ratio.
     force, force_omega : float
-        Amplitude by mass (m/s^2) and frequency (rad/s) of the harmonic force.
+        Amplitude per unit mass (m/s^2) and frequency (rad/s) of the harmonic force.
     u0, v0 : float
         Displacement (m) and velocity (m/s) at t = 0.
     t_end : float
@@ -60,7 +61,7 @@ def single_dof(
     Raises
     ------
     ValueError
-        For omega that is not positive.
+        If omega is not positive.
     """
     if not omega > 0:
         raise ValueError(f"omega must be positive, not {omega}.")
@@ -79,15 +80,17 @@ def single_dof(
         params=(omega, xi, force, force_omega),
         t_span=(0.0, t_end),
         energy=None if is_damped or is_forced else energy,
+        energy_unit="J/kg",
         exact=exact_solution(omega, xi, force, force_omega, u0, v0),
         uses_velocity=is_damped,
         source="EIG-3 article, section 4.1",
         h=1e-2,
+        draw=drawing.oscillator,
     )
 
 
 def exact_solution(omega: float, xi: float, force: float, force_omega: float, u0: float, v0: float) -> Callable:
-    """``exact(t) -> (u, v)`` of the oscillator: a particular solution and two free ones."""
+    """Return ``exact(t) -> (u, v)``: a particular solution plus two solutions of the homogeneous equation."""
     root = np.sqrt(complex(xi * xi - 1))
     fast, slow = omega * (-xi - root), omega * (-xi + root)
     resonant = xi == 0 and force_omega == omega

@@ -1,7 +1,8 @@
-"""u'' + S tanh u = 0: a spring that softens as it is stretched."""
+"""u'' + S tanh u = 0: a mass on a spring that becomes softer under load."""
 
 import math
 
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -13,17 +14,17 @@ def rhs(t, u, v, p):
 
 @cached_jit
 def energy(t, u, v, p):
-    # ln cosh u, written so that cosh cannot overflow
+    # ln(cosh(u)) in a form that does not overflow for large u
     return v * v / 2 + p[0] * (abs(u) + math.log1p(math.exp(-2 * abs(u))) - math.log(2.0))
 
 
 def softening_spring(S: float = 100.0, u0: float = 4.0, v0: float = 0.0, t_end: float = 140.0) -> Problem:
-    """The elastic softening spring of the article, section 4.3.
+    """The elastic softening spring of the article, section 4.3; u is the displacement in m.
 
     Parameters
     ----------
     S : float
-        Largest spring force by mass, m/s^2.
+        Largest spring force per unit mass, m/s^2.
     u0, v0 : float
         Displacement (m) and velocity (m/s) at t = 0. With the defaults the period is 1.1418763 s.
     t_end : float
@@ -37,7 +38,9 @@ def softening_spring(S: float = 100.0, u0: float = 4.0, v0: float = 0.0, t_end: 
         params=(S,),
         t_span=(0.0, t_end),
         energy=energy,
+        energy_unit="J/kg",
         uses_velocity=False,
         source="EIG-3 article, section 4.3, after Xie",
         h=1e-3,
+        draw=drawing.oscillator,
     )

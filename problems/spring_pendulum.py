@@ -1,7 +1,10 @@
-"""A point mass on a linear spring that swings in a plane: the velocities enter the accelerations."""
+"""A point mass on a linear spring that swings in a plane: the accelerations depend on the velocities."""
 
 import math
 
+import numpy as np
+
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -31,7 +34,9 @@ def spring_pendulum(
     theta0: float = math.pi / 2,
     t_end: float = 100.0,
 ) -> Problem:
-    """The spring pendulum of the article, section 4.4, let go at rest; u is (r, theta).
+    """The spring pendulum of the article, section 4.4, released from rest.
+
+    u is (r, theta): the length of the spring in m and its angle from the vertical in rad.
 
     Parameters
     ----------
@@ -42,12 +47,23 @@ def spring_pendulum(
     k : float
         Stiffness, N/m.
     g : float
-        Gravity, m/s^2.
+        Acceleration of gravity, m/s^2.
     r0, theta0 : float
-        Length (m) and angle from the vertical (rad) at t = 0.
+        Length of the spring (m) and angle from the vertical (rad) at t = 0.
     t_end : float
         Duration, s.
     """
+
+    def draw(figure, solution):
+        r, theta = solution.u.T
+        plane = drawing.picture(figure, aspect="equal")
+        drawing.path(plane, r * np.sin(theta), -r * np.cos(theta), "C0", "path of the mass")
+        plane.plot(0, 0, "k^", label="support")
+        plane.set(xlabel="x (m)", ylabel="y (m)")
+        drawing.legend(plane)
+        drawing.lines(drawing.time_panel(figure, "length r (m)"), solution.t, r)
+        drawing.lines(drawing.time_panel(figure, r"angle $\theta$ (rad)"), solution.t, theta)
+
     return Problem(
         name="spring_pendulum",
         rhs=rhs,
@@ -59,4 +75,5 @@ def spring_pendulum(
         uses_velocity=True,
         source="EIG-3 article, section 4.4",
         h=1e-3,
+        draw=draw,
     )

@@ -1,9 +1,10 @@
-"""A slow and a fast oscillator that do not touch each other: the fast one sets the step, the slow one the duration."""
+"""A slow and a fast oscillator without coupling: the fast one limits the step, the slow one sets the duration."""
 
 from collections.abc import Callable
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -26,25 +27,33 @@ def two_frequency_oscillator(
     u0: tuple[float, float] = (1.0, 1.0),
     t_end: float = 1000.0,
 ) -> Problem:
-    """Two modes of vibration of a structure, displaced and let go; u is (slow, fast).
+    """Two modes of vibration of a structure, released from rest; u is the displacements (slow, fast) in m.
 
     Parameters
     ----------
     omega, omega_fast : float
         Frequencies, rad/s.
     u0 : (float, float)
-        Displacements at t = 0, m. With the defaults all but a millionth of the energy is in the fast mode.
+        Displacements at t = 0, m. With the defaults the slow mode has one millionth of the energy.
     t_end : float
         Duration, s.
 
     Raises
     ------
     ValueError
-        For a frequency that is not positive.
+        If a frequency is not positive.
     """
     for name, value in (("omega", omega), ("omega_fast", omega_fast)):
         if not value > 0:
             raise ValueError(f"{name} must be positive, not {value}.")
+
+    def draw(figure, solution):
+        drawing.lines(drawing.time_panel(figure, "slow mode (m)"), solution.t, solution.u[:, 0])
+        # dots, since the fast mode may have many periods between two saved states
+        fast = drawing.time_panel(figure, "fast mode (m),\nsaved states")
+        fast.plot(solution.t, solution.u[:, 1], linestyle="none", marker=".", markersize=2)
+        drawing.first_periods(figure, solution, solution.v[:, 0])
+
     return Problem(
         name="two_frequency_oscillator",
         rhs=rhs,
@@ -53,14 +62,16 @@ def two_frequency_oscillator(
         params=(omega, omega_fast),
         t_span=(0.0, t_end),
         energy=energy,
+        energy_unit="J/kg",
         exact=two_cosines(np.array([omega, omega_fast]), np.array(u0)),
         uses_velocity=False,
         source="The linear part of Hairer, Lubich and Wanner, Geometric Numerical Integration, chapter XIII",
+        draw=draw,
     )
 
 
 def two_cosines(omega: np.ndarray, u0: np.ndarray) -> Callable:
-    """``exact(t) -> (u, v)`` from rest at u0."""
+    """Return ``exact(t) -> (u, v)`` of two oscillators that start from rest at u0."""
 
     def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         phase = np.asarray(t, dtype=np.float64)[..., None] * omega

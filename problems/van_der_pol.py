@@ -1,5 +1,8 @@
-"""u'' - mu (1 - u^2) u' + u = 0: Van der Pol's oscillator, which relaxes slowly and then jumps."""
+"""u'' - mu (1 - u^2) u' + u = 0: Van der Pol's oscillator: slow phases alternate with jumps."""
 
+from functools import partial
+
+from eig3 import drawing
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -10,23 +13,28 @@ def rhs(t, u, v, p):
 
 
 def van_der_pol(mu: float = 10.0, u0: float = 2.0, v0: float = 0.0, t_end: float = 100.0) -> Problem:
-    """Van der Pol's oscillator, which tends to one periodic motion from every start but rest.
+    """Van der Pol's oscillator; u is dimensionless, and the natural frequency is 1 rad/s.
+
+    Every motion except rest tends to the same limit cycle.
 
     Parameters
     ----------
     mu : float
-        Damping where u is large and its opposite where u is small; time is counted so that the frequency without it
-        is 1. Not negative. While u creeps from 2 to 1 the velocity decays at rates up to 3 mu, and the step of an
-        explicit method must be short for that. The periods are 19.07837 for mu = 10 and 162.83707 for mu = 100.
+        Coefficient of the damping, 1/s; at least 0. The damping is positive for abs(u) > 1 and negative for abs(u) < 1.
     u0, v0 : float
-        Displacement and velocity at t = 0.
+        Displacement (dimensionless) and velocity (1/s) at t = 0.
     t_end : float
-        Duration. With the defaults it is five periods.
+        Duration, s. With the defaults it is five periods.
 
     Raises
     ------
     ValueError
-        For a negative mu.
+        If mu is negative.
+
+    Notes
+    -----
+    The period is 19.07837 s for mu = 10 and 162.83707 s for mu = 100. While u decreases slowly from 2 to 1, a
+    disturbance of the velocity decays at a rate of up to 3 mu. This rate limits the step of an explicit method.
     """
     if not mu >= 0:
         raise ValueError(f"mu must not be negative, not {mu}.")
@@ -39,4 +47,5 @@ def van_der_pol(mu: float = 10.0, u0: float = 2.0, v0: float = 0.0, t_end: float
         t_span=(0.0, t_end),
         uses_velocity=True,
         source="Van der Pol, On relaxation-oscillations, Philosophical Magazine 2 (1926)",
+        draw=partial(drawing.oscillator, units=("-", "1/s")),
     )

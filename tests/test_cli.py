@@ -186,7 +186,7 @@ def test_run_takes_any_problem_method_and_step(tmp_path, capsys):
 def test_run_finds_a_step_and_needs_no_energy_or_folder(capsys):
     assert main(["run", "van_der_pol"]) == 0
     printed = capsys.readouterr().out
-    assert "energy: none is known" in printed
+    assert "energy: this problem defines none" in printed
     assert "Written" not in printed
 
 

@@ -1,0 +1,226 @@
+"""Draw a run on a matplotlib figure: panels against time at the right, pictures without a time axis at their left.
+
+Every function works on the figure it is given, so that this module does not import matplotlib.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .solution import Solution
+
+#: A command prints this after the names of the files that it wrote, if it cannot draw.
+NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
+
+_AGAINST_TIME = "against time"  # label of the axes that are panels against time
+_LINES = 6  # largest number of degrees of freedom in one panel
+_FEW = 40  # a line through fewer states than this has dots at the states
+_MANY, _PERIODS = 80, 25  # of more than 80 periods, the first 25 are shown
+_GROWTH = 5.0  # times the size of the motion: larger states belong to the growth
+_BLOW_UP = 1e3  # times the size of the motion: a run that grows less is drawn to its end
+_TAIL = 8  # smallest number of states of the growth that are shown
+
+
+def time_panel(figure: Any, ylabel: str) -> Any:
+    """Add a panel below the others against time; all of them share the time axis.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    above = time_panels(figure)
+    axes = figure.add_subplot(label=_AGAINST_TIME, sharex=above[0] if above else None)
+    axes.margins(x=0)
+    axes.set(xlabel="t (s)", ylabel=ylabel)
+    for panel in above:
+        panel.set_xlabel("")
+        panel.tick_params(labelbottom=False)
+    _arrange(figure)
+    return axes
+
+
+def time_panels(figure: Any) -> list[Any]:
+    """The panels against time, the highest first."""
+    return [axes for axes in figure.axes if axes.get_label() == _AGAINST_TIME]
+
+
+def picture(figure: Any, **options: Any) -> Any:
+    """Add a picture at the left of the panels against time; `options` are those of ``figure.add_subplot``.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    axes = figure.add_subplot(**options)
+    _arrange(figure)
+    return axes
+
+
+def pictures(figure: Any) -> list[Any]:
+    """All other axes, which are at the left, the highest first."""
+    return [axes for axes in figure.axes if axes.get_label() != _AGAINST_TIME]
+
+
+def _arrange(figure: Any) -> None:
+    columns = [column for column in (pictures(figure), time_panels(figure)) if column]
+    widths = [1 / len(column) if column == pictures(figure) else 1 for column in columns]
+    for column, cell in zip(columns, figure.add_gridspec(1, len(columns), width_ratios=widths), strict=True):
+        for axes, place in zip(column, cell.subgridspec(len(column), 1), strict=True):
+            axes.set_subplotspec(place)
+
+
+def legend(axes: Any) -> None:
+    """Put the legend outside, where it hides no line: at the right of a panel against time, above a picture."""
+    if axes.get_label() == _AGAINST_TIME:
+        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    else:
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
+
+
+def lines(axes: Any, t: np.ndarray, values: np.ndarray, names: Sequence[str] = ()) -> None:
+    """Draw each column of `values`, shape (m,) or (m, n), against time, with a legend if there are names."""
+    axes.plot(t, values, linewidth=0.8, marker="." if len(t) < _FEW else "", label=names or None)
+    if names:
+        legend(axes)
+
+
+def oscillator(figure: Any, solution: Solution, units: tuple[str, str] = ("m", "m/s")) -> None:
+    """Draw a single degree of freedom: the phase portrait, and the displacement and the velocity against time.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    solution : Solution
+        Its u and v have shape (m,).
+    units : (str, str)
+        Of displacement and velocity.
+    """
+    u_label, v_label = f"displacement u ({units[0]})", f"velocity v ({units[1]})"
+    portrait = picture(figure)
+    portrait.set(xlabel=u_label, ylabel=v_label)
+    path(portrait, solution.u, solution.v, "C0", "phase portrait")
+    legend(portrait)
+    for values, label in ((solution.u, u_label), (solution.v, v_label)):
+        lines(time_panel(figure, label), solution.t, values)
+    first_periods(figure, solution, solution.v)
+
+
+def first_periods(figure: Any, solution: Solution, v: np.ndarray) -> None:
+    """Limit the time axis to the first periods of the velocity v, shape (m,), if all of them would be a solid band."""
+    turns = np.flatnonzero(np.diff(np.signbit(v)))
+    if len(turns) > 2 * _MANY and solution.success:  # of a run that failed, the end matters
+        highest = time_panels(figure)[0]
+        highest.set_xlim(solution.t[0], solution.t[turns[2 * _PERIODS]])
+        highest.set_title(f"the first {_PERIODS} of {len(turns) / 2:.0f} periods", fontsize="medium")
+
+
+def path(axes: Any, x: np.ndarray, y: np.ndarray, color: str, name: str) -> None:
+    """Draw a path in a plane, with a dot at its start."""
+    start = None if axes.lines else "start"  # in the legend once, for all paths of a picture
+    axes.plot(x, y, color=color, linewidth=0.6, marker="." if len(x) < _FEW else "", label=name)
+    axes.plot(x[0], y[0], color=color, marker="o", linestyle="none", label=start)
+
+
+def histories(
+    figure: Any, solution: Solution, names: Sequence[str] = (), units: tuple[str, str] = ("m", "m/s")
+) -> None:
+    """Draw the displacements and the velocities of the first degrees of freedom against time.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    solution : Solution
+    names : sequence of str
+        Of the degrees of freedom; u0, u1, ... if not given.
+    units : (str, str)
+        Of displacement and velocity.
+    """
+    u, v = (x.reshape(len(solution.t), -1)[:, :_LINES] for x in (solution.u, solution.v))
+    names = list(names) or [f"$u_{{{j}}}$" for j in range(u.shape[1])]
+    lines(time_panel(figure, f"displacement ({units[0]})"), solution.t, u, names)
+    lines(time_panel(figure, f"velocity ({units[1]})"), solution.t, v, names)
+
+
+def field(figure: Any, solution: Solution, places: np.ndarray, label: str, units: tuple[str, str]) -> None:
+    """Draw the displacement and the velocity of a row of masses over space and time.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    solution : Solution
+        Its u and v have shape (m, n).
+    places : ndarray, shape (n,)
+        Where the masses are, in ascending order.
+    label : str
+        What `places` is, with its unit.
+    units : (str, str)
+        Of displacement and velocity.
+    """
+    t, middle = solution.t, (places[1:] + places[:-1]) / 2
+    # edges of cells: times may be unevenly spaced at the end of a run, and a single state needs a width too
+    times = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, [max(t[-1], t[0] + solution.h)]])
+    edges = np.concatenate([[2 * places[0] - middle[0]], middle, [2 * places[-1] - middle[-1]]])
+    for values, name, unit in ((solution.u, "displacement", units[0]), (solution.v, "velocity", units[1])):
+        size = np.abs(values).max() or 1.0
+        axes = time_panel(figure, label)
+        image = axes.pcolorfast(times, edges, values.T, cmap="RdBu_r", vmin=-size, vmax=size)
+        # a child of the panel, so that the panels stay as wide as those without a bar
+        bar = axes.inset_axes((1.02, 0, 0.02, 1))
+        bar.figure.colorbar(image, cax=bar, label=f"{name} ({unit})")
+
+
+def before_growth(solution: Solution) -> Solution:
+    """The part of a run that shows its motion: the whole run, or, where it blew up, the states before the growth.
+
+    A picture of the whole of such a run would show its last few steps only, in which the state grows up to 1e308.
+    """
+    if solution.success:
+        return solution
+    n = max(2, min(_motion(solution.u), _motion(solution.v)))  # two at least, for a line
+    return replace(solution, t=solution.t[:n], u=solution.u[:n], v=solution.v[:n])
+
+
+def _motion(values: np.ndarray) -> int:
+    """How many states there are before the growth: those up to `_GROWTH` times the size that lasts longest.
+
+    An instability grows by a constant factor a step, so that no size lasts long; that of the motion before it does.
+    """
+    size = np.maximum.accumulate(_sizes(values))
+    level, begin = np.unique(size, return_index=True)
+    level, begin = level[level > 0], begin[level > 0]
+    if not len(level):
+        return len(size)
+    logarithm = np.log(level)
+    lasts = np.interp(logarithm + np.log(_GROWTH), logarithm, begin) - begin
+    # the first that lasts about as long as the longest: in a growth from the start all last equally long
+    scale = level[np.argmax(lasts >= 0.75 * lasts.max())]
+    return int(np.searchsorted(size / scale, _GROWTH, side="right")) if size[-1] / scale > _BLOW_UP else len(size)
+
+
+def _sizes(values: np.ndarray) -> np.ndarray:
+    return np.abs(values).reshape(len(values), -1).max(axis=1)
+
+
+def growth(figure: Any, solution: Solution, n: int) -> None:
+    """Add a panel, with a logarithmic scale, that shows how a run grows after its first n states."""
+    axes = time_panel(figure, "size / size before\nthe growth (-)")
+    axes.set_yscale("log", nonpositive="mask")
+    axes.set_ylim(1e-3, 1e12)  # matplotlib cannot place ticks near 1e308
+    end = n + max(_TAIL, n // 4)
+    with np.errstate(over="ignore"):
+        sizes = [x[:end] / (x[:n].max() or 1.0) for x in map(_sizes, (solution.u, solution.v))]
+    lines(axes, solution.t[:end], np.column_stack(sizes), ["displacement", "velocity"])
+
+
+def mark(figure: Any, t: float, name: str) -> None:
+    """Draw a line at time t across all panels against time; `name` says what happens there."""
+    panels = time_panels(figure)
+    for axes in panels:
+        axes.axvline(t, color="C3", linestyle="--", linewidth=1)
+    if panels:
+        above = {"xycoords": ("data", "axes fraction"), "xytext": (0, 3), "textcoords": "offset points"}
+        panels[0].annotate(name, (t, 1), color="C3", ha="center", **above)
