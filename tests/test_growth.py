@@ -31,7 +31,7 @@ def lennard_jones(t, u, v, p, a):
 def atoms(side):
     x, y = np.meshgrid(*(2 ** (1 / 6) * (np.arange(side) - (side - 1) / 2),) * 2)
     u0 = np.concatenate([x.ravel(), y.ravel()])
-    return {"u0": u0, "v0": 3.0 * np.random.default_rng(1).standard_normal(u0.size), "params": 0.01}
+    return {"u0": u0, "v0": np.random.default_rng(1).standard_normal(u0.size), "params": 0.01}
 
 
 def blown_up(run):

@@ -10,7 +10,7 @@ from ..stepper import Stepper
 from .chunk import Chunk
 
 _STRANGE = 1e3  # times its natural size: where an instability may have begun
-_BLOWN_UP = 1e6  # times its natural size: where it is worth finding out whether there is one
+_BLOWN_UP = 1e4  # times its natural size: where it is worth finding out whether there is one
 _OVERFLOWING = 1e100
 
 
