@@ -11,7 +11,6 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numba
-import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from .kernels.jit import OPTIONS
@@ -48,6 +47,8 @@ class Callback:
         Calls it from Python, without looking at the types of the arguments: they must be those of the signature.
     compiled : Numba's compile result
         Keeps the machine code alive.
+    reads_velocity : bool
+        Whether it may read its third argument.
     pace : dict
         Seconds a step of the kernels that called it, by kernel and number of degrees of freedom.
     """
@@ -55,6 +56,7 @@ class Callback:
     address: int
     call: Callable
     compiled: Any
+    reads_velocity: bool
     pace: dict[tuple, float] = field(default_factory=dict)
 
 
@@ -86,14 +88,14 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     ------
     TypeError
     """
-    signature = getattr(form, kind)
     if isinstance(function, Dispatcher):
         known = _checked.setdefault(function, {}).get((kind, form.name))
-        if known is not None and function.overloads.get(signature.args) is known.compiled:
+        # The user may have compiled the function anew. The ordered dictionary's own values() would hash every type.
+        if known is not None and any(known.compiled is compiled for compiled in dict.values(function.overloads)):
             return known
     compiled = _compile(function, kind, form, name or kind)
     address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
-    callback = Callback(address, compiled.entry_point, compiled)
+    callback = Callback(address, compiled.entry_point, compiled, reads_velocity(function))
     _checked[function][kind, form.name] = callback
     return callback
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -53,16 +54,16 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
 
 def check_time(t: float, name: str) -> float:
     """A finite time as a float."""
-    time = reals(t, name)
-    if time.ndim != 0 or not math.isfinite(time):
+    time = t if type(t) is float else reals(t, name)
+    if np.ndim(time) != 0 or not math.isfinite(time):
         raise ValueError(f"{name} must be a finite number, not {_shown(t)}.")
     return float(time)
 
 
 def check_h(h: float) -> float:
     """The step as a float."""
-    step = reals(h, "h")
-    if step.ndim != 0 or not (math.isfinite(step) and step > 0):
+    step = h if type(h) is float else reals(h, "h")
+    if np.ndim(step) != 0 or not (math.isfinite(step) and step > 0):
         raise ValueError(f"h must be a positive, finite number of time units, not {_shown(h)}.")
     return float(step)
 
@@ -85,13 +86,18 @@ def check_method(method: str | Method) -> Method:
     """The record of a method given by name or as a record."""
     if isinstance(method, Method):
         return method
-    if isinstance(method, type) and issubclass(method, Method):
-        return method()
     if isinstance(method, str) and method.lower() in METHODS:
-        return METHODS[method.lower()]()
+        return _default(METHODS[method.lower()])
+    if isinstance(method, type) and issubclass(method, Method):
+        return _default(method)
     raise ValueError(
         f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {_shown(method)}."
     )
+
+
+@functools.cache
+def _default(record: type[Method]) -> Method:
+    return record()
 
 
 def reals(value: Any, name: str) -> np.ndarray:

@@ -112,7 +112,7 @@ def integrate(
     every = n_steps if save_every is None else min(check_count(save_every, "save_every"), n_steps)
     check_progress(progress)
     stepper = Stepper(rhs, u0, v0, h=h, t0=t0, params=params, method=method, inline=inline)
-    check_history(n_steps, every, np.size(stepper.u))
+    check_history(n_steps, every, np.size(stepper.start[0]))
     watches = watches_of(invariants, stepper, n_steps)
     run = _Run(stepper, n_steps, History(n_steps, every, stepper, bool(watches)), watches, progress)
     solution = run.solution()
@@ -139,9 +139,7 @@ def divide(span: float, h: float) -> tuple[int, float]:
 class _Run:
     """A run in native chunks, with what watches it."""
 
-    def __init__(
-        self, stepper: Stepper, n_steps: int, history: History, watches: list[Watch], progress: bool
-    ) -> None:
+    def __init__(self, stepper: Stepper, n_steps: int, history: History, watches: list[Watch], progress: bool) -> None:
         self.stepper, self.n_steps = stepper, n_steps
         self.history, self.watches, self.growth = history, watches, Growth(stepper, n_steps)
         self.bar = Progress(n_steps) if progress else None
@@ -227,7 +225,7 @@ class _Run:
 
     def _judge_growth(self) -> None:
         """End as diverged where the motion is finite, but grew beyond measure through its step."""
-        suspect = self.growth.suspect(self.stepper)
+        suspect = self.growth.suspect
         blow_up = suspect and find_blow_up(self.stepper, suspect)
         if blow_up:
             self._end(Status.DIVERGED, blow_up.message, blow_up.explain)
@@ -282,7 +280,11 @@ def solver_notes(stepper: Stepper) -> Iterator[str]:
             "because fixed-point iteration took too long or did not converge."
         )
     n = np.size(stepper.u)
-    if stepper.running.formulas.matrix and stepper.running.jacobian is None and n * stepper.n_iterations > stepper.n_rhs / 2:
+    if (
+        stepper.running.formulas.matrix
+        and stepper.running.jacobian is None
+        and n * stepper.n_iterations > stepper.n_rhs / 2
+    ):
         yield (
             f"Most of the {stepper.n_rhs} evaluations are differences of rhs for Newton's method, {n} in each "
             "iteration: give a jacobian, or take solver='fixed-point' or another method."

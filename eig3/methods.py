@@ -1,6 +1,7 @@
 """The methods as records: what each is called, costs and promises, and which kernel runs it."""
 
 import dataclasses
+import functools
 import importlib
 import math
 import numbers
@@ -75,7 +76,12 @@ class Method:
     @property
     def formulas(self) -> Formulas:
         """The formulas of the kernel, read when first asked for."""
-        return formulas(importlib.import_module(self.kernel))
+        return _formulas(self.kernel)
+
+
+@functools.cache
+def _formulas(kernel: str) -> Formulas:
+    return formulas(importlib.import_module(kernel))
 
 
 @dataclass(frozen=True)

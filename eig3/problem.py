@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.critical import CriticalStep, critical_step
-from .callbacks import check_callback, reads_velocity
+from .callbacks import check_callback
 from .checks import check_method, check_params, check_state
 from .integration import integrate
 from .methods import Method

@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .callbacks import check_callback, compile_for_own_arrays, reads_velocity
+from .callbacks import Callback, check_callback, compile_for_own_arrays
 from .checks import check_h, check_method, check_params, check_state, check_time
 from .guard import first_acceleration, guarded
 from .kernels.fixed import STACKED_VALUES, inline_kernel, pointer_kernel
@@ -39,6 +39,10 @@ class Stepper:
 
     Attributes
     ----------
+    start : tuple of float or ndarray
+        u0 and v0.
+    first_acceleration : float or ndarray
+        f(t0, u0, v0).
     index : int
         Steps taken so far.
     seconds : float
@@ -77,12 +81,12 @@ class Stepper:
         self.changed_at: float | None = None
         self._rhs = rhs
         self._callback = check_callback(rhs, "rhs", self.form)
-        self._start = u, v
+        self.start = u, v
         self._nowhere = np.empty((0,) if self.form is SCALAR else (0, u.size))
         self._tally = np.zeros(4)
         self._before: _Position | None = None
-        a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
-        running = self.method.for_force(reads_velocity(rhs), np.size(u))
+        self.first_acceleration = a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
+        running = self.method.for_force(self._callback.reads_velocity, np.size(u))
         self._prepare(running)
         with np.errstate(over="ignore"):  # what overflows here shows in the first step
             self._check_velocity(a)
@@ -208,7 +212,7 @@ class Stepper:
     def restarted(self, h: float) -> Stepper:
         """A new stepper at the start, with another step."""
         options: dict[str, Any] = {"t0": self.t0, "params": self.params, "method": self.method, "inline": self.inline}
-        return Stepper(self._rhs, *self._start, h=h, **options)
+        return Stepper(self._rhs, *self.start, h=h, **options)
 
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
         """f(t, u, v): a float, or a new array of shape (n,)."""
@@ -230,12 +234,12 @@ class Stepper:
 
     @property
     def _pace_key(self) -> tuple:
-        return self.running.kernel, np.size(self._start[0])
+        return self.running.kernel, np.size(self.start[0])
 
     def _prepare(self, running: Method) -> None:
         """Make the kernel of a record ready, and a state of its size."""
         self.running = running
-        n = np.size(self._start[0])
+        n = np.size(self.start[0])
         rows = running.formulas.state_rows(n)
         check_workspace(running, n)
         self._settings = np.array(running.settings, dtype=np.float64)
@@ -243,7 +247,7 @@ class Stepper:
         jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", self.form)
         if self.inline:
             self._callbacks: tuple = ()
-            self._kernel = _inline(self._rhs, running, self.form, n)
+            self._kernel = _inline(self._rhs, self._callback, running, self.form, n)
         else:
             self._callbacks = (self._callback.address, jacobian and jacobian.address)
             self._kernel = pointer_kernel(running.formulas.module, self.form, jacobian is not None)
@@ -261,7 +265,7 @@ class Stepper:
         if fallback is None or self.changed_at is not None or not math.isfinite(self.residual):
             return False
         try:
-            check_workspace(fallback, np.size(self._start[0]))
+            check_workspace(fallback, np.size(self.start[0]))
         except MemoryError:
             return False
         state = self._state
@@ -274,9 +278,7 @@ class Stepper:
     def _save(self) -> None:
         before = self._before
         if before is None or before.running is not self.running:
-            self._before = _Position(
-                self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy()
-            )
+            self._before = _Position(self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy())
             return
         np.copyto(before.state, self._state)
         np.copyto(before.tally, self._tally)
@@ -299,7 +301,7 @@ class Stepper:
         """Refuse a method for forces without velocity where another velocity changes the acceleration."""
         if not self.method.ignores_velocity:
             return
-        u, v = self._start
+        u, v = self.start
         other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, and by as much as u gives
         if np.any(self.acceleration(self.t0, u, other) != a):
             raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
@@ -320,11 +322,11 @@ class _Position:
 _inlined: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Callable]]] = WeakKeyDictionary()
 
 
-def _inline(rhs: Any, method: Method, form: Form, n: int) -> Callable:
+def _inline(rhs: Any, callback: Callback, method: Method, form: Form, n: int) -> Callable:
     """The kernel of a method with the callbacks compiled into it."""
     stacked = n if form is VECTOR and n * method.formulas.rows <= STACKED_VALUES else 0
     key = method.formulas.module, form.name, stacked, method.jacobian
-    known, compiled = _inlined.setdefault(rhs, {}), rhs.overloads[form.rhs.args]
+    known, compiled = _inlined.setdefault(rhs, {}), callback.compiled
     if key not in known or known[key][0] is not compiled:  # the user may have compiled rhs anew
         for callback, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
             if callback is not None:

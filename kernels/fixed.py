@@ -17,7 +17,20 @@ from numba.types import Tuple, int64, none
 
 from .jit import KERNEL_OPTIONS, bound, compile_kernel, element, quiet
 from .march import march_scalar, march_vector, settle
-from .protocol import EVALUATIONS, SCALAR, Form, Work, copy_rows, floats, function_at, head, rows, stack_rows, tail, vector_type
+from .protocol import (
+    EVALUATIONS,
+    SCALAR,
+    Form,
+    Work,
+    copy_rows,
+    floats,
+    function_at,
+    head,
+    rows,
+    stack_rows,
+    tail,
+    vector_type,
+)
 
 #: Values of all rows up to which the inline mode keeps them on the stack.
 STACKED_VALUES = 128

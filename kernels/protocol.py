@@ -48,7 +48,7 @@ vector_type, matrix_type = Array(float64, 1, "C"), Array(float64, 2, "C")
 _given = Array(float64, 1, "C", readonly=True)  # a callback that writes to such an array does not compile
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared and hashed as the objects they are
 class Form:
     """The types of one form of right-hand side: one degree of freedom, or n."""
 

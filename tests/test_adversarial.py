@@ -437,7 +437,9 @@ def invariant_that_writes(t, u, v, p):
 def test_jacobian_and_invariant_only_read_too():
     start = {"t_span": (0, 1), "u0": [1.0], "v0": [0.0], "h": STEP, "params": (2.0, 0.0)}
     with pytest.raises(TypeError, match="jacobian must not write"):
-        integrate(spring_vector, **start, method=eig3.CentralDifference(velocity="implicit", jacobian=jacobian_that_writes))
+        integrate(
+            spring_vector, **start, method=eig3.CentralDifference(velocity="implicit", jacobian=jacobian_that_writes)
+        )
     with pytest.raises(TypeError, match=r"invariants\['e'\] must not write"):
         integrate(spring_vector, **start, invariants={"e": invariant_that_writes})
 

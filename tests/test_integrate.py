@@ -584,7 +584,10 @@ def test_bad_input_is_told_in_a_sentence(change, error, message):
         (lambda: eig3.EIG3(alpha=np.nan), "alpha must be a finite number"),
         (lambda: eig3.EIG3(velocity="implicit"), "velocity must be 'auto', 'explicit' or 'none', not 'implicit'"),
         (lambda: eig3.EIG3(beta=np.inf), "beta must be a finite number"),
-        (lambda: eig3.CentralDifference(velocity="explicit"), "velocity must be 'auto', 'implicit', 'none' or 'lagged'"),
+        (
+            lambda: eig3.CentralDifference(velocity="explicit"),
+            "velocity must be 'auto', 'implicit', 'none' or 'lagged'",
+        ),
         (lambda: eig3.CentralDifference(solver="broyden"), "solver must be 'auto', 'newton' or 'fixed-point'"),
         (lambda: eig3.EIG3(alpha="1"), "alpha must be a finite number, not '1'"),
         (lambda: eig3.CentralDifference(tol=0), "tol must be a number between 0 and 1"),

@@ -25,11 +25,11 @@ class Growth:
     def __init__(self, stepper: Stepper, n_steps: int) -> None:
         span = n_steps * stepper.h
         self._half = n_steps // 2
-        u, v = stepper.u, stepper.v
-        with np.errstate(over="ignore", invalid="ignore"):
-            v_size = _largest(v) + span * _largest(stepper.acceleration(stepper.t0, u, v))
-            self._natural = _largest(u) + span * v_size, v_size
+        u, v = stepper.start
+        v_size = _largest(v) + span * _largest(stepper.first_acceleration)
+        self._natural = _largest(u) + span * v_size, v_size
         self._strange: Stepper | None = None
+        self._size, self._is_overflowing = 0.0, False
 
     @property
     def needs_half(self) -> bool:
@@ -38,23 +38,20 @@ class Growth:
 
     def see(self, chunk: Chunk) -> None:
         stepper = chunk.stepper
+        u, v = _largest(stepper.u), _largest(stepper.v)
         if self._natural[1] == 0 and stepper.index >= self._half > chunk.first:
-            self._natural = _largest(stepper.u), _largest(stepper.v)
-        if self._strange is None and self.size(stepper) > _STRANGE:
+            self._natural = u, v
+        u_natural, v_natural = self._natural
+        self._size = max(u / u_natural if u_natural else 0.0, v / v_natural if v_natural else 0.0)
+        self._is_overflowing = max(u, v) > _OVERFLOWING
+        if self._strange is None and self._size > _STRANGE:
             self._strange = stepper.before()
 
-    def size(self, stepper: Stepper) -> float:
-        """The size of the motion where a stepper stands."""
-        sizes = [_largest(x) / natural for x, natural in zip((stepper.u, stepper.v), self._natural, strict=True) if natural]
-        return max(sizes, default=0.0)
-
-    def suspect(self, stepper: Stepper) -> Stepper | None:
-        """Where a stepper stood before the motion grew strangely; None where it has not grown beyond all measure."""
-        largest = max(_largest(stepper.u), _largest(stepper.v))
-        if self._strange is None or not (self.size(stepper) > _BLOWN_UP or largest > _OVERFLOWING):
-            return None
-        return self._strange
+    @property
+    def suspect(self) -> Stepper | None:
+        """Where the run stood before the motion grew strangely; None where it has not grown beyond all measure."""
+        return self._strange if self._size > _BLOWN_UP or self._is_overflowing else None
 
 
 def _largest(x: Any) -> float:
-    return float(np.abs(x).max())
+    return abs(x) if type(x) is float else float(np.abs(x).max())

@@ -18,7 +18,7 @@ class History:
     """
 
     def __init__(self, n_steps: int, every: int, stepper: Stepper, all_states: bool) -> None:
-        u, v = stepper.u, stepper.v
+        u, v = stepper.start
         rows = n_rows(n_steps, every)
         self.every = every
         self.u, self.v = (np.empty((rows, *np.shape(u))) for _ in range(2))

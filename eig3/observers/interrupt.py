@@ -23,19 +23,19 @@ def deferred_interrupt() -> Iterator[Flag]:
     changes.
     """
     flag = Flag()
-    ours = (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    )
-    if not ours:
-        yield flag
-        return
 
     def note(signum: int, frame: object) -> None:
         flag.raised = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    signal.signal(signal.SIGINT, note)
+    if threading.current_thread() is not threading.main_thread():
+        yield flag
+        return
+    before = signal.signal(signal.SIGINT, note)
+    if before is not signal.default_int_handler:
+        signal.signal(signal.SIGINT, before)
+        yield flag
+        return
     try:
         yield flag
     finally:
