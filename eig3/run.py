@@ -82,10 +82,7 @@ class _Balance:
     def of(cls, problem: Problem, solution: Solution) -> _Balance:
         unit = " J" if problem.note else ""  # scenes are in SI units, other problems often per mass
         energy = problem.energy_of(solution.u, solution.v, solution.t)
-        if not problem.follows_work:
-            return cls(energy, None, unit)
-        work = solution.v[:, -1]
-        return cls(energy + work, work, unit)
+        return cls(energy, solution.integrals.get("work"), unit)
 
     def told(self) -> str:
         """The energy at both ends, and how far its change is from the work done, where that is followed."""
@@ -120,14 +117,13 @@ def _save(problem: Problem, solution: Solution, balance: _Balance | None, out: P
     """Write what can be written; return the names."""
     t, u, v = solution.t, solution.u, solution.v
     names = [f"{problem.name}.npz"]
-    np.savez_compressed(out / names[0], t=t, u=u, v=v)
-    table = np.column_stack([t, u, v])
+    np.savez_compressed(out / names[0], t=t, u=u, v=v, **solution.integrals)
+    table = np.column_stack([t, u, v, *solution.integrals.values()])
     if table.size <= _CSV_VALUES:
         names.append(f"{problem.name}.csv")
-        columns = [f"{x}{j}" for x in "uv" for j in range(table.shape[1] // 2)]
-        if problem.follows_work:
-            columns[len(columns) // 2 - 1], columns[-1] = "integral of work", "work"
-        np.savetxt(out / names[-1], table, delimiter=",", header=",".join(["t", *columns]), comments="")
+        columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
+        header = ",".join(["t", *columns, *solution.integrals])
+        np.savetxt(out / names[-1], table, delimiter=",", header=header, comments="")
     try:
         from matplotlib.figure import Figure
     except ImportError:

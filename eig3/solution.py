@@ -51,6 +51,8 @@ class Solution:
     method : Method
     notes : tuple of str
         What a finite run does not show by itself: an invariant that grows steadily.
+    integrals : dict of str to ndarray, shape (m,)
+        Integrals over time that the problem follows, at the saved times, such as "work" in J.
     """
 
     t: np.ndarray
@@ -66,6 +68,7 @@ class Solution:
     method: Method
     drift: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    integrals: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def message(self) -> str:

@@ -46,6 +46,7 @@ class MassContact(Link):
     reach: ArrayLike
     damping: ArrayLike = 0.0
 
+    cutoff = "reach"
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
 
     def needs_direction(self, columns):

@@ -20,7 +20,8 @@ from .effect import Body, Effect, Link, Motion
 #: An effect, the numbers of the points in each of its arguments (none: all masses), and its columns of parameters.
 Placement = tuple[Effect, tuple[np.ndarray, ...], "dict[str, np.ndarray] | None"]
 
-_MANY = 16  # links whose indices differ by the same
+_MANY = 16  # links of one index difference get a loop of their own,
+_LOOPS = 13  # unless a kind of link has more such differences than a cubic lattice, where each mass has 26 neighbours
 _LEAST_RUN = 4  # on average, for a loop over runs of indices rather than over a table of every index
 
 
@@ -145,8 +146,8 @@ class Assembly:
         return self.follows_work or any(law.effect.reads_velocity() for law in self.laws)
 
     def start(self, values: np.ndarray) -> np.ndarray:
-        """Positions or velocities of all points as a run has them: by coordinate, then by mass; then the work."""
-        return np.append(values[self.cloud.masses > 0].T.ravel(), [0.0] * self.follows_work)
+        """Positions or velocities of all points as u0 or v0 of a run: by coordinate, then by mass."""
+        return values[self.cloud.masses > 0].T.ravel()
 
 
 def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> Assembly:
@@ -240,22 +241,24 @@ def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Gro
 
 
 def _split(group: Group) -> Iterator[Group]:
-    """Links by the difference of their two indices, then by the first: the longest runs there are.
+    """Sort links by the difference of their two indices, then by the first index: this gives the longest runs.
 
-    Where many have one difference, as along the rows and columns of a net, they are a group of their own, in whose loop
-    the compiler can see that one link's masses are not the next one's.
+    Where many links have the same difference, as along the rows and columns of a net, they get a loop of their own, in
+    which the compiler can see that consecutive links share no mass. The number of such loops is limited, because each
+    costs compile time: links with many differences, such as all pairs of masses, share one loop over runs.
     """
     if group.second is None:
         yield group.take(np.argsort(group.first, kind="stable"))
         return
     difference = group.second - group.first
     order = np.lexsort((group.first, difference))
-    rest = []
-    for part in np.split(order, np.flatnonzero(np.diff(difference[order])) + 1):
-        if difference[part[0]] == 1 or (part.size >= _MANY and group.take(part).in_runs):
+    parts = np.split(order, np.flatnonzero(np.diff(difference[order])) + 1)
+    alike = {difference[part[0]] for part in parts if part.size >= _MANY and group.take(part).in_runs}
+    own = {1, *(alike if len(alike) <= _LOOPS else ())}
+    for part in parts:
+        if difference[part[0]] in own:
             yield group.take(part)
-        else:
-            rest.append(part)
+    rest = [part for part in parts if difference[part[0]] not in own]
     if rest:
         yield group.take(np.concatenate(rest))
 
@@ -319,5 +322,5 @@ def note(assembly: Assembly) -> str:
     else:
         lines.append("nothing reads the velocity: central difference takes one evaluation a step")
     if assembly.follows_work:
-        lines.append("the work done is followed, as the velocity of one more degree of freedom, the last")
+        lines.append('the work done is followed: solution.integrals["work"], J')
     return "\n".join(lines)

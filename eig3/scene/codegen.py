@@ -70,7 +70,7 @@ class _Source:
         self._n = assembly.n
         self._axes = "xyz"[: assembly.dimension]
         self._follows_work = assembly.follows_work
-        self._work = assembly.n * assembly.dimension  # the degree of freedom
+        self._work = assembly.n * assembly.dimension  # the index of the degree of freedom whose velocity is the work
         self._weight = packing.weight
         self._motions, self._bodies, self._links = packing.motions, packing.bodies, packing.links
         self._lines: list[str] = []
@@ -98,7 +98,8 @@ class _Source:
                 elif block is not row and block not in holding:
                     self._pairs(block)
             if self._follows_work:
-                self._write(f"a[{self._work}] = power(t, u, v, p)")
+                with self._indented(f"if a.size > {self._work}:"):  # a run that follows the work
+                    self._write(f"a[{self._work}] = power(t, u, v, p)")
 
     def power(self) -> None:
         """What all that has no potential, and the supports, do to the masses."""
@@ -112,15 +113,15 @@ class _Source:
                             product = " + ".join(f"{name}[{k}] * velocity[{k}]" for k in range(len(self._axes)))
                             self._write(f"total += {factor}({product})")
             for block in self._some(self._links, has_potential=False):
-                with self._members(block, *_LINK) as (s, i, j):
-                    offered = self._ends(block, s, i, j, *_LINK, "power")
+                with self._near_members(block, *_LINK) as (s, i, j):
+                    offered = self._length(block, s, i, j, *_LINK, "power")
                     tensions = [law.call("tension", s, offered) for law in block.having("tension")]
                     tensions += [
                         f"{law.call('density', s, offered)} * {offered['r']}" for law in block.having("density")
                     ]
                     self._write(f"total -= {_sum(tensions)} * {offered['rate']}")
             for block in (block for block in self._links if block.group.motions):
-                with self._members(block, *_LINK) as (s, i, j):
+                with self._near_members(block, *_LINK) as (s, i, j):
                     self._pull(block, s, i, j)
                     for axis in self._axes:
                         self._write(f"total -= f{axis} * {self._support('v', block, axis, s)}")
@@ -129,7 +130,10 @@ class _Source:
     def energy(self) -> None:
         """Kinetic energy and potentials, less the work where it is followed."""
         with self._function("energy(t, u, v, p)"):
-            self._write(f"total = {f'-v[{self._work}]' if self._follows_work else '0.0'}")
+            self._write("total = 0.0")
+            if self._follows_work:
+                with self._indented(f"if v.size > {self._work}:"):
+                    self._write(f"total -= v[{self._work}]")
             with self._masses(0, self._n) as i:
                 speeds = [self._at("v", axis, i) for axis in self._axes]
                 self._write(f"total += {_sum([f'{v} * {v}' for v in speeds])} / (2 * {self._w(i)})")
@@ -137,8 +141,8 @@ class _Source:
                 with self._members(block, "potential") as (s, i, _):
                     self._potentials(block, s, self._mass(block, i, "potential"))
             for block in self._some(self._links, has_potential=True):
-                with self._members(block, "potential") as (s, i, j):
-                    self._potentials(block, s, self._ends(block, s, i, j, "potential"))
+                with self._near_members(block, "potential") as (s, i, j):
+                    self._potentials(block, s, self._length(block, s, i, j, "potential"))
             self._write("return total")
 
     # Their parts
@@ -158,8 +162,9 @@ class _Source:
         if row:
             self._before()
             self._hold(holding, start)
-            with self._loop(f"for s in range({row.size}):"):
+            with self._indented(f"for s in range({row.size}):"):
                 self._write(f"i, j = {start} + s, {start + 1} + s")
+                self._separation(row, "s", "i", "j")
                 self._pull(row, "s", "i", "j", self._common)
                 self._set(on_all, "i", lambda axis: f"f{axis} - {axis}_before")
                 self._keep()
@@ -169,6 +174,7 @@ class _Source:
     def _hold(self, holding: list[Block], i: int) -> None:
         for block in (block for block in holding if block.group.first[0] == i):
             with self._members(block, *_LINK) as (s, i_source, j):
+                self._separation(block, s, i_source, j)
                 self._pull(block, s, i_source, j, self._common)
             for axis in self._axes:
                 self._write(f"{axis}_before += f{axis}")
@@ -191,7 +197,7 @@ class _Source:
                 self._write(f"{self._at('a', axis, i)} += {self._along(axis, i, accelerations, forces)}")
 
     def _pairs(self, block: Block) -> None:
-        with self._members(block, *_LINK) as (s, i, j):
+        with self._near_members(block, *_LINK) as (s, i, j):
             self._pull(block, s, i, j, self._common)
             ends = [("+=", i), ("-=", j)] if block.joins_masses else [("-=", i)]
             for axis in self._axes:
@@ -203,6 +209,7 @@ class _Source:
         with self._runs(block):
             self._before()
             with self._run(block) as (s, i, j):
+                self._separation(block, s, i, j)
                 self._pull(block, s, i, j, self._common)
                 for axis in self._axes:
                     self._write(f"{self._at('a', axis, i)} += (f{axis} - {axis}_before){self._own(i)}")
@@ -248,23 +255,32 @@ class _Source:
             self._write(f"m = 1 / {self._w(i)}")
         return {"t": "t", "x": "x", "v": "velocity", "m": "m"}
 
-    def _ends(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        """Compute what a link's laws can be given, where one of these functions reads it, and what its pull needs."""
-        needs_rate = block.reads("rate", *functions) or "power" in functions
-        needs_inverse = needs_rate or ("tension" in functions and bool(block.having("tension")))
+    def _separation(self, block: Block, s: str, i: str, j: str) -> None:
+        """Compute the vector between the two ends of a link."""
         for axis in self._axes:
             self._write(f"d{axis} = {self._difference('u', block, axis, s, i, j)}")
-            if needs_rate:
+
+    def _length(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
+        """Compute what these functions of a link's laws read, and what its pull needs, after `_separation`."""
+        needs_rate = block.reads("rate", *functions) or "power" in functions
+        needs_inverse = needs_rate or ("tension" in functions and bool(block.having("tension")))
+        if needs_rate:
+            for axis in self._axes:
                 self._write(f"e{axis} = {self._difference('v', block, axis, s, i, j)}")
         if len(self._axes) == 1:
             return {"t": "t", "r": "dx", "rate": "ex"}
         if needs_inverse or block.reads("r", *functions):
-            self._write(f"r = sqrt(tiny + {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)})")
+            self._write(f"r = sqrt(tiny + {self._square})")
         if needs_inverse:
             self._write("inverse = 1 / r")
         if needs_rate:
             self._write(f"rate = {_sum([f'd{axis} * e{axis}' for axis in self._axes])} * inverse")
         return {"t": "t", "r": "r", "rate": "rate"}
+
+    @property
+    def _square(self) -> str:
+        """The squared length of a link."""
+        return " + ".join(f"d{axis} * d{axis}" for axis in self._axes)
 
     def _difference(self, array: str, block: Block, axis: str, s: str, i: str, j: str) -> str:
         """Of the positions or velocities of a link's ends."""
@@ -295,8 +311,8 @@ class _Source:
         return column.component(self._axes.index(axis), "")
 
     def _pull(self, block: Block, s: str, i: str, j: str, factor: str = "") -> None:
-        """Compute the force on the first end of a link, times a factor."""
-        offered = self._ends(block, s, i, j, *_LINK)
+        """Compute the force on the first end of a link, times a factor, after `_separation`."""
+        offered = self._length(block, s, i, j, *_LINK)
         tensions, densities = ([law.call(f, s, offered) for law in block.having(f)] for f in _LINK)
         if len(self._axes) == 1:
             pulls = _sum(tensions + [f"{density} * dx" for density in densities])
@@ -343,7 +359,7 @@ class _Source:
         if stop - first == 1:
             yield str(first)
         else:
-            with self._loop(f"for i in range({first}, {stop}):"):
+            with self._indented(f"for i in range({first}, {stop}):"):
                 yield "i"
 
     @contextmanager
@@ -354,28 +370,45 @@ class _Source:
         if block.size == 1:
             yield "0", str(i0), str(j0)
         elif len(block.runs) == 1:
-            with self._loop(f"for s in range({count}):"):
+            with self._indented(f"for s in range({count}):"):
                 self._write(f"i, j = {i0} + s, {j0} + s" if block.joins_masses else f"i = {i0} + s")
                 yield "s", "i", "j"
         elif block.group.in_runs:
             with self._runs(block), self._run(block) as indices:
                 yield indices
         else:
-            with self._loop(f"for s in range({block.size}):"):
+            with self._indented(f"for s in range({block.size}):"):
                 self._write(f"i = index(p[{block.table} + s])")
                 if block.joins_masses:
                     self._write(f"j = index(p[{block.table + block.size} + s])")
                 yield "s", "i", "j"
 
     @contextmanager
+    def _near_members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
+        """A loop over links, with their separation, that skips those beyond the cutoff of all their laws.
+
+        The squares of the two distances are compared, which needs no square root. In one dimension there is none.
+        """
+        with self._members(block, *functions) as (s, i, j):
+            self._separation(block, s, i, j)
+            cutoffs = [law.cutoff_of(s) for law in block.laws if law.cutoff]
+            if len(self._axes) == 1 or len(cutoffs) < len(block.laws):
+                yield s, i, j
+                return
+            near = " or ".join(f"square < {cutoff} * {cutoff}" for cutoff in cutoffs)
+            self._write(f"square = {self._square}")
+            with self._indented(f"if {near}:"):
+                yield s, i, j
+
+    @contextmanager
     def _runs(self, block: Block) -> Iterator[None]:
-        with self._loop(f"for k in range({block.table}, {block.table + block.runs.size}, 4):"):
+        with self._indented(f"for k in range({block.table}, {block.table + block.runs.size}, 4):"):
             self._write("start, count, i0, j0 = index(p[k]), index(p[k + 1]), index(p[k + 2]), index(p[k + 3])")
             yield
 
     @contextmanager
     def _run(self, block: Block) -> Iterator[tuple[str, str, str]]:
-        with self._loop("for along in range(count):"):
+        with self._indented("for along in range(count):"):
             self._write("s, i = start + along, i0 + along")
             if block.joins_masses:
                 # a difference that the compiler knows lets it see that links do not touch each other's masses
@@ -399,7 +432,7 @@ class _Source:
         self._lines.append("    " * self._depth + line)
 
     @contextmanager
-    def _loop(self, head: str) -> Iterator[None]:
+    def _indented(self, head: str) -> Iterator[None]:
         self._write(head)
         self._depth += 1
         yield
@@ -410,7 +443,7 @@ class _Source:
         """A function that begins with what all of it may read: the common inverse mass, and where supports are."""
         self._lines += [""] * bool(self._lines)
         self._write("@jit")
-        with self._loop(f"def {head}:"):
+        with self._indented(f"def {head}:"):
             if self._weight.is_uniform:
                 self._write(f"w = {self._weight.of('')}")
             for number in sorted({number for block in self._links for number in block.group.motions}):

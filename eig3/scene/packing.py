@@ -80,6 +80,7 @@ class Symbols:
     functions: dict[str, Any]
     columns: dict[str, Column | Array]
     names: dict[str, str]
+    cutoff: str = ""
 
     def reads(self, name: str, *functions: str) -> bool:
         """Whether one of these functions names the argument."""
@@ -88,13 +89,17 @@ class Symbols:
     def constants(self, *functions: str) -> Iterator[str]:
         """Assignments of the parameters of these functions that are the same for all members."""
         for name, column in self.columns.items():
-            if column.is_uniform and self.reads(name, *functions):
+            if column.is_uniform and (name == self.cutoff or self.reads(name, *functions)):
                 yield f"{self.names[name]} = {column.of('')}"
 
     def call(self, function: str, member: str, offered: dict[str, str]) -> str:
         """A call for one member; `offered` has the source of what is not a parameter."""
         values = (self._value(name, member, offered) for name in arguments(self.functions[function]))
         return f"{self.names[function]}({', '.join(values)})"
+
+    def cutoff_of(self, member: str) -> str:
+        """The source of one member's cutoff."""
+        return self._value(self.cutoff, member, {})
 
     def _value(self, name: str, member: str, offered: dict[str, str]) -> str:
         if name not in self.columns:
@@ -193,7 +198,7 @@ class Packing:
         names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
         names |= {f"={function}": self._name(f"{stem}_{function[0]}") for function in functions}
         self.functions.update({names[name]: function for name, function in functions.items()})
-        return Symbols(functions, columns, names)
+        return Symbols(functions, columns, names, getattr(effect, "cutoff", ""))
 
     def _name(self, wanted: str) -> str:
         """A name that nothing else in the source has."""

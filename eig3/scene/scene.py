@@ -222,7 +222,7 @@ class Scene:
             uses_velocity=assembly.reads_velocity,
             source=sources(assembly),
             note=note(assembly),
-            follows_work=assembly.follows_work,
+            integrals=("work",) if assembly.follows_work else (),
         )
 
     def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:
@@ -272,7 +272,7 @@ class Scene:
             raise ValueError("fixed points have no values in a run; only masses have.")
         count = np.count_nonzero(free >= 0)
         size = values.shape[-1] if values.ndim else 0
-        if size - count * self.dimension not in (0, 1):  # one more where the work is followed
+        if size != count * self.dimension:
             raise ValueError(
                 f"values must have {count * self.dimension} degrees of freedom on the last axis, such as those of "
                 f"solution.u of this scene, not {size}."
