@@ -17,7 +17,6 @@ from .methods import Method
 from .solution import Solution
 from .stepper import Stepper
 
-
 _START = ("u0", "v0", "params")
 _OF_RHS = ("rhs", "uses_velocity", "integrals")  # only another right-hand side changes these
 

@@ -198,7 +198,7 @@ class Packing:
         names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
         names |= {f"={function}": self._name(f"{stem}_{function[0]}") for function in functions}
         self.functions.update({names[name]: function for name, function in functions.items()})
-        return Symbols(functions, columns, names, getattr(effect, "cutoff", ""))
+        return Symbols(functions, columns, names, effect.cutoff)
 
     def _name(self, wanted: str) -> str:
         """A name that nothing else in the source has."""

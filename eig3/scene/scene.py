@@ -176,7 +176,7 @@ class Scene:
         columns = effect.columns(numbers[0].shape, self.dimension)
         flat = tuple(array.ravel() for array in numbers)
         if len(flat) == 2 and (flat[0] == flat[1]).any():
-            raise ValueError(f"{effect.title} stands between a point and itself.")
+            raise ValueError(f"{effect.title} joins a point to itself.")
         cloud = self._cloud()
         effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat], columns)
         if not flat[0].size:
