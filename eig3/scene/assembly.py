@@ -22,6 +22,7 @@ Placement = tuple[Effect, tuple[np.ndarray, ...], "dict[str, np.ndarray] | None"
 
 _MANY = 16  # links of one index difference get a loop of their own,
 _LOOPS = 13  # unless a kind of link has more such differences than a cubic lattice, where each mass has 26 neighbours
+_MOTIONS = 8  # of one kind have code of their own; more are computed for each link to a support, by one call in a loop
 _LEAST_RUN = 4  # on average, for a loop over runs of indices rather than over a table of every index
 
 
@@ -42,10 +43,18 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """Effects of one kind, with the parameters of each member of their group."""
+    """Effects of one kind, with the parameters of each member of their group.
 
-    effect: Effect  # one of them, for its functions and names
-    columns: dict[str, np.ndarray]
+    Attributes
+    ----------
+    effect : Effect
+        One of the effects, for its functions and names.
+    columns : dict of str to ndarray or list
+        A list, for a field in `arrays` of several motions, has the array of each.
+    """
+
+    effect: Effect
+    columns: dict[str, Any]
 
     @property
     def has_potential(self) -> bool:
@@ -66,7 +75,9 @@ class Group:
     anchor : ndarray, shape (members, dimension), or None
         Where the fixed ends of links stand.
     motions : tuple of int
-        What moves those fixed ends.
+        The laws, among those of `Assembly.motions`, that move these fixed ends.
+    moved : ndarray of int, shape (members, number of motions)
+        Which member of each of these laws moves the fixed end.
     sign : int
         Of links in one dimension: 1 where the coordinate grows from the first to the second end, or from the anchor to
         the mass, at the start; -1 where it falls.
@@ -77,6 +88,7 @@ class Group:
     second: np.ndarray | None = None
     anchor: np.ndarray | None = None
     motions: tuple[int, ...] = ()
+    moved: np.ndarray | None = None
     sign: int = 1
 
     @property
@@ -110,7 +122,8 @@ class Group:
             Law(law.effect, {n: c if n in law.effect.arrays else c[members] for n, c in law.columns.items()})
             for law in self.laws
         ]
-        return replace(self, laws=laws, first=part(self.first), second=part(self.second), anchor=part(self.anchor))
+        parts = {name: part(getattr(self, name)) for name in ("first", "second", "anchor", "moved")}
+        return replace(self, laws=laws, **parts)
 
 
 @dataclass(frozen=True)
@@ -160,27 +173,67 @@ def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> As
     """
     if not (cloud.masses > 0).any():
         raise ValueError("the scene has no mass that could move: add one with scene.mass(m, position).")
-    motions, motion_sets, set_of = _motions(cloud, placements)
+    motions, moves = _motions(cloud, placements)
     bodies = _fused(_body_groups(cloud, placements))
-    links = _fused(_link_groups(cloud, placements, motion_sets, set_of))
+    links = _fused(_link_groups(cloud, placements, moves))
     assembly = Assembly(cloud, bodies, links, motions, follows_work=False)
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
-def _motions(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Law], list[tuple[int, ...]], np.ndarray]:
-    """The motions, the sets of them that move some point, and the set of each point."""
-    motions: list[Law] = []
-    sets: list[tuple[int, ...]] = [()]
-    set_of = np.zeros(cloud.masses.size, dtype=np.int64)
-    for effect, numbers, columns in placements:
-        if not isinstance(effect, Motion):
-            continue
-        for old in np.unique(set_of[numbers[0]]):
-            moved = numbers[0][set_of[numbers[0]] == old]
-            set_of[moved] = len(sets)
-            sets.append((*sets[old], len(motions)))
-        motions.append(Law(effect, columns or {}))
-    return motions, sets, set_of
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """How the fixed points move.
+
+    Attributes
+    ----------
+    patterns : list of tuple of int
+        Laws of motion that move some point together.
+    pattern : ndarray of int, shape (points,)
+        The pattern of each point.
+    members : ndarray of int, shape (points, longest pattern)
+        Which member of each law of its pattern moves the point.
+    """
+
+    patterns: list[tuple[int, ...]]
+    pattern: np.ndarray
+    members: np.ndarray
+
+
+def _motions(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Law], _Moves]:
+    """The motions, with many of one kind as one law, and which points they move."""
+    placed = [(effect, numbers[0], columns) for effect, numbers, columns in placements if isinstance(effect, Motion)]
+    kinds = [(type(effect), *effect.functions().items()) for effect, _, _ in placed]
+    many = {kind for kind, count in Counter(kinds).items() if count > _MOTIONS}
+    laws: dict[Any, list[Law]] = {}
+    moving: dict[int, list[tuple[int, int]]] = {}  # of each point, laws and their members
+    for k, (effect, numbers, columns) in enumerate(placed):
+        key = kinds[k] if kinds[k] in many else k
+        members = laws.setdefault(key, [])
+        for point in numbers.tolist():
+            moving.setdefault(point, []).append((list(laws).index(key), len(members)))
+        members.append(Law(effect, columns or {}))
+    of_point = {point: tuple(zip(*sorted(pairs), strict=True)) for point, pairs in moving.items()}
+    patterns = list(dict.fromkeys([(), *(pattern for pattern, _ in of_point.values())]))
+    pattern = np.zeros(cloud.masses.size, dtype=np.int64)
+    table = np.zeros((pattern.size, max(map(len, patterns))), dtype=np.int64)
+    for point, (its_laws, its_members) in of_point.items():
+        pattern[point] = patterns.index(its_laws)
+        table[point, : len(its_members)] = its_members
+    return [_merged(members) for members in laws.values()], _Moves(patterns, pattern, table)
+
+
+def _merged(laws: list[Law]) -> Law:
+    """Laws of one kind as one law with a member for each."""
+    if len(laws) == 1:
+        return laws[0]
+    effect = laws[0].effect
+    columns = {
+        name: [law.columns[name] for law in laws]
+        if name in effect.arrays
+        else np.concatenate([law.columns[name] for law in laws])
+        for name in laws[0].columns
+    }
+    return Law(effect, columns)
 
 
 def _body_groups(cloud: Cloud, placements: Sequence[Placement]) -> list[Group]:
@@ -199,24 +252,24 @@ def _body_groups(cloud: Cloud, placements: Sequence[Placement]) -> list[Group]:
     return [group.take(np.argsort(group.first, kind="stable")) for group in joined]
 
 
-def _link_groups(
-    cloud: Cloud, placements: Sequence[Placement], motion_sets: list[tuple[int, ...]], set_of: np.ndarray
-) -> list[Group]:
+def _link_groups(cloud: Cloud, placements: Sequence[Placement], moves: _Moves) -> list[Group]:
     kinds: dict[Any, list[Group]] = {}
     for effect, numbers, columns in placements:
         if isinstance(effect, Link):
             group, sort = _oriented(cloud, Law(effect, columns or {}), *numbers)
-            # of links to fixed points, those with other motions are others
             fixed_end = np.where(cloud.masses[numbers[0]] == 0, *numbers)
-            sort = np.column_stack([sort, set_of[fixed_end]])
+            group = replace(group, moved=moves.members[fixed_end])
+            sort = np.column_stack([sort, moves.pattern[fixed_end]])
             for kind in np.unique(sort, axis=0):
-                anchored, sign, motions = kind.tolist()
+                anchored, sign, pattern = kind.tolist()
+                motions = moves.patterns[pattern]
                 part = group.take(np.flatnonzero((sort == kind).all(axis=1)))
                 part = replace(
                     part,
                     second=None if anchored else part.second,
                     anchor=part.anchor if anchored else None,
-                    motions=motion_sets[motions] if anchored else (),
+                    motions=motions if anchored else (),
+                    moved=part.moved[:, : len(motions)] if anchored and motions else None,
                     sign=sign,
                 )
                 kinds.setdefault((_kind(effect), *kind.tolist()), []).append(part)
@@ -285,16 +338,18 @@ def _joined(groups: list[Group]) -> Group:
         for name in one.laws[0].columns
     }
     law = Law(one.laws[0].effect, columns)
-    return replace(one, laws=[law], first=together("first"), second=together("second"), anchor=together("anchor"))
+    parts = {name: together(name) for name in ("first", "second", "anchor", "moved")}
+    return replace(one, laws=[law], **parts)
 
 
 def _fused(groups: list[Group]) -> list[Group]:
     """Groups on the very same points as one, so that what they have in common is computed once."""
     fused: dict[Any, Group] = {}
     for group in groups:
-        key = *(None if x is None else x.tobytes() for x in (group.first, group.second, group.anchor)), group.motions
-        known = fused.get((*key, group.sign))
-        fused[(*key, group.sign)] = replace(group, laws=[*known.laws, *group.laws]) if known else group
+        arrays = (group.first, group.second, group.anchor, group.moved)
+        key = *(None if x is None else x.tobytes() for x in arrays), group.motions, group.sign
+        known = fused.get(key)
+        fused[key] = replace(group, laws=[*known.laws, *group.laws]) if known else group
     return list(fused.values())
 
 
@@ -310,7 +365,7 @@ def note(assembly: Assembly) -> str:
     lines = [f"{masses} in {assembly.dimension} dimension{'s' * (assembly.dimension > 1)}"]
     acting: Counter[str] = Counter()
     for law in assembly.motions:
-        acting[law.effect.title] += 1
+        acting[law.effect.title] += len(law.columns["direction"])
     for group in assembly.bodies + assembly.links:
         for law in group.laws:
             acting[law.effect.title] += group.first.size

@@ -257,6 +257,10 @@ class _Source:
 
     def _separation(self, block: Block, s: str, i: str, j: str) -> None:
         """Compute the vector between the two ends of a link."""
+        for motion, member, name in self._moving(block):
+            if motion.members > 1:
+                self._write(f"moved = index({member.of(s)})")
+                self._motion(motion, "moved", name)
         for axis in self._axes:
             self._write(f"d{axis} = {self._difference('u', block, axis, s, i, j)}")
 
@@ -302,13 +306,21 @@ class _Source:
         if array == "u" and anchor != "0.0":
             terms.append(f"{axis}_anchor" if block.anchor.is_uniform else anchor)
         name = "shift" if array == "u" else "speed"
-        terms += [f"{axis}_{name}_{number}" for number in block.group.motions if self._direction(number, axis) != "0.0"]
+        terms += [
+            f"{axis}_{name}_{k}" for motion, _, k in self._moving(block) if self._direction(motion, axis) != "0.0"
+        ]
         return _sum(terms) if terms else "0.0"
 
-    def _direction(self, number: int, axis: str) -> str:
-        column = self._motions[number].columns["direction"]
+    def _moving(self, block: Block) -> Iterator[tuple[Symbols, Column, int]]:
+        """The motions of a block's fixed ends: each with its member for each link, and the number in its names."""
+        for k, (number, member) in enumerate(zip(block.group.motions, block.moved, strict=True)):
+            motion = self._motions[number]
+            yield motion, member, number if motion.members == 1 else len(self._motions) + k
+
+    def _direction(self, motion: Symbols, axis: str, member: str = "") -> str:
+        column = motion.columns["direction"]
         assert isinstance(column, Column)
-        return column.component(self._axes.index(axis), "")
+        return column.component(self._axes.index(axis), member)
 
     def _pull(self, block: Block, s: str, i: str, j: str, factor: str = "") -> None:
         """Compute the force on the first end of a link, times a factor, after `_separation`."""
@@ -447,16 +459,19 @@ class _Source:
             if self._weight.is_uniform:
                 self._write(f"w = {self._weight.of('')}")
             for number in sorted({number for block in self._links for number in block.group.motions}):
-                self._motion(number, self._motions[number])
+                motion = self._motions[number]
+                for line in motion.constants("motion"):
+                    self._write(line)
+                if motion.members == 1:
+                    self._motion(motion, "", number)
             yield
 
-    def _motion(self, number: int, motion: Symbols) -> None:
-        for line in motion.constants("motion"):
-            self._write(line)
-        self._write(f"shift, speed = {motion.call('motion', '', {'t': 't'})}")
-        for axis in (axis for axis in self._axes if self._direction(number, axis) != "0.0"):
-            for name in ("shift", "speed"):
-                self._write(f"{axis}_{name}_{number} = {name} * {self._direction(number, axis)}")
+    def _motion(self, motion: Symbols, member: str, name: int) -> None:
+        """Compute the displacement and velocity of one member of a motion; `name` is the number in their names."""
+        self._write(f"shift, speed = {motion.call('motion', member, {'t': 't'})}")
+        for axis in (axis for axis in self._axes if self._direction(motion, axis) != "0.0"):
+            for value in ("shift", "speed"):
+                self._write(f"{axis}_{value}_{name} = {value} * {self._direction(motion, axis, member)}")
 
 
 def _holds_end(block: Block, row: Block) -> bool:

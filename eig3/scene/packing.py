@@ -58,6 +58,18 @@ class Array:
         return f"p[{self.offset}:{self.offset + self.size}]"
 
 
+@dataclass(frozen=True)
+class Arrays:
+    """Where the arrays of several members are in p: the places where each starts and ends are in p too."""
+
+    starts: Column
+    ends: Column
+    is_uniform = False
+
+    def of(self, member: str) -> str:
+        return f"p[index({self.starts.of(member)}) : index({self.ends.of(member)})]"
+
+
 def entry(array: str, offset: int, index: str) -> str:
     """The source of array[offset + index]."""
     if index.isdecimal():
@@ -72,13 +84,14 @@ class Symbols:
     Attributes
     ----------
     functions : dict of str to jitted function
-    columns : dict of str to Column or Array
+    columns : dict of str to Column, Array or Arrays
     names : dict of str to str
         In the source: of functions, of parameters that are the same for all members, and, as "=force", of results.
     """
 
     functions: dict[str, Any]
-    columns: dict[str, Column | Array]
+    columns: dict[str, Column | Array | Arrays]
+    members: int
     names: dict[str, str]
     cutoff: str = ""
 
@@ -115,6 +128,7 @@ class Block:
     group: Group
     laws: list[Symbols]
     anchor: Column | None
+    moved: list[Column]  # the member of each motion of the fixed ends
     runs: np.ndarray
     table: int  # where the runs, or the indices themselves, are in p; unused where they are in the source
 
@@ -160,7 +174,7 @@ class Packing:
             f"{axis}_{name}_{number}"
             for axis in "xyz"
             for name in ("shift", "speed")
-            for number in range(len(assembly.motions))
+            for number in range(len(assembly.motions) + max((len(g.motions) for g in assembly.links), default=0))
         }
         self.functions: dict[str, Any] = {}
         self.weight = self._column(1 / assembly.cloud.masses[assembly.cloud.masses > 0])
@@ -191,14 +205,22 @@ class Packing:
     def _symbols(self, law: Law) -> Symbols:
         effect, functions = law.effect, law.effect.functions()
         columns = {
-            name: Array(self._add(values), values.size) if name in effect.arrays else self._column(values)
+            name: self._array(values) if name in effect.arrays else self._column(values)
             for name, values in law.columns.items()
         }
+        members = len(law.columns["direction"]) if "direction" in law.columns else 1
         stem = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", effect.title).lower()
         names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
         names |= {f"={function}": self._name(f"{stem}_{function[0]}") for function in functions}
         self.functions.update({names[name]: function for name, function in functions.items()})
-        return Symbols(functions, columns, names, effect.cutoff)
+        return Symbols(functions, columns, members, names, effect.cutoff)
+
+    def _array(self, values: np.ndarray | list[np.ndarray]) -> Array | Arrays:
+        if not isinstance(values, list):
+            return Array(self._add(values), values.size)
+        starts = np.array([self._add(array) for array in values])
+        ends = starts + [array.size for array in values]
+        return Arrays(self._column(starts), self._column(ends))
 
     def _name(self, wanted: str) -> str:
         """A name that nothing else in the source has."""
@@ -212,8 +234,9 @@ class Packing:
     def _block(self, group: Group) -> Block:
         laws = [self._symbols(law) for law in group.laws]
         anchor = None if group.anchor is None else self._column(group.anchor, is_place=True)
+        moved = [] if group.moved is None else [self._column(column) for column in group.moved.T]
         runs = group.runs
         table = (
             runs if group.in_runs else np.concatenate([group.first, *([] if group.second is None else [group.second])])
         )
-        return Block(group, laws, anchor, runs, self._add(table) if len(runs) > 1 else 0)
+        return Block(group, laws, anchor, moved, runs, self._add(table) if len(runs) > 1 else 0)
