@@ -966,7 +966,7 @@ BAD = {
     "negative cutoff": (lambda: on_two(Wall(1.0, -1.0), 0, 1), ValueError, "range of Wall must not be negative"),
     "taken name": (lambda: on_two(Timed(1.0)), TypeError, "Timed must not call a field t, which is what force is"),
     "vector": (lambda: on_two(Forced(pushed, (1.0, 2.0, 3.0)), 0), ValueError, "name it in the class's vectors"),
-    "class": (lambda: Scene(1).add(Gravity), TypeError, "effect must be one with its parameters.* not Gravity."),
+    "class": (lambda: Scene(1).add(Gravity), TypeError, "effect must be an effect with parameters.* not Gravity."),
     "gravity of a post": (lambda: with_fixed(QuadraticDrag(1.0)), ValueError, "QuadraticDrag acts on masses"),
     "motion of a mass": (
         lambda: on_two(SampledMotion([0, 1], [0, 1], (1.0, 0.0)), 0),

@@ -1,8 +1,8 @@
-"""A scene's effects put in order for the code that will run them: grouped by kind, sorted, packed.
+"""Groups the effects of a scene for the loops of its code.
 
-Masses get indices, effects of one kind on points of one sort become one group, and groups on the very same points
-become one loop. Links are sorted so that neighbours in a row of masses follow each other: a row is then a loop over
-indices that go up by one, which needs no table of indices and which a compiler can vectorise.
+Masses get indices. Effects of one kind on the same sort of points become one group, and groups on exactly the same
+points share a loop. Links are sorted so that the links along a row of masses follow each other: their loop then has
+indices that grow by one, needs no table of indices, and can be vectorised by the compiler.
 """
 
 from __future__ import annotations
@@ -17,18 +17,25 @@ import numpy as np
 
 from .effect import Body, Effect, Link, Motion
 
-#: An effect, the numbers of the points in each of its arguments (none: all masses), and its columns of parameters.
+#: An effect, the numbers of the points in each of its arguments (empty for all masses), and its parameters by name.
 Placement = tuple[Effect, tuple[np.ndarray, ...], "dict[str, np.ndarray] | None"]
 
 _MANY = 16  # links of one index difference get a loop of their own,
 _LOOPS = 13  # unless a kind of link has more such differences than a cubic lattice, where each mass has 26 neighbours
-_MOTIONS = 8  # of one kind have code of their own; more are computed for each link to a support, by one call in a loop
-_LEAST_RUN = 4  # on average, for a loop over runs of indices rather than over a table of every index
+_MOTIONS = 8  # so many motions of one kind are computed once each; more are computed in the loops over links
+_LEAST_RUN = 4  # the mean length of runs of indices from which a loop over runs is used, not a table of all indices
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """All points of a scene: masses of shape (points,), 0 where fixed; positions and velocities (points, dimension)."""
+    """All points of a scene.
+
+    Attributes
+    ----------
+    masses : ndarray, shape (points,)
+        kg; 0 for fixed points.
+    positions, velocities : ndarray, shape (points, dimension)
+    """
 
     masses: np.ndarray
     positions: np.ndarray
@@ -69,18 +76,18 @@ class Group:
     ----------
     laws : list of Law
     first : ndarray of int, shape (members,)
-        The masses acted on: of a link between masses, that with the lower index.
+        The masses acted on; for a link between two masses, the one with the lower index.
     second : ndarray of int, shape (members,), or None
         The other mass of links between masses.
     anchor : ndarray, shape (members, dimension), or None
-        Where the fixed ends of links stand.
+        The positions of the fixed ends of links.
     motions : tuple of int
         The laws, among those of `Assembly.motions`, that move these fixed ends.
     moved : ndarray of int, shape (members, number of motions)
         Which member of each of these laws moves the fixed end.
     sign : int
-        Of links in one dimension: 1 where the coordinate grows from the first to the second end, or from the anchor to
-        the mass, at the start; -1 where it falls.
+        For links in one dimension: 1 if at the start the coordinate grows from the first to the second end, or from the
+        anchor to the mass, and -1 if it falls.
     """
 
     laws: list[Law]
@@ -93,14 +100,14 @@ class Group:
 
     @property
     def difference(self) -> int | None:
-        """How far apart the two indices are in every link, if it is the same."""
+        """The difference of the two indices if it is the same in all links, else None."""
         if self.second is None or np.ptp(self.second - self.first):
             return None
         return int(self.second[0] - self.first[0])
 
     @cached_property
     def runs(self) -> np.ndarray:
-        """Where indices go up by one: rows of (first member, members, first mass, second mass)."""
+        """The parts where indices grow by one: rows of (first member, members, first mass, second mass)."""
         second = self.first if self.second is None else self.second
         steps = (np.diff(self.first) == 1) & (np.diff(second) == 1)
         starts = np.concatenate([[0], np.flatnonzero(~steps) + 1])
@@ -109,11 +116,11 @@ class Group:
 
     @property
     def in_runs(self) -> bool:
-        """Whether the indices go up by one often enough for loops over runs."""
+        """Whether the runs are long enough on average for a loop over runs."""
         return self.first.size >= _LEAST_RUN * len(self.runs)
 
     def take(self, members: np.ndarray) -> Group:
-        """The group of some members, or of all in another order."""
+        """Return the group of some members, or of all members in another order."""
 
         def part(values: np.ndarray | None) -> Any:
             return None if values is None else values[members]
@@ -128,7 +135,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Assembly:
-    """What the code of a scene is made from: its masses, groups, and motions of supports."""
+    """What the code of a scene is written from: its masses, groups, and motions of supports."""
 
     cloud: Cloud
     bodies: list[Group]
@@ -151,7 +158,7 @@ class Assembly:
 
     @property
     def is_conservative(self) -> bool:
-        """Whether the kinetic energy and the potentials are constant together."""
+        """Whether the sum of the kinetic energy and the potentials is constant."""
         return all(law.has_potential for law in self.laws) and not any(group.motions for group in self.links)
 
     @property
@@ -159,20 +166,20 @@ class Assembly:
         return self.follows_work or any(law.effect.reads_velocity() for law in self.laws)
 
     def start(self, values: np.ndarray) -> np.ndarray:
-        """Positions or velocities of all points as u0 or v0 of a run: by coordinate, then by mass."""
+        """Return u0 or v0 from the positions or velocities of all points: by coordinate, then by mass."""
         return values[self.cloud.masses > 0].T.ravel()
 
 
 def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> Assembly:
-    """Put a scene's effects in order.
+    """Group the effects of a scene.
 
     Raises
     ------
     ValueError
-        For a scene without masses, and parameters that do not go with their number.
+        For a scene without masses, and parameters that do not match the number of masses.
     """
     if not (cloud.masses > 0).any():
-        raise ValueError("the scene has no mass that could move: add one with scene.mass(m, position).")
+        raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
     motions, moves = _motions(cloud, placements)
     bodies = _fused(_body_groups(cloud, placements))
     links = _fused(_link_groups(cloud, placements, moves))
@@ -246,7 +253,7 @@ def _body_groups(cloud: Cloud, placements: Sequence[Placement]) -> list[Group]:
         if columns is None:
             columns = effect.columns(masses.shape, dimension)
         first = cloud.free[numbers[0]] if numbers else masses
-        # what acts on all stays apart from what acts on some: it is a loop without indices
+        # effects on all masses are grouped apart from effects on some: their loop needs no table of indices
         kinds.setdefault((_kind(effect), not numbers), []).append(Group([Law(effect, columns)], first))
     joined = [_joined(groups) for groups in kinds.values()]
     return [group.take(np.argsort(group.first, kind="stable")) for group in joined]
@@ -277,9 +284,9 @@ def _link_groups(cloud: Cloud, placements: Sequence[Placement], moves: _Moves) -
 
 
 def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Group, np.ndarray]:
-    """Links with the fixed end, or else the lower index, first.
+    """Turn links so that the fixed end, or else the mass with the lower index, comes first.
 
-    With them, of each, whether it is to a fixed point, and the sign that its group has in one dimension.
+    Also return, for each link, whether it has a fixed end, and the sign of its group in one dimension.
     """
     free, x = cloud.free, cloud.positions
     swapped = (free[b] < 0) | ((free[a] >= 0) & (free[a] > free[b]))
@@ -317,7 +324,7 @@ def _split(group: Group) -> Iterator[Group]:
 
 
 def _kind(effect: Effect) -> tuple:
-    """What effects have in common that one loop can serve; an array belongs to its one effect."""
+    """A key that is equal for effects that can share a loop. An effect with an array shares its loop with none."""
     return type(effect), *effect.functions().items(), id(effect) if effect.arrays else None
 
 
@@ -343,7 +350,7 @@ def _joined(groups: list[Group]) -> Group:
 
 
 def _fused(groups: list[Group]) -> list[Group]:
-    """Groups on the very same points as one, so that what they have in common is computed once."""
+    """Join groups on exactly the same points, so that what they have in common is computed once."""
     fused: dict[Any, Group] = {}
     for group in groups:
         arrays = (group.first, group.second, group.anchor, group.moved)
@@ -354,13 +361,13 @@ def _fused(groups: list[Group]) -> list[Group]:
 
 
 def sources(assembly: Assembly) -> str:
-    """Where the effects come from."""
+    """Return the sources of the effects."""
     effects = [law.effect for law in assembly.laws + assembly.motions]
     return "; ".join(dict.fromkeys(f"{effect.title}: {effect.source}" for effect in effects if effect.source))
 
 
 def note(assembly: Assembly) -> str:
-    """What a scene contains, in lines."""
+    """Return a description of the scene, with a line for each kind of effect."""
     masses = f"{assembly.n} mass{'es' * (assembly.n > 1)}"
     lines = [f"{masses} in {assembly.dimension} dimension{'s' * (assembly.dimension > 1)}"]
     acting: Counter[str] = Counter()

@@ -1,12 +1,12 @@
-"""The code of a scene: Python source with a loop for each group of effects and nothing else, compiled by Numba.
+"""Writes the code of a scene as Python source, with a loop for each group of effects, and compiles it with Numba.
 
-Source rather than closures, for three reasons: what is computed can be read, and by `inspect.getsource` is; loops over
-the same points share what they compute of them; and scenes of one structure share one compiled function, whatever
+Source has three advantages over closures. Users can read what is computed, with `inspect.getsource`. Effects on the
+same points share what they compute of these points. Scenes of the same structure share one compiled function, whatever
 their parameters.
 
-In the source, i and j are indices of masses and s that of a member of a group; w is an inverse mass; dx, dy, dz are the
-differences of a link's ends and ex, ey, ez their rates, r its length; fx, fy, fz is its pull on the first end, divided
-by the mass where all masses are equal.
+In the source, i and j are indices of masses and s is the index of a member of a group; w is an inverse mass; dx, dy, dz
+is the vector between the ends of a link, ex, ey, ez its rate, and r its length; fx, fy, fz is the force of the link on
+its first end, divided by the mass if all masses are equal.
 """
 
 from __future__ import annotations
@@ -29,19 +29,21 @@ from .packing import Block, Column, Packing, Symbols, entry
 
 _BODY = ("force", "acceleration")
 _LINK = ("tension", "density")
-_TINY = 2.0**-1000  # under a root, against a division by zero where points coincide: too small to change another value
+_TINY = (
+    2.0**-1000
+)  # added under a root to avoid a division by 0 where points coincide; too small to change other values
 
 
 @element
 def index(x):  # type: ignore[no-untyped-def]
-    """A number of p as an index; that it is not negative spares a test for indices from the end."""
+    """A number in p as an index. It is unsigned, so that the compiler omits the test for negative indices."""
     return np.int64(np.uint32(x))
 
 
 def compiled(assembly: Assembly) -> tuple[Any, Any, np.ndarray]:
-    """The right-hand side of a scene, its energy or None, and their parameters.
+    """Return the right-hand side of a scene, its energy or None, and their parameters.
 
-    Scenes that differ in parameters only get the same functions.
+    Scenes that differ only in parameters get the same functions.
     """
     packing = Packing(assembly)
     source = _Source(assembly, packing)
@@ -57,7 +59,12 @@ def compiled(assembly: Assembly) -> tuple[Any, Any, np.ndarray]:
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
     filename = f"<scene {zlib.crc32(text.encode()):08x}>"
-    linecache.cache[filename] = (len(text), None, text.splitlines(keepends=True), filename)  # for inspect and errors
+    linecache.cache[filename] = (
+        len(text),
+        None,
+        text.splitlines(keepends=True),
+        filename,
+    )  # for inspect and tracebacks
     namespace = {"jit": jit, "sqrt": math.sqrt, "tiny": _TINY, "index": index, **dict(names)}
     exec(compile(text, filename, "exec"), namespace)
     return namespace
@@ -82,7 +89,7 @@ class _Source:
     # The three functions
 
     def rhs(self) -> None:
-        """The accelerations."""
+        """Write the function of the accelerations."""
         with self._function("rhs(t, u, v, p, a)"):
             on_all = [block for block in self._bodies if block.size == self._n and len(block.runs) == 1]
             rows = [block for block in self._links if block.is_row and len(block.runs) == 1 and block.size > 1]
@@ -102,7 +109,7 @@ class _Source:
                     self._write(f"a[{self._work}] = power(t, u, v, p)")
 
     def power(self) -> None:
-        """What all that has no potential, and the supports, do to the masses."""
+        """Write the function of the power of the effects without a potential and of the supports."""
         with self._function("power(t, u, v, p)"):
             self._write("total = 0.0")
             for block in self._some(self._bodies, has_potential=False):
@@ -128,7 +135,7 @@ class _Source:
             self._write("return total")
 
     def energy(self) -> None:
-        """Kinetic energy and potentials, less the work where it is followed."""
+        """Write the function of the kinetic energy and the potentials, less the work in a run that follows it."""
         with self._function("energy(t, u, v, p)"):
             self._write("total = 0.0")
             if self._follows_work:
@@ -148,10 +155,10 @@ class _Source:
     # Their parts
 
     def _every_mass(self, on_all: list[Block], row: Block | None, holding: list[Block]) -> None:
-        """Set every acceleration: from what acts on all masses and, in the same pass, the longest row of links.
+        """Set all accelerations, from the effects on all masses and, in the same loop, the longest row of links.
 
-        Along a row the force of each link is kept for the mass that the next one shares with it; the first and the
-        last are those that hold the row's ends.
+        Along a row, the force of each link is kept for the next link, which shares a mass with it. `holding` are the
+        links from supports to the first and last mass of the row.
         """
         start, stop = (row.runs[0, 2], row.runs[0, 2] + row.size + 1) if row else (self._n, self._n)
         self._constants([*on_all, *([row] if row else [])], *_BODY, *_LINK)
@@ -226,7 +233,7 @@ class _Source:
             self._write(f"{axis}_before = f{axis}")
 
     def _given(self, block: Block, s: str, i: str, *more: str) -> tuple[list[str], list[str]]:
-        """Compute what the laws of a body give to mass i: names of accelerations, and of forces."""
+        """Compute the accelerations and forces of the laws of a body on mass i; return their names."""
         offered = self._mass(block, i, *_BODY, *more)
         names: dict[str, list[str]] = {"acceleration": [], "force": []}
         for function, found in names.items():
@@ -236,7 +243,7 @@ class _Source:
         return names["acceleration"], names["force"]
 
     def _along(self, axis: str, i: str, accelerations: list[str], forces: list[str], pulls: Iterable[str] = ()) -> str:
-        """The sum of what acts on mass i along an axis, as an acceleration."""
+        """The acceleration of mass i along an axis, as a sum."""
         k = self._axes.index(axis)
         divided = [f"{name}[{k}]" for name in accelerations]
         pushes = [f"{name}[{k}]" for name in forces]
@@ -246,7 +253,7 @@ class _Source:
         return " + ".join(divided) or "0.0"
 
     def _mass(self, block: Block, i: str, *functions: str) -> dict[str, str]:
-        """Compute what the laws of a body can be given, where one of these functions reads it."""
+        """Compute those arguments of the laws of a body that one of these functions reads."""
         if block.reads("x", *functions):
             self._write(f"x = ({', '.join(self._at('u', axis, i) for axis in self._axes)},)")
         if block.reads("v", *functions) or "power" in functions:
@@ -287,7 +294,7 @@ class _Source:
         return " + ".join(f"d{axis} * d{axis}" for axis in self._axes)
 
     def _difference(self, array: str, block: Block, axis: str, s: str, i: str, j: str) -> str:
-        """Of the positions or velocities of a link's ends."""
+        """The difference of the positions or velocities of a link's ends."""
         if block.joins_masses:
             low, high = self._at(array, axis, i), self._at(array, axis, j)
         else:
@@ -341,7 +348,7 @@ class _Source:
             self._write(f"total += {law.call('potential', s, offered)}")
 
     def _some(self, blocks: list[Block], *, has_potential: bool) -> Iterator[Block]:
-        """The blocks that have laws with a potential, or laws without, and only these laws of them."""
+        """The blocks with only those of their laws that have a potential, or that have none."""
         for block in blocks:
             laws = [law for law in block.laws if ("potential" in law.functions) == has_potential]
             if laws:
@@ -358,16 +365,16 @@ class _Source:
 
     @property
     def _common(self) -> str:
-        """What pulls are multiplied by where all masses are equal."""
+        """The factor of forces in a scene where all masses are equal."""
         return " * w" if self._weight.is_uniform else ""
 
     def _own(self, i: str) -> str:
-        """What they are multiplied by at each mass where they are not."""
+        """The factor of forces on mass i in a scene where masses differ."""
         return "" if self._weight.is_uniform else f" * {self._w(i)}"
 
     @contextmanager
     def _masses(self, first: int, stop: int) -> Iterator[str]:
-        """A loop over masses: gives the source of the index."""
+        """Write a loop over masses; give the name of the index."""
         if stop - first == 1:
             yield str(first)
         else:
@@ -376,7 +383,7 @@ class _Source:
 
     @contextmanager
     def _members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
-        """A loop over a block: gives the source of the indices of the member and of its masses."""
+        """Write a loop over a block; give the names of the indices of the member and of its masses."""
         self._constants([block], *functions)
         _, count, i0, j0 = block.runs[0]
         if block.size == 1:
@@ -397,9 +404,9 @@ class _Source:
 
     @contextmanager
     def _near_members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
-        """A loop over links, with their separation, that skips those beyond the cutoff of all their laws.
+        """Write a loop over links that computes their separation and skips links beyond the cutoffs of all their laws.
 
-        The squares of the two distances are compared, which needs no square root. In one dimension there is none.
+        It compares squares and thus needs no square root. In one dimension no link has a square root to avoid.
         """
         with self._members(block, *functions) as (s, i, j):
             self._separation(block, s, i, j)
@@ -423,12 +430,12 @@ class _Source:
         with self._indented("for along in range(count):"):
             self._write("s, i = start + along, i0 + along")
             if block.joins_masses:
-                # a difference that the compiler knows lets it see that links do not touch each other's masses
+                # with a constant difference the compiler sees that consecutive links share no mass
                 self._write(f"j = i + {block.group.difference}" if block.group.difference else "j = j0 + along")
             yield "s", "i", "j"
 
     def _constants(self, blocks: Iterable[Block], *functions: str) -> None:
-        """Read what is the same for all members before a loop: in it, the compiler must fear that a overwrites p."""
+        """Read what all members have in common before the loop: the compiler cannot prove that a and p do not alias."""
         for block in blocks:
             for law in block.laws:
                 for line in law.constants(*functions):
@@ -452,7 +459,7 @@ class _Source:
 
     @contextmanager
     def _function(self, head: str) -> Iterator[None]:
-        """A function that begins with what all of it may read: the common inverse mass, and where supports are."""
+        """Write a function that starts with what its loops may read: the common inverse mass, and moved supports."""
         self._lines += [""] * bool(self._lines)
         self._write("@jit")
         with self._indented(f"def {head}:"):
@@ -475,12 +482,12 @@ class _Source:
 
 
 def _holds_end(block: Block, row: Block) -> bool:
-    """Whether it is one link from a support to an end of the row."""
+    """Whether the block is one link from a support to an end of the row."""
     first = row.runs[0, 2]
     return block.anchor is not None and block.size == 1 and block.group.first[0] in (first, first + row.size)
 
 
 def _sum(terms: list[str]) -> str:
-    """A sum that can be a factor."""
+    """A sum, in parentheses if needed in a product."""
     total = " + ".join(terms)
     return f"({total})" if len(terms) > 1 or " - " in total else total
