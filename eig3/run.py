@@ -117,7 +117,8 @@ def _save(problem: Problem, solution: Solution, balance: _Balance | None, out: P
     """Write what can be written; return the names."""
     t, u, v = solution.t, solution.u, solution.v
     names = [f"{problem.name}.npz"]
-    np.savez_compressed(out / names[0], t=t, u=u, v=v, **solution.integrals)
+    arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.integrals}
+    np.savez_compressed(out / names[0], **arrays)
     table = np.column_stack([t, u, v, *solution.integrals.values()])
     if table.size <= _CSV_VALUES:
         names.append(f"{problem.name}.csv")

@@ -20,8 +20,8 @@ from .effect import Body, Effect, Link, Motion
 #: An effect, the numbers of the points in each of its arguments (empty for all masses), and its parameters by name.
 Placement = tuple[Effect, tuple[np.ndarray, ...], "dict[str, np.ndarray] | None"]
 
-_MANY = 16  # links of one index difference get a loop of their own,
-_LOOPS = 13  # unless a kind of link has more such differences than a cubic lattice, where each mass has 26 neighbours
+_MANY = 16  # so many links with the same index difference get a loop of their own,
+_LOOPS = 5  # if a kind of link has at most so many such differences besides 1: cloth with diagonals and bending springs
 _MOTIONS = 8  # so many motions of one kind are computed once each; more are computed in the loops over links
 _LEAST_RUN = 4  # the mean length of runs of indices from which a loop over runs is used, not a table of all indices
 
@@ -265,18 +265,18 @@ def _link_groups(cloud: Cloud, placements: Sequence[Placement], moves: _Moves) -
         if isinstance(effect, Link):
             group, sort = _oriented(cloud, Law(effect, columns or {}), *numbers)
             fixed_end = np.where(cloud.masses[numbers[0]] == 0, *numbers)
-            group = replace(group, moved=moves.members[fixed_end])
             sort = np.column_stack([sort, moves.pattern[fixed_end]])
             for kind in np.unique(sort, axis=0):
                 anchored, sign, pattern = kind.tolist()
                 motions = moves.patterns[pattern]
-                part = group.take(np.flatnonzero((sort == kind).all(axis=1)))
+                chosen = np.flatnonzero((sort == kind).all(axis=1))
+                part = group.take(chosen)
                 part = replace(
                     part,
                     second=None if anchored else part.second,
                     anchor=part.anchor if anchored else None,
                     motions=motions if anchored else (),
-                    moved=part.moved[:, : len(motions)] if anchored and motions else None,
+                    moved=moves.members[fixed_end[chosen], : len(motions)] if anchored and motions else None,
                     sign=sign,
                 )
                 kinds.setdefault((_kind(effect), *kind.tolist()), []).append(part)
@@ -313,8 +313,8 @@ def _split(group: Group) -> Iterator[Group]:
     difference = group.second - group.first
     order = np.lexsort((group.first, difference))
     parts = np.split(order, np.flatnonzero(np.diff(difference[order])) + 1)
-    alike = {difference[part[0]] for part in parts if part.size >= _MANY and group.take(part).in_runs}
-    own = {1, *(alike if len(alike) <= _LOOPS else ())}
+    alike = {difference[part[0]] for part in parts if part.size >= _MANY and group.take(part).in_runs} - {1}
+    own = {1, *(alike if len(alike) <= _LOOPS else ())}  # neighbours have a form of loop of their own
     for part in parts:
         if difference[part[0]] in own:
             yield group.take(part)

@@ -265,7 +265,7 @@ class _Source:
     def _separation(self, block: Block, s: str, i: str, j: str) -> None:
         """Compute the vector between the two ends of a link."""
         for motion, member, name in self._moving(block):
-            if motion.members > 1:
+            if member:
                 self._write(f"moved = index({member.of(s)})")
                 self._motion(motion, "moved", name)
         for axis in self._axes:
@@ -318,11 +318,11 @@ class _Source:
         ]
         return _sum(terms) if terms else "0.0"
 
-    def _moving(self, block: Block) -> Iterator[tuple[Symbols, Column, int]]:
+    def _moving(self, block: Block) -> Iterator[tuple[Symbols, Column | None, int]]:
         """The motions of a block's fixed ends: each with its member for each link, and the number in its names."""
         for k, (number, member) in enumerate(zip(block.group.motions, block.moved, strict=True)):
             motion = self._motions[number]
-            yield motion, member, number if motion.members == 1 else len(self._motions) + k
+            yield motion, member, len(self._motions) + k if member else number
 
     def _direction(self, motion: Symbols, axis: str, member: str = "") -> str:
         column = motion.columns["direction"]

@@ -61,8 +61,8 @@ class Effect:
 
     def __new__(cls, *values: Any, **fields: Any) -> Any:
         # without the decorator, Python's own error would be about a number of arguments
-        known = {field.name for field in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
-        if "__dataclass_fields__" not in vars(cls) and (not known or set(inspect.get_annotations(cls)) - known):
+        known = getattr(cls, "__dataclass_fields__", None)
+        if "__dataclass_fields__" not in vars(cls) and (known is None or inspect.get_annotations(cls).keys() - known):
             raise TypeError(f"{cls.__name__} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
         return super().__new__(cls)
 

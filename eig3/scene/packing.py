@@ -132,7 +132,7 @@ class Block:
     group: Group
     laws: list[Symbols]
     anchor: Column | None
-    moved: list[Column]  # the member of each motion of the fixed ends
+    moved: list[Column | None]  # which member of each motion moves the fixed ends; None for a motion with one member
     runs: np.ndarray
     table: int  # the place of the runs, or of all indices, in p; unused if there is one run
 
@@ -238,7 +238,8 @@ class Packing:
     def _block(self, group: Group) -> Block:
         laws = [self._symbols(law) for law in group.laws]
         anchor = None if group.anchor is None else self._column(group.anchor, is_place=True)
-        moved = [] if group.moved is None else [self._column(column) for column in group.moved.T]
+        moves = () if group.moved is None else zip(group.motions, group.moved.T, strict=True)
+        moved = [self._column(column) if self.motions[number].members > 1 else None for number, column in moves]
         runs = group.runs
         table = (
             runs if group.in_runs else np.concatenate([group.first, *([] if group.second is None else [group.second])])
