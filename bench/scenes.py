@@ -31,6 +31,7 @@ from eig3.effects import (
     PlaneContact,
     QuadraticDrag,
     RotatingFrame,
+    SampledAcceleration,
     SampledMotion,
     SofteningSpring,
     SupportMotion,
@@ -208,6 +209,7 @@ def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
     if dimension > 1:
         yield RotatingFrame(strength * 0.01 * (np.ones(1) if dimension == 2 else up))
     yield SampledMotion([0.0, 1.0, 2.0], [0.0, 0.1 * strength, 0.0], up)
+    yield SampledAcceleration([0.0, 1.0, 2.0], [0.0, 0.1 * strength, 0.0], up)
     yield SupportMotion(swing, strength * up)
     yield SofteningSpring(1.0 * strength, 1.0, 1.0)  # last: its tanh takes more than all others together
 

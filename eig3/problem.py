@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,14 @@ from numpy.typing import ArrayLike
 
 from .analysis.critical import CriticalStep, critical_step
 from .callbacks import check_callback
-from .checks import check_method, check_params, check_state
+from .checks import check_method, check_params, check_span, check_state, reals
 from .integration import integrate
 from .methods import Method
 from .solution import Solution
 from .stepper import Stepper
+
+_START = ("u0", "v0", "params")
+_OF_RHS = ("rhs", "uses_velocity", "integrals")  # only another right-hand side changes these
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,23 +29,24 @@ class Problem:
     ----------
     name : str
     rhs : jitted function
-        The acceleration, in one of the two forms of `eig3.integrate`.
+        The acceleration, in one of the two forms that `eig3.integrate` takes.
     u0, v0 : float or array_like, shape (n,)
         Displacement and velocity at ``t_span[0]``.
     params : array_like
-        What rhs and energy get as p.
+        The array p of rhs and energy.
     t_span : (float, float)
     energy : jitted function, optional
-        ``energy(t, u, v, p) -> float``, constant along the exact solution: the invariant "energy" of `integrate`.
+        ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` follows it as the invariant
+        "energy".
     energy_unit : str
         Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     exact : callable, optional
         ``exact(t) -> (u, v)`` for an array of times.
     continuum : callable, optional
-        ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem stands for, at its masses.
+        ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem approximates, at the masses.
     uses_velocity : bool
-        Whether rhs reads v. Where it does not, "cd" by name takes its form of one evaluation a step, and "eig3" that
-        which touches fewer arrays.
+        Whether rhs reads v. If not, the names "cd" and "eig3" select the forms of these methods without velocity: "cd"
+        then evaluates rhs once per step, and "eig3" uses fewer arrays.
     source : str
         Where the problem comes from.
     note : str
@@ -51,8 +55,11 @@ class Problem:
         A step that resolves the motion, for a first look at it.
     draw : callable, optional
         ``draw(figure, solution)`` draws the response on a matplotlib figure, with the panels of `eig3.drawing`.
-    follows_work : bool
-        Whether the velocity of the last degree of freedom is the work done so far, J.
+    integrals : tuple of str
+        Names of integrals over time that `integrate` follows, such as "work". For each of them rhs, in the vector form,
+        can be called with one more degree of freedom after the n of u0, whose acceleration is the integrand. Its
+        velocity is then the integral, which the method computes to its own order, and which energy may read. rhs and
+        energy must also accept u and v without these degrees of freedom.
     """
 
     name: str
@@ -70,37 +77,101 @@ class Problem:
     h: float | None = None
     draw: Callable[[Any, Solution], None] | None = None
     energy_unit: str = "J"
-    follows_work: bool = False
+    integrals: tuple[str, ...] = ()
+
+    def with_(self, **changes: Any) -> Problem:
+        """Return a copy with some fields changed, such as ``problem.with_(u0=[0.1, 0.0], t_span=(0, 20))``.
+
+        Parameters
+        ----------
+        **changes
+            New values of attributes. u0, v0 and params keep their shapes. rhs, uses_velocity and integrals cannot be
+            changed.
+
+        Returns
+        -------
+        Problem
+            Without `exact` and `continuum` if u0, v0, params or the start of t_span change, because these hold for one
+            start and one set of parameters; without `draw` if params change, because a picture may contain constants
+            of the problem. What is given in `changes` is kept.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For an unknown field, and a value that is not valid for it.
+        """
+        names = [field.name for field in fields(self) if field.name not in _OF_RHS]
+        for name in changes:
+            if name not in names:
+                raise TypeError(f"with_ can change {', '.join(names)}, but not {name}.")
+        new = {name: self._checked(name, value) for name, value in changes.items()}
+        if "u0" in new or "v0" in new:
+            new["u0"], new["v0"], _ = check_state(new.get("u0", self.u0), new.get("v0", self.v0))
+        changed = {name for name in _START if name in new and not np.array_equal(new[name], getattr(self, name))}
+        if "t_span" in new and new["t_span"][0] != self.t_span[0]:
+            changed.add("t_span")
+        dropped = ["exact", "continuum"] * bool(changed) + ["draw"] * ("params" in changed)
+        return replace(self, **{**dict.fromkeys(dropped), **new})
 
     def integrate(
         self, *, h: float, method: str | Method = "eig3", t_end: float | None = None, **options: Any
     ) -> Solution:
-        """Run the problem; `options` are those of `eig3.integrate`, and `invariants` replaces the energy."""
-        options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
-        span = (self.t_span[0], self.t_span[1] if t_end is None else t_end)
-        method = self.method(method)
-        return integrate(self.rhs, span, self.u0, self.v0, h=h, params=self.params, method=method, **options)
+        """Run the problem.
 
-    def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False) -> Stepper:
-        """The problem at its start, prepared to advance."""
-        options: dict[str, Any] = {"t0": self.t_span[0], "params": self.params, "inline": inline}
+        Parameters
+        ----------
+        h, method
+            As for `eig3.integrate`.
+        t_end : float, optional
+            The end of the run; ``t_span[1]`` if not given.
+        **options
+            Other options of `eig3.integrate`. `invariants` replaces the energy; these functions get u and v with one
+            more degree of freedom for each of `integrals`.
+
+        Returns
+        -------
+        Solution
+            With `integrals`, if the problem follows any.
+        """
+        _refuse_fields(options, "integrate")
+        options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
+        options |= {"h": h, "params": self.params, "method": self.method(method)}
+        span = (self.t_span[0], self.t_span[1] if t_end is None else t_end)
+        if not self.integrals:
+            return integrate(self.rhs, span, self.u0, self.v0, **options)
+        u0, v0 = (np.append(x, np.zeros(len(self.integrals))) for x in (self.u0, self.v0))
+        try:
+            solution = integrate(self.rhs, span, u0, v0, **options)
+        except Exception as error:
+            if hasattr(error, "solution"):
+                self._separate_integrals(error.solution)
+            raise
+        self._separate_integrals(solution)
+        return solution
+
+    def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
+        """Return a `Stepper` at the start of the problem, which does not follow `integrals`."""
+        _refuse_fields(options, "stepper")
+        options |= {"t0": self.t_span[0], "params": self.params, "inline": inline}
         return Stepper(self.rhs, self.u0, self.v0, h=h, method=self.method(method), **options)
 
     def critical_step(
         self, *, method: str | Method = "eig3", t: float | None = None, safety: float = 0.9
     ) -> CriticalStep:
-        """The longest stable step about the start, as `eig3.critical_step` finds it."""
+        """Return the longest stable step for small motions about the start, as `eig3.critical_step` finds it."""
         time = self.t_span[0] if t is None else t
         options: dict[str, Any] = {"method": self.method(method), "t": time, "safety": safety}
         return critical_step(self.rhs, self.u0, self.v0, self.params, **options)
 
     def energy_of(self, u: ArrayLike, v: ArrayLike, t: ArrayLike | None = None) -> Any:
-        """The energy of a state, or of each of a history.
+        """Return the energy of a state, or of each state of a history.
+
+        Where the problem follows the work, this is the mechanical energy, and it changes by ``integrals["work"]``.
 
         Parameters
         ----------
         u, v : array_like
-            Of the shape of u0, or with one more axis in front, such as a solution's.
+            Of the shape of u0, or with one more axis in front, as in a solution.
         t : float or array_like, optional
             Their times; ``t_span[0]`` if not given.
 
@@ -111,10 +182,10 @@ class Problem:
         Raises
         ------
         ValueError
-            Where the problem has no energy.
+            If the problem has no energy.
         """
         if self.energy is None:
-            raise ValueError(f"{self.name} has no energy; that of a scene has, with scene.problem(..., work=True).")
+            raise ValueError(f"{self.name} has no energy; for a scene's, make it with scene.problem(..., work=True).")
         energy = check_callback(self.energy, "invariant", check_state(self.u0, self.v0)[2], "energy")
         params = check_params(self.params)
 
@@ -130,6 +201,31 @@ class Problem:
         return np.array([of(*state) for state in zip(times, u, v, strict=True)])
 
     def method(self, method: str | Method) -> Method:
-        """The record for this problem: a name stands for the form without velocity where rhs does not read v."""
+        """Return the method's record; a name selects the form without velocity where rhs does not read v."""
         record = check_method(method)
         return record if self.uses_velocity or not isinstance(method, str) else record.without_velocity()
+
+    def _checked(self, name: str, value: Any) -> Any:
+        """The new value of a field."""
+        if name == "t_span":
+            return check_span(value)
+        if name not in _START:
+            return value
+        old = np.shape(check_params(self.params) if name == "params" else self.u0)
+        new = check_params(value) if name == "params" else reals(value, name)
+        if new.shape != old:
+            raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
+        return new
+
+    def _separate_integrals(self, solution: Solution) -> None:
+        """Move the integrals, which the run has as velocities, from the end of u and v to `solution.integrals`."""
+        n = np.size(self.u0)
+        solution.integrals = {name: solution.v[:, n + k].copy() for k, name in enumerate(self.integrals)}
+        solution.u, solution.v = solution.u[:, :n], solution.v[:, :n]
+
+
+def _refuse_fields(options: dict[str, Any], call: str) -> None:
+    """Refuse options that would replace a field of the problem."""
+    for name in (*_START, "t_span"):
+        if name in options:
+            raise TypeError(f"{name} is a field of the problem: call problem.with_({name}=...).{call}(...).")

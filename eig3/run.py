@@ -101,10 +101,7 @@ class Balance:
     @classmethod
     def of(cls, problem: Problem, solution: Solution) -> Balance:
         energy = problem.energy_of(solution.u, solution.v, solution.t)
-        if not problem.follows_work:
-            return cls(solution.t, energy, None, problem.energy_unit)
-        work = solution.v[:, -1]
-        return cls(solution.t, energy + work, work, problem.energy_unit)
+        return cls(solution.t, energy, solution.integrals.get("work"), problem.energy_unit)
 
     def summary(self) -> str:
         """The energy at both ends, and the largest change that the work done does not explain."""
@@ -140,14 +137,14 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, out: Pa
     """Write the files that can be written; return their names."""
     t, u, v = solution.t, solution.u, solution.v
     names = [f"{problem.name}.npz"]
-    np.savez_compressed(out / names[0], t=t, u=u, v=v)
-    table = np.column_stack([t, u, v])
+    arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.integrals}
+    np.savez_compressed(out / names[0], **arrays)
+    table = np.column_stack([t, u, v, *solution.integrals.values()])
     if table.size <= _CSV_VALUES:
         names.append(f"{problem.name}.csv")
-        columns = [f"{x}{j}" for x in "uv" for j in range(table.shape[1] // 2)]
-        if problem.follows_work:
-            columns[len(columns) // 2 - 1], columns[-1] = "integral of work", "work"
-        np.savetxt(out / names[-1], table, delimiter=",", header=",".join(["t", *columns]), comments="")
+        columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
+        header = ",".join(["t", *columns, *solution.integrals])
+        np.savetxt(out / names[-1], table, delimiter=",", header=header, comments="")
     try:
         from matplotlib.figure import Figure
     except ImportError:

@@ -51,6 +51,8 @@ class Solution:
     method : Method
     notes : tuple of str
         What the numbers do not show by themselves: an invariant that grows steadily, a solver that changed.
+    integrals : dict of str to ndarray, shape (m,)
+        Integrals over time that the problem follows, at the saved times, such as "work" in J.
     reason : callable, optional
         Finds out more about a run that did not complete: what `explain` calls.
     """
@@ -68,6 +70,7 @@ class Solution:
     method: Method
     drift: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    integrals: dict[str, np.ndarray] = field(default_factory=dict)
     reason: Callable[[], str] | None = None
     _explanation: str = ""
 

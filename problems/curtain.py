@@ -1,4 +1,4 @@
-"""A curtain that is let go: a net of springs, hung at two corners, in air."""
+"""A curtain that falls: a net of springs in air, held at two corners."""
 
 from dataclasses import replace
 
@@ -22,22 +22,22 @@ def curtain(
     t_end: float = 3.0,
     work: bool = False,
 ) -> Problem:
-    """A square of cloth of n x n points, held level and let go but for two corners; u is positions x, y, z of points.
+    """A square cloth of n x n points that starts level and is held at two corners; u has all x, then all y, then all z.
 
     Parameters
     ----------
     n : int
-        Points along a side; three at least.
+        Points along a side, at least 3.
     side : float
         m.
     m : float
-        Of the whole cloth, kg.
+        Mass of the whole cloth, kg.
     stiffness : float
-        Of threads from point to point, N/m; diagonals have a tenth.
+        Stiffness of the threads between points, N/m; diagonals have a tenth of it.
     damping : float
-        Along the threads, N s/m.
+        Damping of the threads, N s/m.
     drag : float
-        Of the whole cloth: half of density, area and drag coefficient, kg/m.
+        Drag of the whole cloth: half the product of density, area and drag coefficient, kg/m.
     t_end : float
         Duration, s.
     work : bool

@@ -1,4 +1,4 @@
-"""A quarter of a car on a sampled road: the wheel on its tyre, the body on its suspension."""
+"""A quarter of a car on a sampled road: the wheel on the tyre and the body on the suspension."""
 
 from dataclasses import replace
 
@@ -13,10 +13,10 @@ G = 9.81
 
 
 def road(length: float, spacing: float, roughness: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """A profile of the roughness of ISO 8608: distances and heights, m, level at the start.
+    """Return a road profile after ISO 8608, distances and heights, m, which is level at the start.
 
-    The spectrum is roughness (n / n0)^-2 with n0 = 0.1 cycles/m, summed over waves of random phase from 0.011 to 2.83
-    cycles/m, the standard's range.
+    It is a sum of waves of random phase from 0.011 to 2.83 cycles/m, the range of the standard, with the spectrum
+    roughness (n / n0)^-2 where n0 = 0.1 cycles/m.
     """
     rng = np.random.default_rng(seed)
     x = np.arange(0.0, length + spacing / 2, spacing)
@@ -24,7 +24,7 @@ def road(length: float, spacing: float, roughness: float, seed: int) -> tuple[np
     width = np.gradient(n)
     amplitude = np.sqrt(2 * roughness * (n / 0.1) ** -2 * width)
     z = np.cos(2 * np.pi * np.outer(x, n) + rng.uniform(0, 2 * np.pi, n.size)) @ amplitude
-    return x, (z - z[0]) * np.minimum(1, x / 5)  # the first five metres lead in
+    return x, (z - z[0]) * np.minimum(1, x / 5)  # the roughness grows to its value over the first 5 m
 
 
 def quarter_car(
@@ -45,13 +45,14 @@ def quarter_car(
     body, wheel : float
         Sprung and unsprung mass, kg.
     suspension, tyre : float
-        Stiffness, N/m; the tyre stays on the road.
+        Stiffness, N/m; the tyre never leaves the road.
     damper : float
-        Of the suspension, N s/m.
+        Damping of the suspension, N s/m.
     speed : float
         m/s.
     roughness : float
-        Of the road at 0.1 cycles/m, m^3: 16e-6 is the middle of class A, very good, and 64e-6 of class B, good.
+        Spectral density of the road at 0.1 cycles/m, m^3. The middle of class A (very good) is 16e-6, and that of class
+        B (good) is 64e-6.
     t_end : float
         Duration, s.
     work : bool

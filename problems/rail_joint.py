@@ -1,4 +1,4 @@
-"""A railway wheel that rolls over a dipped joint: the wheel and the rail meet in a Hertz contact."""
+"""A railway wheel that rolls over a dipped joint, with a Hertz contact between wheel and rail."""
 
 import dataclasses
 from dataclasses import dataclass, replace
@@ -14,27 +14,27 @@ from eig3.problem import Problem
 from eig3.scene import Scene
 
 G = 9.81
-REACH = 0.5  # of the wheel's centre above that of the rail where they touch, m
+REACH = 0.5  # height of the wheel's centre above the rail's where they touch, m
 
 
 @dataclass(frozen=True, eq=False)
 class RollingContact(Link):
-    """Hertz's contact of a wheel with a rail whose surface is dipped at a joint, both sides by the same angle.
+    """Hertz's contact of a wheel with a rail whose surface dips by the same angle on both sides of a joint.
 
     Parameters
     ----------
     stiffness : float
         N/m^(3/2).
     reach : float
-        The distance of the centres where they touch away from the joint, m.
+        The distance of the centres at which they touch far from the joint, m.
     speed : float
         m/s.
     start : float
-        How far the wheel is before the joint at t = 0, m.
+        The distance of the wheel from the joint at t = 0, m.
     half : float
-        Length of the dip before and behind the joint, m.
+        Length of the dip on each side of the joint, m.
     angle : float
-        Of the rail's end against the level, rad: the dip is half * angle / 2 deep, and a parabola on both sides.
+        Slope of the rail's end, rad. Each side of the dip is a parabola, and its depth is half * angle / 2.
     """
 
     stiffness: ArrayLike
@@ -44,6 +44,7 @@ class RollingContact(Link):
     half: ArrayLike
     angle: ArrayLike
 
+    nonnegative = ("stiffness", "reach")
     source = "Hertz (1881); the dipped joint of Jenkins and others (1974)"
 
     @staticmethod
@@ -64,9 +65,9 @@ def rail_joint(
     t_end: float = 0.15,
     work: bool = False,
 ) -> Problem:
-    """A wheel that runs over a dipped joint of a track; u is the heights of sleeper, rail, wheel and car.
+    """A wheel that rolls over a dipped joint; u has the heights of sleeper, rail, wheel and car.
 
-    The track is linearised to the masses and springs that act at the contact: rail on pad, sleeper on bed. The surface
+    The track is a linear model of what acts at the contact: the rail on the pad and the sleeper on the bed. The surface
     moves under the wheel, which reaches the joint after 1 m.
 
     Parameters
@@ -74,13 +75,13 @@ def rail_joint(
     speed : float
         m/s.
     angle : float
-        Of each rail's end at the joint, rad.
+        Slope of each rail's end at the joint, rad.
     wheel, car : float
-        Half the mass of a wheelset, and what its suspension carries, kg.
+        Half the mass of a wheelset, and the mass on its suspension, kg.
     contact : float
         Hertz's stiffness, N/m^(3/2).
     rail, sleeper : float
-        What of them moves with the contact, kg.
+        Masses of rail and sleeper that move with the contact, kg.
     t_end : float
         Duration, s.
     work : bool
@@ -89,8 +90,8 @@ def rail_joint(
     scene = Scene(dimension=1)
     ground = scene.fixed(0.0)
     masses = np.array([sleeper, rail, wheel, car])
-    carried = G * np.cumsum(masses[::-1])[::-1]  # by what is below each mass
-    stiffness = np.array([60e6, 200e6, np.nan, 1e6])  # of bed, pad, contact and suspension, N/m
+    carried = G * np.cumsum(masses[::-1])[::-1]  # weight on the spring below each mass, N
+    stiffness = np.array([60e6, 200e6, np.nan, 1e6])  # of bed, pad, contact (not linear) and suspension, N/m
     lengths = np.array([0.3, 0.2, REACH, 0.5])
     squeeze = carried / stiffness
     squeeze[2] = (carried[2] / contact) ** (2 / 3)

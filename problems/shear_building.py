@@ -1,4 +1,4 @@
-"""A building of three storeys on ground that quakes."""
+"""A building of three storeys in an earthquake."""
 
 from dataclasses import replace
 
@@ -11,11 +11,11 @@ from eig3.scene import Scene
 
 
 def quake(duration: float, spacing: float, peak: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """A record like an earthquake's: times, s, and displacements of the ground, m.
+    """Return a record like that of an earthquake: times, s, and displacements of the ground, m.
 
-    White noise through the filter of Kanai and Tajimi (firm ground: 15 rad/s, damping 0.6) under an envelope that rises
-    for an eighth of the duration and fades from its half; then integrated twice, without what is slower than some
-    0.2 Hz, as records are.
+    It is white noise through the filter of Kanai and Tajimi for firm ground (15 rad/s, damping 0.6). The envelope rises
+    during an eighth of the duration and falls from half of it. This acceleration is integrated twice, without the part
+    below some 0.2 Hz, as is usual for measured records.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration + spacing / 2, spacing)
@@ -41,18 +41,18 @@ def shear_building(
     t_end: float = 30.0,
     work: bool = False,
 ) -> Problem:
-    """Three floors that stay level, on columns that shear, on ground that moves as a record says; u is where they are.
+    """Three rigid floors on columns that shear, on ground that moves as a record; u has the floors' displacements.
 
     Parameters
     ----------
     m : float
-        Of a floor, kg.
+        Mass of a floor, kg.
     stiffness : float
-        Of the columns of a storey, N/m. With the defaults the periods are 0.58, 0.21 and 0.14 s.
+        Stiffness of the columns of a storey, N/m. With the defaults the periods are 0.58, 0.21 and 0.14 s.
     damping : float
-        Of a storey, N s/m.
+        Damping of a storey, N s/m.
     peak : float
-        Largest acceleration of the ground before the slow part is taken out, m/s^2.
+        Largest acceleration of the ground, before the slow part is removed, m/s^2.
     t_end : float
         Duration, s.
     work : bool

@@ -1,4 +1,4 @@
-"""Each effect by itself: its force and potential, what it reads, conserves and dissipates."""
+"""Each effect alone: its force and potential, what it reads, and what it conserves and dissipates."""
 
 import math
 
@@ -18,6 +18,7 @@ from eig3.effects import (
     PlaneContact,
     QuadraticDrag,
     RotatingFrame,
+    SampledAcceleration,
     SampledMotion,
     SofteningSpring,
     SupportMotion,
@@ -32,7 +33,7 @@ def unit(dimension):
     return np.eye(dimension)[-1]
 
 
-#: Every effect of the catalogue, in each form that it has, by the dimension of the scene.
+#: Every effect of the library in each of its forms, as a function of the dimension of the scene.
 CATALOGUE = {
     "gravity": lambda d: Gravity(9.81 * unit(d)),
     "linear spring": lambda d: LinearSpring(50.0, 0.8),
@@ -52,6 +53,7 @@ CATALOGUE = {
     "friction on a plane": lambda d: CoulombFriction(0.3, 9.81, 0.05, unit(d)),
     "rotating frame": lambda d: RotatingFrame(0.7 if d == 2 else (0.2, -0.4, 0.7)),
     "sampled motion": lambda d: SampledMotion([0.0, 1.0, 3.0], [0.0, 0.1, -0.1], unit(d)),
+    "sampled acceleration": lambda d: SampledAcceleration([0.0, 1.0, 3.0], [0.3, 0.1, -0.1], unit(d)),
     "support motion": lambda d: SupportMotion(shaken, unit(d)),
 }
 PLANAR = (
@@ -65,7 +67,7 @@ CASES = [(name, d) for name in CATALOGUE for d in (1, 2, 3) if d > 1 or name not
 
 
 def scene_with(name, dimension, *, work=False, seed=0):
-    """Two masses, one of them beside a fixed point, with one effect; motions move the point that a spring holds."""
+    """Two masses and a fixed point with one effect. A motion moves the fixed point, which a spring joins to a mass."""
     rng = np.random.default_rng(seed)
     scene = Scene(dimension)
     places = np.arange(3)[:, None] * np.ones(dimension) + 0.2 * rng.standard_normal((3, dimension))
@@ -84,7 +86,7 @@ def scene_with(name, dimension, *, work=False, seed=0):
     return scene.problem((0.0, 2.0), work=work)
 
 
-def test_the_catalogue_is_whole():
+def test_every_effect_is_tested_here():
     kinds = {effects.Body, effects.Link, effects.Motion}
     known = {getattr(effects, name) for name in effects.__all__} - kinds
     assert known == {type(build(2)) for build in CATALOGUE.values()}
@@ -93,7 +95,7 @@ def test_the_catalogue_is_whole():
 
 @pytest.mark.parametrize(("name", "dimension"), CASES)
 def test_a_force_is_minus_the_gradient_of_its_potential(name, dimension):
-    """By central differences, whose error is some 1e-9 of the stiffest second derivative's scale here."""
+    """By central differences; their error is some 1e-9 of the largest second derivative here."""
     problem = scene_with(name, dimension)
     if problem.energy is None:
         effect = CATALOGUE[name](dimension)
@@ -110,7 +112,7 @@ def test_a_force_is_minus_the_gradient_of_its_potential(name, dimension):
 
 
 @pytest.mark.parametrize(("name", "dimension"), CASES)
-def test_it_reads_the_velocity_if_it_says_so(name, dimension):
+def test_the_force_depends_on_the_velocity_if_the_effect_reads_it(name, dimension):
     problem = scene_with(name, dimension)
     moving, other = (acceleration(problem, problem.u0, v) for v in (problem.v0, problem.v0 + 1.0))
     assert (moving != other).any() == problem.uses_velocity
@@ -118,16 +120,19 @@ def test_it_reads_the_velocity_if_it_says_so(name, dimension):
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_change_of_energy_is_the_work_done(name):
-    """RK4 at h = 1e-4 and energies of some 10 J: round-off where the force is smooth; a contact's kink leaves some h^2,
-    and the jump of a record's velocity h times that of the power."""
+    """With RK4 at h = 1e-4 and energies of some 10 J.
+
+    The error is round-off where the force is smooth. The kink of a contact leaves some h^2, and a jump of the support's
+    velocity leaves h times the jump of the power.
+    """
     solution = scene_with(name, 2, work=True).integrate(h=1e-4, method="rk4", save_every=None)
-    bound = 1e-3 if "sampled" in name else 1e-6 if "contact" in name else 1e-9
+    bound = 1e-3 if name == "sampled motion" else 1e-6 if "contact" in name else 1e-9
     assert solution.drift["energy"] <= bound
 
 
 @pytest.mark.parametrize("name", ["linear damper", "quadratic drag", "friction", "friction on a plane"])
 def test_what_dissipates_only_takes_energy(name):
-    work = scene_with(name, 2, work=True).integrate(h=1e-4, method="rk4").v[:, -1]
+    work = scene_with(name, 2, work=True).integrate(h=1e-4, method="rk4").integrals["work"]
     assert work[-1] < -0.01
     assert (np.diff(work) <= 1e-15).all()
 
@@ -138,13 +143,14 @@ def test_coriolis_does_no_work():
         problem = scene_with("rotating frame", dimension)
         v = rng.standard_normal(problem.v0.size)
         coriolis = acceleration(problem, problem.u0, v) - acceleration(problem, problem.u0, 0 * v)
-        assert abs(coriolis @ v) <= 1e-15 * np.abs(coriolis).max() * np.abs(v).sum()  # round-off of the sum
+        # the round-off of the sum
+        assert abs(coriolis @ v) <= 1e-15 * np.abs(coriolis).max() * np.abs(v).sum()
         assert np.abs(coriolis).max() > 0.1
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_straight_line_seen_from_a_rotating_frame(dimension):
-    """Exact, and of second order."""
+    """The motion of a free mass is exactly known, and EIG-3 approaches it with order 2."""
     rate = np.array([0.0, 0.0, 0.7]) if dimension == 2 else np.array([0.2, -0.4, 0.7])
     x0, v0 = np.array([1.0, 0.5, 0.3 * (dimension == 3)]), np.array([-0.3, 0.6, 0.2 * (dimension == 3)])
     scene = Scene(dimension)
@@ -159,8 +165,8 @@ def test_a_straight_line_seen_from_a_rotating_frame(dimension):
     assert drifts[1] < drifts[0] / 3.5  # Jacobi's integral
 
 
-def test_two_balls_part_as_they_met_in_hertz_time():
-    """Two masses are one of the reduced mass. The contact is over at a step, hence the 2 h."""
+def test_two_balls_part_after_hertz_contact_time():
+    """Their distance moves as one reduced mass. The end of the contact is known to a step, hence 2 h."""
     k, m, speed, h = 1e6, np.array([0.5, 2.0]), 1.3, 1e-6
     reduced = m.prod() / m.sum()
     scene = Scene(1)
@@ -186,7 +192,7 @@ def test_a_damped_contact_takes_energy_and_never_pulls():
 
 
 @pytest.mark.parametrize("times", [np.linspace(0.0, 2.0, 21), np.sort(np.random.default_rng(3).uniform(0, 2, 40))])
-def test_a_record_is_interpolated_and_its_ends_hold(times):
+def test_a_record_is_interpolated_and_constant_outside(times):
     values = np.random.default_rng(4).standard_normal(times.size)
     motion = SampledMotion(times, values)
     at = np.concatenate([np.linspace(-1, 3, 1001), times])
@@ -198,8 +204,68 @@ def test_a_record_is_interpolated_and_its_ends_hold(times):
     np.testing.assert_array_equal(found[:, 1], np.where(inside, slopes[before], 0.0))
 
 
-def test_friction_stops_at_its_limit():
-    """A sliding mass is slowed by coefficient load / m until its speed is near the slip's."""
+RECORD = [0.0, 0.3, 0.5, 1.1, 1.6], [1.0, -2.0, 4.0, 0.5, -1.0]  # s, m/s^2; unequal intervals
+
+
+def test_an_acceleration_is_integrated_exactly():
+    """Displacement and velocity against polynomials by NumPy; the rate of the displacement is the velocity."""
+    record = SampledAcceleration(*RECORD)
+    times, values = map(np.array, RECORD)
+
+    def motion(t):
+        return record.motion(t, times, values, record.velocities, record.displacements)
+
+    assert motion(-1.0) == (0.0, 0.0)
+    x, v = 0.0, 0.0
+    for k in range(4):
+        length = times[k + 1] - times[k]
+        a = np.polynomial.Polynomial([values[k], (values[k + 1] - values[k]) / length])
+        speed, place = a.integ(k=v), a.integ(k=v).integ(k=x)
+        for s in (0.0, 0.3 * length, 0.9 * length):
+            assert motion(times[k] + s) == pytest.approx((place(s), speed(s)), rel=1e-13, abs=1e-15)
+        x, v = place(length), speed(length)
+    assert motion(3.0) == pytest.approx((x + 1.4 * v, v), rel=1e-13)  # no acceleration after the record
+
+
+def test_a_building_on_a_sampled_acceleration_follows_the_exact_solution():
+    """The relative displacement z follows z'' + 2 xi omega z' + omega^2 z = -a(t), and a is linear between samples.
+
+    There (2 xi a' / omega - a) / omega^2 is a particular solution, and the difference from it is a damped oscillation.
+    RK4 has steps that end at the samples, so its order is 4.
+    """
+    omega, xi, m = 12.0, 0.05, 3.0
+    damped = omega * np.sqrt(1 - xi**2)
+    times, values = map(np.array, RECORD)
+    z = np.zeros(2)
+    for k in range(4):
+        length = times[k + 1] - times[k]
+        slope = (values[k + 1] - values[k]) / length
+
+        def particular(a, slope=slope):
+            return np.array([(2 * xi / omega * slope - a) / omega**2, -slope / omega**2])
+
+        rest = z - particular(values[k])
+        c, s = np.cos(damped * length), np.sin(damped * length)
+        other = (rest[1] + xi * omega * rest[0]) / damped
+        q = rest[0] * c + other * s
+        oscillation = np.array([q, -xi * omega * q + damped * (other * c - rest[0] * s)])
+        z = np.exp(-xi * omega * length) * oscillation + particular(values[k + 1])
+    scene = Scene(1)
+    ground, floor = scene.fixed(0.0), scene.mass(m, 0.0)
+    record = SampledAcceleration(times, values)
+    scene.add(record, ground)
+    scene.add(LinearSpring(m * omega**2), ground, floor)
+    scene.add(LinearDamper(2 * xi * omega * m), ground, floor)
+    problem = scene.problem((0.0, times[-1]))
+    exact = z + np.array([record.displacements[-1], record.velocities[-1]])
+    ends = [problem.integrate(h=h, method="rk4", save_every=None) for h in (2e-3, 1e-3)]
+    errors = [np.abs([end.u[-1, 0], end.v[-1, 0]] - exact).max() for end in ends]
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.1)
+    assert errors[1] < 1e-8
+
+
+def test_friction_at_high_speed_is_its_limit():
+    """A sliding mass loses speed at the rate coefficient load / m while its speed is far above slip."""
     scene = Scene(2)
     scene.mass(2.0, (0.0, 0.0), (3.0, 4.0))
     scene.add(CoulombFriction(0.5, 2.0 * 9.81, slip=1e-4))
@@ -209,7 +275,7 @@ def test_friction_stops_at_its_limit():
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_block_slides_down_a_rough_slope(dimension):
-    """With g (sin - friction cos) of the slope, from where the plane bears it; and in the air nothing rubs."""
+    """Its acceleration is g (sin - friction cos) of the slope's angle, and a mass off the plane feels no friction."""
     slope, friction = 0.6, 0.3
     up = unit(dimension)
     down = np.roll(up, 1)
@@ -226,3 +292,35 @@ def test_a_block_slides_down_a_rough_slope(dimension):
     ball = flying.mass(2.0, up, down)
     flying.add(PlaneContact(1e6, up, friction=friction))
     assert ball.of(flying.problem((0.0, 1.0)).integrate(h=1e-3).v[-1]) == pytest.approx(down)
+
+
+WRONG = {
+    "a negative stiffness": (lambda: LinearSpring(-1.0), ValueError, "stiffness of LinearSpring must not be negative."),
+    "one of many": (lambda: LinearSpring([2.0, -1.0]), ValueError, "stiffness of LinearSpring must not be negative."),
+    "a negative length": (lambda: LinearSpring(1.0, -1.0), ValueError, "length of LinearSpring must not be negative."),
+    "a negative damping": (lambda: LinearDamper(-1.0), ValueError, "damping of LinearDamper must not be negative."),
+    "a negative drag": (lambda: QuadraticDrag(-1.0), ValueError, "drag of QuadraticDrag must not be negative."),
+    "a negative contact": (lambda: MassContact(-1.0, 1.0), ValueError, "stiffness of MassContact must not be"),
+    "a negative reach": (lambda: MassContact(1.0, -1.0), ValueError, "reach of MassContact must not be negative."),
+    "a negative plane": (lambda: PlaneContact(-1.0, 1.0), ValueError, "stiffness of PlaneContact must not be"),
+    "a negative friction": (lambda: CoulombFriction(-0.1, 1.0), ValueError, "coefficient of CoulombFriction must not"),
+    "a negative S1": (lambda: HardeningSpring(-1.0, 1.0), ValueError, "S1 of HardeningSpring must not be negative."),
+    "a negative S": (lambda: SofteningSpring(-1.0), ValueError, "S of SofteningSpring must not be negative."),
+    "no width": (lambda: SofteningSpring(1.0, 0.0), ValueError, "width of SofteningSpring must be positive."),
+    "a string": (lambda: LinearSpring("soft"), TypeError, "stiffness of LinearSpring must be made of real numbers"),
+    "strings": (lambda: Gravity(("0", "-9.81")), TypeError, "field of Gravity must be made of real numbers"),
+    "a string in a record": (
+        lambda: SampledAcceleration([0, 1], ["a", "b"]),
+        TypeError,
+        "values of SampledAcceleration must be made of real numbers",
+    ),
+    "NaN": (lambda: LinearDamper(math.nan), ValueError, "damping of LinearDamper must be finite."),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_parameters_are_refused_when_the_effect_is_made(name):
+    build, error, sentence = WRONG[name]
+    with pytest.raises(error, match=sentence) as caught:
+        build()
+    assert "\n" not in str(caught.value)

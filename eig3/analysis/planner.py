@@ -260,7 +260,7 @@ class Pilot:
 
     def _judge(self, coarse: _Run, fine: _Run) -> None:
         every = max(1, (len(fine.solution.u) - 1) // (len(coarse.solution.u) - 1))
-        u_coarse, u_fine = self._motion(coarse.solution), self._motion(fine.solution)
+        u_coarse, u_fine = coarse.solution.u, fine.solution.u
         difference = np.abs(u_coarse - u_fine[::every])
         size = float(np.abs(u_fine).max())
         errors = difference.reshape(len(difference), -1).max(axis=1) / size
@@ -268,10 +268,6 @@ class Pilot:
         coarse.error = float(errors.max()) * gain / (gain - 1)
         half = float(errors[: len(errors) // 2 + 1].max())
         coarse.growth = min(2.0, max(0.0, math.log2(errors.max() / half))) if half > 0 else 1.0
-
-    def _motion(self, solution: Solution) -> np.ndarray:
-        """The displacements, without the work that a scene's problem may follow."""
-        return solution.u[:, :-1] if self.problem.follows_work else solution.u
 
     @property
     def _judged(self) -> list[_Run]:

@@ -1,4 +1,4 @@
-"""The effects that a scene can name, one a file, and the three kinds that one of your own derives from."""
+"""The effects of scenes, one per file, and the three base classes for effects of your own."""
 
 from ..scene.effect import Body, Link, Motion
 from .coulomb_friction import CoulombFriction
@@ -11,6 +11,7 @@ from .mass_contact import MassContact
 from .plane_contact import PlaneContact
 from .quadratic_drag import QuadraticDrag
 from .rotating_frame import RotatingFrame
+from .sampled_acceleration import SampledAcceleration
 from .sampled_motion import SampledMotion
 from .softening_spring import SofteningSpring
 from .support_motion import SupportMotion
@@ -29,6 +30,7 @@ __all__ = [
     "PlaneContact",
     "QuadraticDrag",
     "RotatingFrame",
+    "SampledAcceleration",
     "SampledMotion",
     "SofteningSpring",
     "SupportMotion",

@@ -1,4 +1,4 @@
-"""Dry friction, smoothed over small speeds."""
+"""Dry friction, smoothed at low speeds."""
 
 import math
 from dataclasses import dataclass
@@ -22,23 +22,26 @@ def on_plane(v, coefficient, load, slip, normal):
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction(Body):
-    """Coulomb's friction of a mass that a load presses on a plane: coefficient load v / sqrt(v^2 + slip^2) against v.
+    """Coulomb's friction of a mass that a load presses on a plane.
+
+    The force is -coefficient load v / sqrt(v^2 + slip^2).
 
     Parameters
     ----------
     coefficient : float or array_like
     load : float or array_like
-        N.
+        The normal force, N.
     slip : float or array_like
-        The speed at which the friction is 0.71 of its whole, m/s. Below it acts as a damper, for which the step of an
-        explicit method must be short; the mass creeps where it should stick.
+        The speed at which the friction reaches 0.71 of its limit, m/s. At lower speeds the friction acts as a stiff
+        damper: an explicit method then needs a short step, and the mass creeps where it should stick.
     normal : array_like, shape (dimension,), optional
-        A unit vector: only the velocity along the plane is resisted. Without it, the plane is the whole scene.
+        A unit vector normal to the plane: the friction acts along the plane only. Without it, the friction acts against
+        the whole velocity.
 
     Raises
     ------
     ValueError
-        For a slip that is not positive, or a normal that is not a unit vector.
+        For a coefficient or load below 0, a slip that is not positive, or a normal that is not a unit vector.
     """
 
     coefficient: ArrayLike
@@ -46,9 +49,11 @@ class CoulombFriction(Body):
     slip: ArrayLike = 1e-3
     normal: ArrayLike | None = None
 
+    nonnegative = ("coefficient", "load")
     source = "Coulomb (1785), smoothed"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self.require(self._reals("slip") > 0, "slip must be positive")
         if self.normal is not None:
             self.require_unit("normal")

@@ -11,12 +11,12 @@ from .vector import dot
 
 @dataclass(frozen=True, eq=False)
 class Gravity(Body):
-    """The same acceleration for every mass.
+    """Uniform gravity: the same acceleration for every mass.
 
     Parameters
     ----------
     field : array_like, shape (dimension,)
-        Such as ``(0, -9.81)``, m/s^2.
+        The acceleration, m/s^2, such as ``(0, -9.81)``.
     """
 
     field: ArrayLike

@@ -1,4 +1,4 @@
-"""A spring with a cubic term, of Duffing's kind."""
+"""A spring with a cubic term, as in Duffing's equation."""
 
 from dataclasses import dataclass
 
@@ -10,22 +10,28 @@ from ..scene.effect import Link
 
 @dataclass(frozen=True, eq=False)
 class HardeningSpring(Link):
-    """A spring that pulls with S1 d (1 + S2 d^2) where it is stretched by d.
+    """A spring whose tension at the stretch d is S1 d (1 + S2 d^2).
 
     Parameters
     ----------
     S1 : float or array_like
         Stiffness at rest, N/m.
     S2 : float or array_like
-        1/m^2; one that is negative softens.
+        1/m^2; a negative value makes the spring soften.
     length : float or array_like
         Natural length, m.
+
+    Raises
+    ------
+    ValueError
+        For S1 or length below 0.
     """
 
     S1: ArrayLike
     S2: ArrayLike
     length: ArrayLike = 0.0
 
+    nonnegative = ("S1", "length")
     source = "EIG-3 article, section 4.2"
 
     @staticmethod

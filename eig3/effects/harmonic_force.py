@@ -1,4 +1,4 @@
-"""A prescribed force that swings."""
+"""A harmonic force."""
 
 import math
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class HarmonicForce(Body):
     phase: ArrayLike = 0.0
 
     vectors = ("amplitude",)
-    source = "a driven oscillator's load"
+    source = "the load of a driven oscillator"
 
     @staticmethod
     @element

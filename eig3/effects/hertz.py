@@ -1,4 +1,4 @@
-"""Hertz's law of two round bodies that press on each other."""
+"""Hertz's law for two round bodies in contact."""
 
 import math
 
@@ -7,14 +7,14 @@ from ..kernels.jit import element
 
 @element
 def push(d, stiffness):
-    """The force at an indentation d, and none where d is negative: the bodies are apart."""
+    """The force at an indentation d. It is 0 where d is negative, because the bodies are apart."""
     d = max(0.0, d)
     return stiffness * d * math.sqrt(d)
 
 
 @element
 def damped_push(d, rate, stiffness, damping):
-    """The force where d grows at a rate; the bodies never pull each other."""
+    """The force at an indentation d that grows at a rate. The bodies never pull each other."""
     return push(d, stiffness) * max(0.0, 1 + damping * rate)
 
 

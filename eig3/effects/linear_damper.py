@@ -10,17 +10,23 @@ from ..scene.effect import Link
 
 @dataclass(frozen=True, eq=False)
 class LinearDamper(Link):
-    """A dashpot that resists the rate at which its ends part, along the line through them.
+    """A dashpot: the tension is the damping times the rate at which the distance of its ends grows.
 
     Parameters
     ----------
     damping : float or array_like
         N s/m.
+
+    Raises
+    ------
+    ValueError
+        For damping below 0.
     """
 
     damping: ArrayLike
 
-    source = "Kelvin and Voigt's dashpot"
+    nonnegative = ("damping",)
+    source = "the dashpot of Kelvin and Voigt"
 
     @staticmethod
     @element

@@ -31,7 +31,9 @@ def potential_without_length(r, stiffness):
 
 @dataclass(frozen=True, eq=False)
 class LinearSpring(Link):
-    """A spring that pulls with stiffness (r - length). Without a natural length no distance has to be computed.
+    """A spring whose tension at the distance r is stiffness (r - length).
+
+    Without a natural length the scene computes no distance, which makes the spring cheaper.
 
     Parameters
     ----------
@@ -39,11 +41,17 @@ class LinearSpring(Link):
         N/m.
     length : float or array_like
         Natural length, m.
+
+    Raises
+    ------
+    ValueError
+        For stiffness or length below 0.
     """
 
     stiffness: ArrayLike
     length: ArrayLike = 0.0
 
+    nonnegative = ("stiffness", "length")
     source = "Hooke"
 
     @property

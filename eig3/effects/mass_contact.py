@@ -1,4 +1,4 @@
-"""Contact between two points, such as balls."""
+"""Contact between two points, such as the centres of balls."""
 
 from dataclasses import dataclass
 
@@ -27,10 +27,11 @@ def elastic_potential(r, stiffness, reach):
 
 @dataclass(frozen=True, eq=False)
 class MassContact(Link):
-    """Hertz's contact between two masses, or of a mass with a fixed point.
+    """Hertz's contact between two masses, or between a mass and a fixed point.
 
-    At the indentation d = reach - r, which grows at the rate d', the two push each other with
-    stiffness d^(3/2) (1 + damping d'), and never pull.
+    At the indentation d = reach - r, which grows at the rate d', the two push each other apart with the force
+    stiffness d^(3/2) (1 + damping d'). They never pull each other. Pairs that do not touch cost little, so that a scene
+    can have a contact between all pairs of some hundreds of masses.
 
     Parameters
     ----------
@@ -40,12 +41,19 @@ class MassContact(Link):
         The distance at which they touch, the sum of the two radii, m.
     damping : float or array_like
         s/m; 0 makes the contact elastic.
+
+    Raises
+    ------
+    ValueError
+        For stiffness, reach or damping below 0.
     """
 
     stiffness: ArrayLike
     reach: ArrayLike
     damping: ArrayLike = 0.0
 
+    nonnegative = ("stiffness", "reach", "damping")
+    cutoff = "reach"
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
 
     def needs_direction(self, columns):

@@ -1,4 +1,4 @@
-"""Contact of masses with a plane, on one side of it."""
+"""Contact between masses and a plane, on one side of it."""
 
 from dataclasses import dataclass
 
@@ -41,10 +41,11 @@ def elastic_potential(x, stiffness, normal, offset):
 
 @dataclass(frozen=True, eq=False)
 class PlaneContact(Body):
-    """Hertz's contact of a mass with the plane normal . x = offset, free on the side to which the normal points.
+    """Hertz's contact of a mass with the plane normal . x = offset; the normal points to the free side.
 
-    At the indentation d, which grows at the rate d', the plane pushes with stiffness d^(3/2) (1 + damping d'), and
-    never pulls. A mass with a radius touches when its centre is that far away: add the radius to the offset.
+    At the indentation d = offset - normal . x, which grows at the rate d', the plane pushes with the force
+    stiffness d^(3/2) (1 + damping d') along the normal. It never pulls. For masses with a radius, add the radius to the
+    offset: x is the position of the centre.
 
     Parameters
     ----------
@@ -57,14 +58,14 @@ class PlaneContact(Body):
     damping : float or array_like
         s/m; 0 makes the contact elastic.
     friction : float or array_like
-        Coefficient of the friction along the plane, which is `CoulombFriction` under the load of the contact.
+        Coefficient of friction along the plane. The friction is that of `CoulombFriction` under the contact's force.
     slip : float or array_like
-        The speed at which the friction is 0.71 of its whole, m/s.
+        The speed at which the friction reaches 0.71 of its limit, m/s.
 
     Raises
     ------
     ValueError
-        For a normal that is not a unit vector, or a slip that is not positive.
+        For stiffness, damping or friction below 0, a normal that is not a unit vector, or a slip that is not positive.
     """
 
     stiffness: ArrayLike
@@ -75,9 +76,11 @@ class PlaneContact(Body):
     slip: ArrayLike = 1e-3
 
     vectors = ("normal",)
+    nonnegative = ("stiffness", "damping", "friction")
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self.require_unit("normal")
         self.require(self._reals("slip") > 0, "slip must be positive")
 

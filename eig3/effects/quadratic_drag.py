@@ -1,4 +1,4 @@
-"""The drag of a fluid at rest."""
+"""Drag in a fluid at rest."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,22 @@ from .vector import norm, scale
 
 @dataclass(frozen=True, eq=False)
 class QuadraticDrag(Body):
-    """A force against the velocity that grows with its square.
+    """A force against the velocity, in proportion to the square of the speed.
 
     Parameters
     ----------
     drag : float or array_like
         Half the product of the fluid's density, the area and the drag coefficient, kg/m.
+
+    Raises
+    ------
+    ValueError
+        For drag below 0.
     """
 
     drag: ArrayLike
 
+    nonnegative = ("drag",)
     source = "Newton; Rayleigh's drag equation"
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""What a frame that turns adds to the motion in it."""
+"""The accelerations in a rotating frame."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ from .vector import add, cross, dot, scale
 
 @dataclass(frozen=True, eq=False)
 class RotatingFrame(Body):
-    """Coriolis and centrifugal acceleration in a frame that turns steadily about its origin.
+    """Coriolis and centrifugal acceleration in a frame that rotates steadily about its origin.
 
-    EIG-3, RK2 and AB2 can excite such motions, slowly at short steps: for many turns take RK4 or central difference.
+    EIG-3, RK2 and AB2 add energy to such motions, slowly at short steps. For many turns take RK4 or central difference.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Supports that move as a record says."""
+"""Supports that move as a sampled record of their displacement."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from ..scene.effect import Motion
 
 @element
 def interval(t, times):
-    """The i for which t is from times[i] to times[i + 1]; found at once where the samples are evenly spaced."""
+    """Return the i with times[i] <= t < times[i + 1]; for evenly spaced samples the first guess is right."""
     last = times.size - 1
     i = int((t - times[0]) / (times[last] - times[0]) * last)
     i = min(max(i, 0), last - 1)
@@ -26,12 +26,23 @@ def interval(t, times):
     return low
 
 
-@dataclass(frozen=True, eq=False)
-class SampledMotion(Motion):
-    """Fixed points that move along a direction by a record, at rest before and after it.
+class Sampled(Motion):
+    """A motion with a record: the fields times and values."""
 
-    Between the samples the displacement is linear in time and the velocity constant, so that the velocity jumps at the
-    samples: where dampers stand on the support no method keeps an order above one across a jump.
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        times, values = self._reals("times"), self._reals("values")
+        self.require(times.ndim == 1 and times.size >= 2, "times must hold two samples at least")
+        self.require(values.shape == times.shape, f"values must be as many as times, {times.size}")
+        self.require(np.diff(times) > 0, "times must increase from sample to sample")
+
+
+@dataclass(frozen=True, eq=False)
+class SampledMotion(Sampled):
+    """Fixed points that move along a direction as a record of the displacement, at rest before and after it.
+
+    Between the samples the displacement is linear in time and the velocity is constant. The velocity thus jumps at the
+    samples, and no method keeps an order above one across a jump where a damper is attached to the support.
 
     Parameters
     ----------
@@ -40,7 +51,7 @@ class SampledMotion(Motion):
     values : array_like, shape (samples,)
         Displacements, m.
     direction : array_like, shape (dimension,)
-        What they are multiplied by.
+        The vector that multiplies the displacement.
 
     Raises
     ------
@@ -55,12 +66,6 @@ class SampledMotion(Motion):
     vectors = ("direction",)
     arrays = ("times", "values")
     source = "linear interpolation"
-
-    def __post_init__(self) -> None:
-        times, values = self._reals("times"), self._reals("values")
-        self.require(times.ndim == 1 and times.size >= 2, "times must hold two samples at least")
-        self.require(values.shape == times.shape, f"values must be as many as times, {times.size}")
-        self.require(np.diff(times) > 0, "times must increase from sample to sample")
 
     @staticmethod
     @element

@@ -1,4 +1,4 @@
-"""A spring whose force levels off."""
+"""A spring whose force tends to a limit."""
 
 import math
 from dataclasses import dataclass
@@ -11,23 +11,33 @@ from ..scene.effect import Link
 
 @dataclass(frozen=True, eq=False)
 class SofteningSpring(Link):
-    """A spring that pulls with S d_0 tanh(d / d_0) where it is stretched by d.
+    """A spring whose tension at the stretch d is S d_0 tanh(d / d_0).
 
     Parameters
     ----------
     S : float or array_like
         Stiffness at rest, N/m.
     width : float or array_like
-        The stretch d_0 beyond which the force levels off, m.
+        The stretch d_0, m. At larger stretches the force tends to its limit S d_0.
     length : float or array_like
         Natural length, m.
+
+    Raises
+    ------
+    ValueError
+        For S or length below 0, or a width that is not positive.
     """
 
     S: ArrayLike
     width: ArrayLike = 1.0
     length: ArrayLike = 0.0
 
+    nonnegative = ("S", "length")
     source = "EIG-3 article, section 4.3, after Xie"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require(self._reals("width") > 0, "width must be positive")
 
     @staticmethod
     @element

@@ -1,4 +1,4 @@
-"""Supports that move as a function of time says."""
+"""Supports that move as a function of time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ class SupportMotion(Motion):
     motion : jitted function
         ``motion(t) -> (displacement, velocity)`` in m and m/s, as numbers.
     direction : array_like, shape (dimension,)
-        What the two are multiplied by.
+        The vector that multiplies both.
     """
 
     motion: Callable

@@ -1,4 +1,4 @@
-"""Arithmetic of tuples of one to three numbers, for functions that serve scenes of every dimension."""
+"""Arithmetic of tuples of one to three numbers, for functions that work in scenes of every dimension."""
 
 import math
 
@@ -25,7 +25,7 @@ def add(a, b):
 
 
 def cross(w, a):
-    """The vector product of a rate of rotation with a vector; in a plane the rate is one number, about its normal."""
+    """The vector product of a rate of rotation with a vector; in a plane the rate is one number, about the normal."""
     if len(a) == 2:
         return -w[0] * a[1], w[0] * a[0]
     return w[1] * a[2] - w[2] * a[1], w[2] * a[0] - w[0] * a[2], w[0] * a[1] - w[1] * a[0]

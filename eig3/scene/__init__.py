@@ -1,7 +1,7 @@
-"""Scenes: masses and the effects that act on them, as a problem whose compiled code holds nothing else.
+"""Scenes: masses and the effects on them, compiled to a problem whose code contains nothing else.
 
-`scene` is what a user builds, `effect` what an effect is, `assembly` puts effects in order, `packing` their parameters,
-and `codegen` writes and compiles the code.
+`scene` has the classes that a user works with and `effect` the base classes of effects. `assembly` groups the effects,
+`packing` arranges their parameters in one array, and `codegen` writes and compiles the code.
 """
 
 from .scene import Points, Scene

@@ -1,8 +1,8 @@
-"""A scene's effects put in order for the code that will run them: grouped by kind, sorted, packed.
+"""Groups the effects of a scene for the loops of its code.
 
-Masses get indices, effects of one kind on points of one sort become one group, and groups on the very same points
-become one loop. Links are sorted so that neighbours in a row of masses follow each other: a row is then a loop over
-indices that go up by one, which needs no table of indices and which a compiler can vectorise.
+Masses get indices. Effects of one kind on the same sort of points become one group, and groups on exactly the same
+points share a loop. Links are sorted so that the links along a row of masses follow each other: their loop then has
+indices that grow by one, needs no table of indices, and can be vectorised by the compiler.
 """
 
 from __future__ import annotations
@@ -17,16 +17,25 @@ import numpy as np
 
 from .effect import Body, Effect, Link, Motion
 
-#: An effect, the numbers of the points in each of its arguments (none: all masses), and its columns of parameters.
+#: An effect, the numbers of the points in each of its arguments (empty for all masses), and its parameters by name.
 Placement = tuple[Effect, tuple[np.ndarray, ...], "dict[str, np.ndarray] | None"]
 
-_MANY = 16  # links whose indices differ by the same
-_LEAST_RUN = 4  # on average, for a loop over runs of indices rather than over a table of every index
+_MANY = 16  # so many links with the same index difference get a loop of their own,
+_LOOPS = 5  # if a kind of link has at most so many such differences besides 1: cloth with diagonals and bending springs
+_MOTIONS = 8  # so many motions of one kind are computed once each; more are computed in the loops over links
+_LEAST_RUN = 4  # the mean length of runs of indices from which a loop over runs is used, not a table of all indices
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """All points of a scene: masses of shape (points,), 0 where fixed; positions and velocities (points, dimension)."""
+    """All points of a scene.
+
+    Attributes
+    ----------
+    masses : ndarray, shape (points,)
+        kg; 0 for fixed points.
+    positions, velocities : ndarray, shape (points, dimension)
+    """
 
     masses: np.ndarray
     positions: np.ndarray
@@ -41,10 +50,18 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """Effects of one kind, with the parameters of each member of their group."""
+    """Effects of one kind, with the parameters of each member of their group.
 
-    effect: Effect  # one of them, for its functions and names
-    columns: dict[str, np.ndarray]
+    Attributes
+    ----------
+    effect : Effect
+        One of the effects, for its functions and names.
+    columns : dict of str to ndarray or list
+        A list, for a field in `arrays` of several motions, has the array of each.
+    """
+
+    effect: Effect
+    columns: dict[str, Any]
 
     @property
     def has_potential(self) -> bool:
@@ -59,16 +76,18 @@ class Group:
     ----------
     laws : list of Law
     first : ndarray of int, shape (members,)
-        The masses acted on: of a link between masses, that with the lower index.
+        The masses acted on; for a link between two masses, the one with the lower index.
     second : ndarray of int, shape (members,), or None
         The other mass of links between masses.
     anchor : ndarray, shape (members, dimension), or None
-        Where the fixed ends of links stand.
+        The positions of the fixed ends of links.
     motions : tuple of int
-        What moves those fixed ends.
+        The laws, among those of `Assembly.motions`, that move these fixed ends.
+    moved : ndarray of int, shape (members, number of motions)
+        Which member of each of these laws moves the fixed end.
     sign : int
-        Of links in one dimension: 1 where the coordinate grows from the first to the second end, or from the anchor to
-        the mass, at the start; -1 where it falls.
+        For links in one dimension: 1 if at the start the coordinate grows from the first to the second end, or from the
+        anchor to the mass, and -1 if it falls.
     """
 
     laws: list[Law]
@@ -76,18 +95,19 @@ class Group:
     second: np.ndarray | None = None
     anchor: np.ndarray | None = None
     motions: tuple[int, ...] = ()
+    moved: np.ndarray | None = None
     sign: int = 1
 
     @property
     def difference(self) -> int | None:
-        """How far apart the two indices are in every link, if it is the same."""
+        """The difference of the two indices if it is the same in all links, else None."""
         if self.second is None or np.ptp(self.second - self.first):
             return None
         return int(self.second[0] - self.first[0])
 
     @cached_property
     def runs(self) -> np.ndarray:
-        """Where indices go up by one: rows of (first member, members, first mass, second mass)."""
+        """The parts where indices grow by one: rows of (first member, members, first mass, second mass)."""
         second = self.first if self.second is None else self.second
         steps = (np.diff(self.first) == 1) & (np.diff(second) == 1)
         starts = np.concatenate([[0], np.flatnonzero(~steps) + 1])
@@ -96,11 +116,11 @@ class Group:
 
     @property
     def in_runs(self) -> bool:
-        """Whether the indices go up by one often enough for loops over runs."""
+        """Whether the runs are long enough on average for a loop over runs."""
         return self.first.size >= _LEAST_RUN * len(self.runs)
 
     def take(self, members: np.ndarray) -> Group:
-        """The group of some members, or of all in another order."""
+        """Return the group of some members, or of all members in another order."""
 
         def part(values: np.ndarray | None) -> Any:
             return None if values is None else values[members]
@@ -109,12 +129,13 @@ class Group:
             Law(law.effect, {n: c if n in law.effect.arrays else c[members] for n, c in law.columns.items()})
             for law in self.laws
         ]
-        return replace(self, laws=laws, first=part(self.first), second=part(self.second), anchor=part(self.anchor))
+        parts = {name: part(getattr(self, name)) for name in ("first", "second", "anchor", "moved")}
+        return replace(self, laws=laws, **parts)
 
 
 @dataclass(frozen=True)
 class Assembly:
-    """What the code of a scene is made from: its masses, groups, and motions of supports."""
+    """What the code of a scene is written from: its masses, groups, and motions of supports."""
 
     cloud: Cloud
     bodies: list[Group]
@@ -137,7 +158,7 @@ class Assembly:
 
     @property
     def is_conservative(self) -> bool:
-        """Whether the kinetic energy and the potentials are constant together."""
+        """Whether the sum of the kinetic energy and the potentials is constant."""
         return all(law.has_potential for law in self.laws) and not any(group.motions for group in self.links)
 
     @property
@@ -145,41 +166,81 @@ class Assembly:
         return self.follows_work or any(law.effect.reads_velocity() for law in self.laws)
 
     def start(self, values: np.ndarray) -> np.ndarray:
-        """Positions or velocities of all points as a run has them: by coordinate, then by mass; then the work."""
-        return np.append(values[self.cloud.masses > 0].T.ravel(), [0.0] * self.follows_work)
+        """Return u0 or v0 from the positions or velocities of all points: by coordinate, then by mass."""
+        return values[self.cloud.masses > 0].T.ravel()
 
 
 def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> Assembly:
-    """Put a scene's effects in order.
+    """Group the effects of a scene.
 
     Raises
     ------
     ValueError
-        For a scene without masses, and parameters that do not go with their number.
+        For a scene without masses, and parameters that do not match the number of masses.
     """
     if not (cloud.masses > 0).any():
-        raise ValueError("the scene has no mass that could move: add one with scene.mass(m, position).")
-    motions, motion_sets, set_of = _motions(cloud, placements)
+        raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
+    motions, moves = _motions(cloud, placements)
     bodies = _fused(_body_groups(cloud, placements))
-    links = _fused(_link_groups(cloud, placements, motion_sets, set_of))
+    links = _fused(_link_groups(cloud, placements, moves))
     assembly = Assembly(cloud, bodies, links, motions, follows_work=False)
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
-def _motions(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Law], list[tuple[int, ...]], np.ndarray]:
-    """The motions, the sets of them that move some point, and the set of each point."""
-    motions: list[Law] = []
-    sets: list[tuple[int, ...]] = [()]
-    set_of = np.zeros(cloud.masses.size, dtype=np.int64)
-    for effect, numbers, columns in placements:
-        if not isinstance(effect, Motion):
-            continue
-        for old in np.unique(set_of[numbers[0]]):
-            moved = numbers[0][set_of[numbers[0]] == old]
-            set_of[moved] = len(sets)
-            sets.append((*sets[old], len(motions)))
-        motions.append(Law(effect, columns or {}))
-    return motions, sets, set_of
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """How the fixed points move.
+
+    Attributes
+    ----------
+    patterns : list of tuple of int
+        Laws of motion that move some point together.
+    pattern : ndarray of int, shape (points,)
+        The pattern of each point.
+    members : ndarray of int, shape (points, longest pattern)
+        Which member of each law of its pattern moves the point.
+    """
+
+    patterns: list[tuple[int, ...]]
+    pattern: np.ndarray
+    members: np.ndarray
+
+
+def _motions(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Law], _Moves]:
+    """The motions, with many of one kind as one law, and which points they move."""
+    placed = [(effect, numbers[0], columns) for effect, numbers, columns in placements if isinstance(effect, Motion)]
+    kinds = [(type(effect), *effect.functions().items()) for effect, _, _ in placed]
+    many = {kind for kind, count in Counter(kinds).items() if count > _MOTIONS}
+    laws: dict[Any, list[Law]] = {}
+    moving: dict[int, list[tuple[int, int]]] = {}  # of each point, laws and their members
+    for k, (effect, numbers, columns) in enumerate(placed):
+        key = kinds[k] if kinds[k] in many else k
+        members = laws.setdefault(key, [])
+        for point in numbers.tolist():
+            moving.setdefault(point, []).append((list(laws).index(key), len(members)))
+        members.append(Law(effect, columns or {}))
+    of_point = {point: tuple(zip(*sorted(pairs), strict=True)) for point, pairs in moving.items()}
+    patterns = list(dict.fromkeys([(), *(pattern for pattern, _ in of_point.values())]))
+    pattern = np.zeros(cloud.masses.size, dtype=np.int64)
+    table = np.zeros((pattern.size, max(map(len, patterns))), dtype=np.int64)
+    for point, (its_laws, its_members) in of_point.items():
+        pattern[point] = patterns.index(its_laws)
+        table[point, : len(its_members)] = its_members
+    return [_merged(members) for members in laws.values()], _Moves(patterns, pattern, table)
+
+
+def _merged(laws: list[Law]) -> Law:
+    """Laws of one kind as one law with a member for each."""
+    if len(laws) == 1:
+        return laws[0]
+    effect = laws[0].effect
+    columns = {
+        name: [law.columns[name] for law in laws]
+        if name in effect.arrays
+        else np.concatenate([law.columns[name] for law in laws])
+        for name in laws[0].columns
+    }
+    return Law(effect, columns)
 
 
 def _body_groups(cloud: Cloud, placements: Sequence[Placement]) -> list[Group]:
@@ -192,30 +253,30 @@ def _body_groups(cloud: Cloud, placements: Sequence[Placement]) -> list[Group]:
         if columns is None:
             columns = effect.columns(masses.shape, dimension)
         first = cloud.free[numbers[0]] if numbers else masses
-        # what acts on all stays apart from what acts on some: it is a loop without indices
+        # effects on all masses are grouped apart from effects on some: their loop needs no table of indices
         kinds.setdefault((_kind(effect), not numbers), []).append(Group([Law(effect, columns)], first))
     joined = [_joined(groups) for groups in kinds.values()]
     return [group.take(np.argsort(group.first, kind="stable")) for group in joined]
 
 
-def _link_groups(
-    cloud: Cloud, placements: Sequence[Placement], motion_sets: list[tuple[int, ...]], set_of: np.ndarray
-) -> list[Group]:
+def _link_groups(cloud: Cloud, placements: Sequence[Placement], moves: _Moves) -> list[Group]:
     kinds: dict[Any, list[Group]] = {}
     for effect, numbers, columns in placements:
         if isinstance(effect, Link):
             group, sort = _oriented(cloud, Law(effect, columns or {}), *numbers)
-            # of links to fixed points, those with other motions are others
             fixed_end = np.where(cloud.masses[numbers[0]] == 0, *numbers)
-            sort = np.column_stack([sort, set_of[fixed_end]])
+            sort = np.column_stack([sort, moves.pattern[fixed_end]])
             for kind in np.unique(sort, axis=0):
-                anchored, sign, motions = kind.tolist()
-                part = group.take(np.flatnonzero((sort == kind).all(axis=1)))
+                anchored, sign, pattern = kind.tolist()
+                motions = moves.patterns[pattern]
+                chosen = np.flatnonzero((sort == kind).all(axis=1))
+                part = group.take(chosen)
                 part = replace(
                     part,
                     second=None if anchored else part.second,
                     anchor=part.anchor if anchored else None,
-                    motions=motion_sets[motions] if anchored else (),
+                    motions=motions if anchored else (),
+                    moved=moves.members[fixed_end[chosen], : len(motions)] if anchored and motions else None,
                     sign=sign,
                 )
                 kinds.setdefault((_kind(effect), *kind.tolist()), []).append(part)
@@ -223,9 +284,9 @@ def _link_groups(
 
 
 def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Group, np.ndarray]:
-    """Links with the fixed end, or else the lower index, first.
+    """Turn links so that the fixed end, or else the mass with the lower index, comes first.
 
-    With them, of each, whether it is to a fixed point, and the sign that its group has in one dimension.
+    Also return, for each link, whether it has a fixed end, and the sign of its group in one dimension.
     """
     free, x = cloud.free, cloud.positions
     swapped = (free[b] < 0) | ((free[a] >= 0) & (free[a] > free[b]))
@@ -240,28 +301,30 @@ def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Gro
 
 
 def _split(group: Group) -> Iterator[Group]:
-    """Links by the difference of their two indices, then by the first: the longest runs there are.
+    """Sort links by the difference of their two indices, then by the first index: this gives the longest runs.
 
-    Where many have one difference, as along the rows and columns of a net, they are a group of their own, in whose loop
-    the compiler can see that one link's masses are not the next one's.
+    Where many links have the same difference, as along the rows and columns of a net, they get a loop of their own, in
+    which the compiler can see that consecutive links share no mass. The number of such loops is limited, because each
+    costs compile time: links with many differences, such as all pairs of masses, share one loop over runs.
     """
     if group.second is None:
         yield group.take(np.argsort(group.first, kind="stable"))
         return
     difference = group.second - group.first
     order = np.lexsort((group.first, difference))
-    rest = []
-    for part in np.split(order, np.flatnonzero(np.diff(difference[order])) + 1):
-        if difference[part[0]] == 1 or (part.size >= _MANY and group.take(part).in_runs):
+    parts = np.split(order, np.flatnonzero(np.diff(difference[order])) + 1)
+    alike = {difference[part[0]] for part in parts if part.size >= _MANY and group.take(part).in_runs} - {1}
+    own = {1, *(alike if len(alike) <= _LOOPS else ())}  # neighbours have a form of loop of their own
+    for part in parts:
+        if difference[part[0]] in own:
             yield group.take(part)
-        else:
-            rest.append(part)
+    rest = [part for part in parts if difference[part[0]] not in own]
     if rest:
         yield group.take(np.concatenate(rest))
 
 
 def _kind(effect: Effect) -> tuple:
-    """What effects have in common that one loop can serve; an array belongs to its one effect."""
+    """A key that is equal for effects that can share a loop. An effect with an array shares its loop with none."""
     return type(effect), *effect.functions().items(), id(effect) if effect.arrays else None
 
 
@@ -282,32 +345,34 @@ def _joined(groups: list[Group]) -> Group:
         for name in one.laws[0].columns
     }
     law = Law(one.laws[0].effect, columns)
-    return replace(one, laws=[law], first=together("first"), second=together("second"), anchor=together("anchor"))
+    parts = {name: together(name) for name in ("first", "second", "anchor", "moved")}
+    return replace(one, laws=[law], **parts)
 
 
 def _fused(groups: list[Group]) -> list[Group]:
-    """Groups on the very same points as one, so that what they have in common is computed once."""
+    """Join groups on exactly the same points, so that what they have in common is computed once."""
     fused: dict[Any, Group] = {}
     for group in groups:
-        key = *(None if x is None else x.tobytes() for x in (group.first, group.second, group.anchor)), group.motions
-        known = fused.get((*key, group.sign))
-        fused[(*key, group.sign)] = replace(group, laws=[*known.laws, *group.laws]) if known else group
+        arrays = (group.first, group.second, group.anchor, group.moved)
+        key = *(None if x is None else x.tobytes() for x in arrays), group.motions, group.sign
+        known = fused.get(key)
+        fused[key] = replace(group, laws=[*known.laws, *group.laws]) if known else group
     return list(fused.values())
 
 
 def sources(assembly: Assembly) -> str:
-    """Where the effects come from."""
+    """Return the sources of the effects."""
     effects = [law.effect for law in assembly.laws + assembly.motions]
     return "; ".join(dict.fromkeys(f"{effect.title}: {effect.source}" for effect in effects if effect.source))
 
 
 def note(assembly: Assembly) -> str:
-    """What a scene contains, in lines."""
+    """Return a description of the scene, with a line for each kind of effect."""
     masses = f"{assembly.n} mass{'es' * (assembly.n > 1)}"
     lines = [f"{masses} in {assembly.dimension} dimension{'s' * (assembly.dimension > 1)}"]
     acting: Counter[str] = Counter()
     for law in assembly.motions:
-        acting[law.effect.title] += 1
+        acting[law.effect.title] += len(law.columns["direction"])
     for group in assembly.bodies + assembly.links:
         for law in group.laws:
             acting[law.effect.title] += group.first.size
@@ -319,5 +384,5 @@ def note(assembly: Assembly) -> str:
     else:
         lines.append("nothing reads the velocity: central difference takes one evaluation a step")
     if assembly.follows_work:
-        lines.append("the work done is followed, as the velocity of one more degree of freedom, the last")
+        lines.append('the work done is followed: solution.integrals["work"], J')
     return "\n".join(lines)

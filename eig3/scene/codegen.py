@@ -1,12 +1,12 @@
-"""The code of a scene: Python source with a loop for each group of effects and nothing else, compiled by Numba.
+"""Writes the code of a scene as Python source, with a loop for each group of effects, and compiles it with Numba.
 
-Source rather than closures, for three reasons: what is computed can be read, and by `inspect.getsource` is; loops over
-the same points share what they compute of them; and scenes of one structure share one compiled function, whatever
+Source has three advantages over closures. Users can read what is computed, with `inspect.getsource`. Effects on the
+same points share what they compute of these points. Scenes of the same structure share one compiled function, whatever
 their parameters.
 
-In the source, i and j are indices of masses and s that of a member of a group; w is an inverse mass; dx, dy, dz are the
-differences of a link's ends and ex, ey, ez their rates, r its length; fx, fy, fz is its pull on the first end, divided
-by the mass where all masses are equal.
+In the source, i and j are indices of masses and s is the index of a member of a group; w is an inverse mass; dx, dy, dz
+is the vector between the ends of a link, ex, ey, ez its rate, and r its length; fx, fy, fz is the force of the link on
+its first end, divided by the mass if all masses are equal.
 """
 
 from __future__ import annotations
@@ -29,19 +29,21 @@ from .packing import Block, Column, Packing, Symbols, entry
 
 _BODY = ("force", "acceleration")
 _LINK = ("tension", "density")
-_TINY = 2.0**-1000  # under a root, against a division by zero where points coincide: too small to change another value
+_TINY = (
+    2.0**-1000
+)  # added under a root to avoid a division by 0 where points coincide; too small to change other values
 
 
 @element
 def index(x):  # type: ignore[no-untyped-def]
-    """A number of p as an index; that it is not negative spares a test for indices from the end."""
+    """A number in p as an index. It is unsigned, so that the compiler omits the test for negative indices."""
     return np.int64(np.uint32(x))
 
 
 def compiled(assembly: Assembly) -> tuple[Any, Any, np.ndarray]:
-    """The right-hand side of a scene, its energy or None, and their parameters.
+    """Return the right-hand side of a scene, its energy or None, and their parameters.
 
-    Scenes that differ in parameters only get the same functions.
+    Scenes that differ only in parameters get the same functions.
     """
     packing = Packing(assembly)
     source = _Source(assembly, packing)
@@ -57,7 +59,12 @@ def compiled(assembly: Assembly) -> tuple[Any, Any, np.ndarray]:
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
     filename = f"<scene {zlib.crc32(text.encode()):08x}>"
-    linecache.cache[filename] = (len(text), None, text.splitlines(keepends=True), filename)  # for inspect and errors
+    linecache.cache[filename] = (
+        len(text),
+        None,
+        text.splitlines(keepends=True),
+        filename,
+    )  # for inspect and tracebacks
     namespace = {"jit": jit, "sqrt": math.sqrt, "tiny": _TINY, "index": index, **dict(names)}
     exec(compile(text, filename, "exec"), namespace)
     return namespace
@@ -70,7 +77,7 @@ class _Source:
         self._n = assembly.n
         self._axes = "xyz"[: assembly.dimension]
         self._follows_work = assembly.follows_work
-        self._work = assembly.n * assembly.dimension  # the degree of freedom
+        self._work = assembly.n * assembly.dimension  # the index of the degree of freedom whose velocity is the work
         self._weight = packing.weight
         self._motions, self._bodies, self._links = packing.motions, packing.bodies, packing.links
         self._lines: list[str] = []
@@ -82,7 +89,7 @@ class _Source:
     # The three functions
 
     def rhs(self) -> None:
-        """The accelerations."""
+        """Write the function of the accelerations."""
         with self._function("rhs(t, u, v, p, a)"):
             on_all = [block for block in self._bodies if block.size == self._n and len(block.runs) == 1]
             rows = [block for block in self._links if block.is_row and len(block.runs) == 1 and block.size > 1]
@@ -98,10 +105,11 @@ class _Source:
                 elif block is not row and block not in holding:
                     self._pairs(block)
             if self._follows_work:
-                self._write(f"a[{self._work}] = power(t, u, v, p)")
+                with self._indented(f"if a.size > {self._work}:"):  # a run that follows the work
+                    self._write(f"a[{self._work}] = power(t, u, v, p)")
 
     def power(self) -> None:
-        """What all that has no potential, and the supports, do to the masses."""
+        """Write the function of the power of the effects without a potential and of the supports."""
         with self._function("power(t, u, v, p)"):
             self._write("total = 0.0")
             for block in self._some(self._bodies, has_potential=False):
@@ -112,24 +120,27 @@ class _Source:
                             product = " + ".join(f"{name}[{k}] * velocity[{k}]" for k in range(len(self._axes)))
                             self._write(f"total += {factor}({product})")
             for block in self._some(self._links, has_potential=False):
-                with self._members(block, *_LINK) as (s, i, j):
-                    offered = self._ends(block, s, i, j, *_LINK, "power")
+                with self._near_members(block, *_LINK) as (s, i, j):
+                    offered = self._length(block, s, i, j, *_LINK, "power")
                     tensions = [law.call("tension", s, offered) for law in block.having("tension")]
                     tensions += [
                         f"{law.call('density', s, offered)} * {offered['r']}" for law in block.having("density")
                     ]
                     self._write(f"total -= {_sum(tensions)} * {offered['rate']}")
             for block in (block for block in self._links if block.group.motions):
-                with self._members(block, *_LINK) as (s, i, j):
+                with self._near_members(block, *_LINK) as (s, i, j):
                     self._pull(block, s, i, j)
                     for axis in self._axes:
                         self._write(f"total -= f{axis} * {self._support('v', block, axis, s)}")
             self._write("return total")
 
     def energy(self) -> None:
-        """Kinetic energy and potentials, less the work where it is followed."""
+        """Write the function of the kinetic energy and the potentials, less the work in a run that follows it."""
         with self._function("energy(t, u, v, p)"):
-            self._write(f"total = {f'-v[{self._work}]' if self._follows_work else '0.0'}")
+            self._write("total = 0.0")
+            if self._follows_work:
+                with self._indented(f"if v.size > {self._work}:"):
+                    self._write(f"total -= v[{self._work}]")
             with self._masses(0, self._n) as i:
                 speeds = [self._at("v", axis, i) for axis in self._axes]
                 self._write(f"total += {_sum([f'{v} * {v}' for v in speeds])} / (2 * {self._w(i)})")
@@ -137,17 +148,17 @@ class _Source:
                 with self._members(block, "potential") as (s, i, _):
                     self._potentials(block, s, self._mass(block, i, "potential"))
             for block in self._some(self._links, has_potential=True):
-                with self._members(block, "potential") as (s, i, j):
-                    self._potentials(block, s, self._ends(block, s, i, j, "potential"))
+                with self._near_members(block, "potential") as (s, i, j):
+                    self._potentials(block, s, self._length(block, s, i, j, "potential"))
             self._write("return total")
 
     # Their parts
 
     def _every_mass(self, on_all: list[Block], row: Block | None, holding: list[Block]) -> None:
-        """Set every acceleration: from what acts on all masses and, in the same pass, the longest row of links.
+        """Set all accelerations, from the effects on all masses and, in the same loop, the longest row of links.
 
-        Along a row the force of each link is kept for the mass that the next one shares with it; the first and the
-        last are those that hold the row's ends.
+        Along a row, the force of each link is kept for the next link, which shares a mass with it. `holding` are the
+        links from supports to the first and last mass of the row.
         """
         start, stop = (row.runs[0, 2], row.runs[0, 2] + row.size + 1) if row else (self._n, self._n)
         self._constants([*on_all, *([row] if row else [])], *_BODY, *_LINK)
@@ -158,8 +169,9 @@ class _Source:
         if row:
             self._before()
             self._hold(holding, start)
-            with self._loop(f"for s in range({row.size}):"):
+            with self._indented(f"for s in range({row.size}):"):
                 self._write(f"i, j = {start} + s, {start + 1} + s")
+                self._separation(row, "s", "i", "j")
                 self._pull(row, "s", "i", "j", self._common)
                 self._set(on_all, "i", lambda axis: f"f{axis} - {axis}_before")
                 self._keep()
@@ -169,6 +181,7 @@ class _Source:
     def _hold(self, holding: list[Block], i: int) -> None:
         for block in (block for block in holding if block.group.first[0] == i):
             with self._members(block, *_LINK) as (s, i_source, j):
+                self._separation(block, s, i_source, j)
                 self._pull(block, s, i_source, j, self._common)
             for axis in self._axes:
                 self._write(f"{axis}_before += f{axis}")
@@ -191,7 +204,7 @@ class _Source:
                 self._write(f"{self._at('a', axis, i)} += {self._along(axis, i, accelerations, forces)}")
 
     def _pairs(self, block: Block) -> None:
-        with self._members(block, *_LINK) as (s, i, j):
+        with self._near_members(block, *_LINK) as (s, i, j):
             self._pull(block, s, i, j, self._common)
             ends = [("+=", i), ("-=", j)] if block.joins_masses else [("-=", i)]
             for axis in self._axes:
@@ -203,6 +216,7 @@ class _Source:
         with self._runs(block):
             self._before()
             with self._run(block) as (s, i, j):
+                self._separation(block, s, i, j)
                 self._pull(block, s, i, j, self._common)
                 for axis in self._axes:
                     self._write(f"{self._at('a', axis, i)} += (f{axis} - {axis}_before){self._own(i)}")
@@ -219,7 +233,7 @@ class _Source:
             self._write(f"{axis}_before = f{axis}")
 
     def _given(self, block: Block, s: str, i: str, *more: str) -> tuple[list[str], list[str]]:
-        """Compute what the laws of a body give to mass i: names of accelerations, and of forces."""
+        """Compute the accelerations and forces of the laws of a body on mass i; return their names."""
         offered = self._mass(block, i, *_BODY, *more)
         names: dict[str, list[str]] = {"acceleration": [], "force": []}
         for function, found in names.items():
@@ -229,7 +243,7 @@ class _Source:
         return names["acceleration"], names["force"]
 
     def _along(self, axis: str, i: str, accelerations: list[str], forces: list[str], pulls: Iterable[str] = ()) -> str:
-        """The sum of what acts on mass i along an axis, as an acceleration."""
+        """The acceleration of mass i along an axis, as a sum."""
         k = self._axes.index(axis)
         divided = [f"{name}[{k}]" for name in accelerations]
         pushes = [f"{name}[{k}]" for name in forces]
@@ -239,7 +253,7 @@ class _Source:
         return " + ".join(divided) or "0.0"
 
     def _mass(self, block: Block, i: str, *functions: str) -> dict[str, str]:
-        """Compute what the laws of a body can be given, where one of these functions reads it."""
+        """Compute those arguments of the laws of a body that one of these functions reads."""
         if block.reads("x", *functions):
             self._write(f"x = ({', '.join(self._at('u', axis, i) for axis in self._axes)},)")
         if block.reads("v", *functions) or "power" in functions:
@@ -248,26 +262,39 @@ class _Source:
             self._write(f"m = 1 / {self._w(i)}")
         return {"t": "t", "x": "x", "v": "velocity", "m": "m"}
 
-    def _ends(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        """Compute what a link's laws can be given, where one of these functions reads it, and what its pull needs."""
-        needs_rate = block.reads("rate", *functions) or "power" in functions
-        needs_inverse = needs_rate or ("tension" in functions and bool(block.having("tension")))
+    def _separation(self, block: Block, s: str, i: str, j: str) -> None:
+        """Compute the vector between the two ends of a link."""
+        for motion, member, name in self._moving(block):
+            if member:
+                self._write(f"moved = index({member.of(s)})")
+                self._motion(motion, "moved", name)
         for axis in self._axes:
             self._write(f"d{axis} = {self._difference('u', block, axis, s, i, j)}")
-            if needs_rate:
+
+    def _length(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
+        """Compute what these functions of a link's laws read, and what its pull needs, after `_separation`."""
+        needs_rate = block.reads("rate", *functions) or "power" in functions
+        needs_inverse = needs_rate or ("tension" in functions and bool(block.having("tension")))
+        if needs_rate:
+            for axis in self._axes:
                 self._write(f"e{axis} = {self._difference('v', block, axis, s, i, j)}")
         if len(self._axes) == 1:
             return {"t": "t", "r": "dx", "rate": "ex"}
         if needs_inverse or block.reads("r", *functions):
-            self._write(f"r = sqrt(tiny + {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)})")
+            self._write(f"r = sqrt(tiny + {self._square})")
         if needs_inverse:
             self._write("inverse = 1 / r")
         if needs_rate:
             self._write(f"rate = {_sum([f'd{axis} * e{axis}' for axis in self._axes])} * inverse")
         return {"t": "t", "r": "r", "rate": "rate"}
 
+    @property
+    def _square(self) -> str:
+        """The squared length of a link."""
+        return " + ".join(f"d{axis} * d{axis}" for axis in self._axes)
+
     def _difference(self, array: str, block: Block, axis: str, s: str, i: str, j: str) -> str:
-        """Of the positions or velocities of a link's ends."""
+        """The difference of the positions or velocities of a link's ends."""
         if block.joins_masses:
             low, high = self._at(array, axis, i), self._at(array, axis, j)
         else:
@@ -286,17 +313,25 @@ class _Source:
         if array == "u" and anchor != "0.0":
             terms.append(f"{axis}_anchor" if block.anchor.is_uniform else anchor)
         name = "shift" if array == "u" else "speed"
-        terms += [f"{axis}_{name}_{number}" for number in block.group.motions if self._direction(number, axis) != "0.0"]
+        terms += [
+            f"{axis}_{name}_{k}" for motion, _, k in self._moving(block) if self._direction(motion, axis) != "0.0"
+        ]
         return _sum(terms) if terms else "0.0"
 
-    def _direction(self, number: int, axis: str) -> str:
-        column = self._motions[number].columns["direction"]
+    def _moving(self, block: Block) -> Iterator[tuple[Symbols, Column | None, int]]:
+        """The motions of a block's fixed ends: each with its member for each link, and the number in its names."""
+        for k, (number, member) in enumerate(zip(block.group.motions, block.moved, strict=True)):
+            motion = self._motions[number]
+            yield motion, member, len(self._motions) + k if member else number
+
+    def _direction(self, motion: Symbols, axis: str, member: str = "") -> str:
+        column = motion.columns["direction"]
         assert isinstance(column, Column)
-        return column.component(self._axes.index(axis), "")
+        return column.component(self._axes.index(axis), member)
 
     def _pull(self, block: Block, s: str, i: str, j: str, factor: str = "") -> None:
-        """Compute the force on the first end of a link, times a factor."""
-        offered = self._ends(block, s, i, j, *_LINK)
+        """Compute the force on the first end of a link, times a factor, after `_separation`."""
+        offered = self._length(block, s, i, j, *_LINK)
         tensions, densities = ([law.call(f, s, offered) for law in block.having(f)] for f in _LINK)
         if len(self._axes) == 1:
             pulls = _sum(tensions + [f"{density} * dx" for density in densities])
@@ -313,7 +348,7 @@ class _Source:
             self._write(f"total += {law.call('potential', s, offered)}")
 
     def _some(self, blocks: list[Block], *, has_potential: bool) -> Iterator[Block]:
-        """The blocks that have laws with a potential, or laws without, and only these laws of them."""
+        """The blocks with only those of their laws that have a potential, or that have none."""
         for block in blocks:
             laws = [law for law in block.laws if ("potential" in law.functions) == has_potential]
             if laws:
@@ -330,60 +365,77 @@ class _Source:
 
     @property
     def _common(self) -> str:
-        """What pulls are multiplied by where all masses are equal."""
+        """The factor of forces in a scene where all masses are equal."""
         return " * w" if self._weight.is_uniform else ""
 
     def _own(self, i: str) -> str:
-        """What they are multiplied by at each mass where they are not."""
+        """The factor of forces on mass i in a scene where masses differ."""
         return "" if self._weight.is_uniform else f" * {self._w(i)}"
 
     @contextmanager
     def _masses(self, first: int, stop: int) -> Iterator[str]:
-        """A loop over masses: gives the source of the index."""
+        """Write a loop over masses; give the name of the index."""
         if stop - first == 1:
             yield str(first)
         else:
-            with self._loop(f"for i in range({first}, {stop}):"):
+            with self._indented(f"for i in range({first}, {stop}):"):
                 yield "i"
 
     @contextmanager
     def _members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
-        """A loop over a block: gives the source of the indices of the member and of its masses."""
+        """Write a loop over a block; give the names of the indices of the member and of its masses."""
         self._constants([block], *functions)
         _, count, i0, j0 = block.runs[0]
         if block.size == 1:
             yield "0", str(i0), str(j0)
         elif len(block.runs) == 1:
-            with self._loop(f"for s in range({count}):"):
+            with self._indented(f"for s in range({count}):"):
                 self._write(f"i, j = {i0} + s, {j0} + s" if block.joins_masses else f"i = {i0} + s")
                 yield "s", "i", "j"
         elif block.group.in_runs:
             with self._runs(block), self._run(block) as indices:
                 yield indices
         else:
-            with self._loop(f"for s in range({block.size}):"):
+            with self._indented(f"for s in range({block.size}):"):
                 self._write(f"i = index(p[{block.table} + s])")
                 if block.joins_masses:
                     self._write(f"j = index(p[{block.table + block.size} + s])")
                 yield "s", "i", "j"
 
     @contextmanager
+    def _near_members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
+        """Write a loop over links that computes their separation and skips links beyond the cutoffs of all their laws.
+
+        It compares squares and thus needs no square root. In one dimension no link has a square root to avoid.
+        """
+        with self._members(block, *functions) as (s, i, j):
+            self._separation(block, s, i, j)
+            cutoffs = [law.cutoff_of(s) for law in block.laws if law.cutoff]
+            if len(self._axes) == 1 or len(cutoffs) < len(block.laws):
+                yield s, i, j
+                return
+            near = " or ".join(f"square < {cutoff} * {cutoff}" for cutoff in cutoffs)
+            self._write(f"square = {self._square}")
+            with self._indented(f"if {near}:"):
+                yield s, i, j
+
+    @contextmanager
     def _runs(self, block: Block) -> Iterator[None]:
-        with self._loop(f"for k in range({block.table}, {block.table + block.runs.size}, 4):"):
+        with self._indented(f"for k in range({block.table}, {block.table + block.runs.size}, 4):"):
             self._write("start, count, i0, j0 = index(p[k]), index(p[k + 1]), index(p[k + 2]), index(p[k + 3])")
             yield
 
     @contextmanager
     def _run(self, block: Block) -> Iterator[tuple[str, str, str]]:
-        with self._loop("for along in range(count):"):
+        with self._indented("for along in range(count):"):
             self._write("s, i = start + along, i0 + along")
             if block.joins_masses:
-                # a difference that the compiler knows lets it see that links do not touch each other's masses
+                # with a constant difference the compiler sees that consecutive links share no mass
                 self._write(f"j = i + {block.group.difference}" if block.group.difference else "j = j0 + along")
             yield "s", "i", "j"
 
     def _constants(self, blocks: Iterable[Block], *functions: str) -> None:
-        """Read what is the same for all members before a loop: in it, the compiler must fear that a overwrites p."""
+        """Read what all members have in common before the loop: the compiler cannot prove that a and p do not alias."""
         for block in blocks:
             for law in block.laws:
                 for line in law.constants(*functions):
@@ -399,7 +451,7 @@ class _Source:
         self._lines.append("    " * self._depth + line)
 
     @contextmanager
-    def _loop(self, head: str) -> Iterator[None]:
+    def _indented(self, head: str) -> Iterator[None]:
         self._write(head)
         self._depth += 1
         yield
@@ -407,32 +459,35 @@ class _Source:
 
     @contextmanager
     def _function(self, head: str) -> Iterator[None]:
-        """A function that begins with what all of it may read: the common inverse mass, and where supports are."""
+        """Write a function that starts with what its loops may read: the common inverse mass, and moved supports."""
         self._lines += [""] * bool(self._lines)
         self._write("@jit")
-        with self._loop(f"def {head}:"):
+        with self._indented(f"def {head}:"):
             if self._weight.is_uniform:
                 self._write(f"w = {self._weight.of('')}")
             for number in sorted({number for block in self._links for number in block.group.motions}):
-                self._motion(number, self._motions[number])
+                motion = self._motions[number]
+                for line in motion.constants("motion"):
+                    self._write(line)
+                if motion.members == 1:
+                    self._motion(motion, "", number)
             yield
 
-    def _motion(self, number: int, motion: Symbols) -> None:
-        for line in motion.constants("motion"):
-            self._write(line)
-        self._write(f"shift, speed = {motion.call('motion', '', {'t': 't'})}")
-        for axis in (axis for axis in self._axes if self._direction(number, axis) != "0.0"):
-            for name in ("shift", "speed"):
-                self._write(f"{axis}_{name}_{number} = {name} * {self._direction(number, axis)}")
+    def _motion(self, motion: Symbols, member: str, name: int) -> None:
+        """Compute the displacement and velocity of one member of a motion; `name` is the number in their names."""
+        self._write(f"shift, speed = {motion.call('motion', member, {'t': 't'})}")
+        for axis in (axis for axis in self._axes if self._direction(motion, axis) != "0.0"):
+            for value in ("shift", "speed"):
+                self._write(f"{axis}_{value}_{name} = {value} * {self._direction(motion, axis, member)}")
 
 
 def _holds_end(block: Block, row: Block) -> bool:
-    """Whether it is one link from a support to an end of the row."""
+    """Whether the block is one link from a support to an end of the row."""
     first = row.runs[0, 2]
     return block.anchor is not None and block.size == 1 and block.group.first[0] in (first, first + row.size)
 
 
 def _sum(terms: list[str]) -> str:
-    """A sum that can be a factor."""
+    """A sum, in parentheses if needed in a product."""
     total = " + ".join(terms)
     return f"({total})" if len(terms) > 1 or " - " in total else total

@@ -1,9 +1,10 @@
-"""What an effect of a scene is: a record of its parameters, and compiled functions named by what they give."""
+"""What an effect of a scene is: a record of its parameters, and compiled functions named by what they return."""
 
 from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import inspect
 from typing import Any, ClassVar
 
@@ -20,22 +21,27 @@ _ARRAY = numba.types.Array(numba.float64, 1, "C", readonly=True)
 
 
 class Effect:
-    """What every effect's class tells. Derive from `Body`, `Link` or `Motion`, as a dataclass with eq=False.
+    """The base class of all effects.
 
-    The fields are the parameters: numbers, or one for each of the points, unless they are named in `vectors` or
-    `arrays`. The functions, compiled with ``eig3.jit`` and written as static methods, take those fields that they name
-    as arguments, beside what their kind of effect offers. One that does not name the velocity does not read it, and
-    nothing computes it.
+    Derive from `Body`, `Link` or `Motion`, and decorate the class with ``@dataclass(frozen=True, eq=False)``.
+
+    The fields are the parameters. A field is a number, or an array with one number for each of the points, unless it is
+    named in `vectors` or `arrays`. The functions are static methods compiled with ``eig3.jit``. The names of their
+    arguments say what they read: fields, and what `Body`, `Link` or `Motion` offers. A function without v or rate does
+    not read the velocity, and the scene then does not compute it.
 
     Attributes
     ----------
     dimensions : tuple of int
-        Those of the scenes that the effect can be in.
+        The dimensions of the scenes that the effect can be in.
     vectors : tuple of str
-        The fields that hold a vector, with a component for each dimension; the functions get a tuple.
+        The fields that hold a vector with a component for each dimension. The functions get a tuple.
     arrays : tuple of str
-        The fields that hold an array of any length; the functions get it as an array that they may only read. Every
-        effect with an array of its own is code of its own: let one act on many points rather than many on one each.
+        The fields that hold one array of any length for all points, such as the samples of a record. The functions get
+        a read-only one-dimensional array. Each effect with an array is compiled separately, so add one such effect to
+        many points rather than many effects to one point each.
+    nonnegative : tuple of str
+        The fields that must not be negative. This is checked when the effect is made.
     source : str
         Where the formula comes from.
     """
@@ -43,50 +49,69 @@ class Effect:
     dimensions: ClassVar[tuple[int, ...]] = (1, 2, 3)
     vectors: ClassVar[tuple[str, ...]] = ()
     arrays: ClassVar[tuple[str, ...]] = ()
+    nonnegative: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
 
-    offers: ClassVar[dict[str, tuple[str, ...]]] = {}  # the functions of a kind of effect, and what each can be given
-    needs: ClassVar[tuple[str, ...]] = ()  # one of these
-    takes: ClassVar[tuple[int, ...]] = ()  # how many arguments of points
+    offers: ClassVar[
+        dict[str, tuple[str, ...]]
+    ] = {}  # the functions that a kind of effect can have, and their arguments
+    needs: ClassVar[tuple[str, ...]] = ()  # an effect has at least one of these functions
+    takes: ClassVar[tuple[int, ...]] = ()  # the possible numbers of arguments of points
+    cutoff: ClassVar[str] = ""  # of a link, as `Link` describes it
+
+    def __new__(cls, *values: Any, **fields: Any) -> Any:
+        # without the decorator, Python's own error would be about a number of arguments
+        known = getattr(cls, "__dataclass_fields__", None)
+        if "__dataclass_fields__" not in vars(cls) and (known is None or inspect.get_annotations(cls).keys() - known):
+            raise TypeError(f"{cls.__name__} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
+        return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        """Check the parameters. An effect with checks of its own calls this method first."""
+        for name in set(self._read()) & set(_given(self)):
+            self._reals(name)
+        for name in self.nonnegative:
+            self.require(self._reals(name) >= 0, f"{name} must not be negative")
 
     @property
     def title(self) -> str:
-        """What errors and listings call it."""
+        """The name of the effect in errors and listings."""
         return type(self).__name__
 
     def components(self, vector: str, dimension: int) -> int:
-        """How many components a vector has in a scene of `dimension` dimensions."""
+        """Return how many components a vector has in a scene of `dimension` dimensions."""
         return dimension
 
     def functions(self) -> dict[str, Any]:
-        """The compiled functions that the effect has, by name."""
+        """Return the compiled functions that the effect has, by name."""
         found = {name: getattr(self, name, None) for name in self.offers}
-        # a dispatcher that stands in a class without staticmethod has bound itself
+        # a dispatcher in a class body without staticmethod is bound to the effect
         return {name: getattr(f, "__func__", f) for name, f in found.items() if f is not None}
 
     def reads_velocity(self) -> bool:
-        """Whether what the effect adds to the accelerations depends on the velocities."""
+        """Return whether the accelerations that the effect causes depend on the velocities."""
         functions = self.functions()
         return any({"v", "rate"} & set(arguments(functions[name])) for name in functions if name != "potential")
 
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
-        """The parameters that the functions read, for points of that shape.
+        """Return the parameters that the functions read, for points of a shape.
 
         Returns
         -------
         dict of str to ndarray
-            Shape (points,), or (points, components) for a vector; an array is as it is.
+            Shape (points,), or (points, components) for a vector; the fields in `arrays` keep their length.
 
         Raises
         ------
         TypeError, ValueError
-            In a sentence that names the effect.
+            For parameters that do not match the points, in a sentence that names the effect.
         """
         return {name: self._column(name, shape, dimension) for name in self._read()}
 
     def _read(self) -> list[str]:
-        """The fields that the functions read, and a motion's direction."""
-        read = {"direction", *(argument for function in self.functions().values() for argument in arguments(function))}
+        """The fields that the compiled functions read, a motion's direction, and a link's cutoff."""
+        compiled = [function for function in self.functions().values() if isinstance(function, Dispatcher)]
+        read = {"direction", self.cutoff, *(argument for function in compiled for argument in arguments(function))}
         return [name for name in _fields(self) if name in read]
 
     def _column(self, name: str, shape: tuple[int, ...], dimension: int) -> np.ndarray:
@@ -98,7 +123,7 @@ class Effect:
             return np.broadcast_to(values, shape + trailing).reshape(-1, *trailing)
         except ValueError:
             raise ValueError(
-                f"{name} of {self.title} has the shape {values.shape}, which does not go with points of shape {shape}; "
+                f"{name} of {self.title} has the shape {values.shape}, which does not match points of shape {shape}; "
                 f"if it is a vector or an array, name it in the class's vectors or arrays."
             ) from None
 
@@ -113,20 +138,19 @@ class Effect:
         return values
 
     def snapshot(self) -> Any:
-        """The effect as it is now: its own copy of lists and arrays, which the caller may change."""
-        fields = {name: getattr(self, name) for name in _fields(self)}
+        """Return a copy that later changes of the caller's lists and arrays do not reach."""
+        fields = {name: getattr(self, name) for name in _given(self)}
         copies = {name: copy.copy(value) for name, value in fields.items() if isinstance(value, list | np.ndarray)}
         return dataclasses.replace(self, **copies) if copies else self  # type: ignore[type-var]
 
     def check(self, dimension: int) -> None:
-        """Refuse what cannot be compiled, in a sentence that names the effect.
+        """Check that a scene can compile the effect.
 
         Raises
         ------
         TypeError, ValueError
+            In a sentence that names the effect.
         """
-        if not dataclasses.is_dataclass(self):
-            raise TypeError(f"{self.title} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
         for name in ("vectors", "arrays"):
             if isinstance(getattr(self, name), str):
                 raise TypeError(f"{name} of {self.title} must be a tuple of names, not a string.")
@@ -149,13 +173,15 @@ class Effect:
                 raise TypeError(
                     f"{name} of {self.title} names {unknown[0]}, but can be given only {', '.join(offered)}."
                 )
+        if self.cutoff and self.cutoff not in _fields(self):
+            raise TypeError(f"cutoff of {self.title} must be the name of a field, not {self.cutoff!r}.")
         for name in self._read():
             self._values(name, dimension)
         for name, function in functions.items():
             self._compile(name, function, dimension)
 
     def _compile(self, name: str, function: Any, dimension: int) -> None:
-        """Compile a function for what a scene gives it: an error of its own is told here, not in the scene's code."""
+        """Compile a function for the arguments that a scene gives it, so that an error names the function."""
         sizes = {field: self.components(field, dimension) for field in self.vectors}
         sizes |= {argument: dimension for argument in ("x", "v") if argument in self.offers[name]}
         given: dict[str, Any] = {x: numba.types.UniTuple(numba.float64, size) for x, size in sizes.items()}
@@ -175,12 +201,12 @@ class Effect:
     def check_points(
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
     ) -> None:
-        """Refuse points that the effect cannot act on, in a sentence that names it.
+        """Check that the effect can act on these points.
 
         Parameters
         ----------
         masses : list of ndarray, shape (points,)
-            For each argument of points; 0 for those that are fixed.
+            For each argument of points; 0 for fixed points.
         positions : list of ndarray, shape (points, dimension)
         columns : dict of str to ndarray
             The parameters of these points.
@@ -188,16 +214,17 @@ class Effect:
         Raises
         ------
         ValueError
+            In a sentence that names the effect.
         """
 
     def require(self, condition: Any, what: str) -> None:
-        """For an effect's own __post_init__: a ValueError where not all is true, such as "length must be positive"."""
+        """Raise a ValueError where a condition on a field does not hold; `what` is such as "width must be positive"."""
         if not np.all(condition):
             name, _, rest = what.partition(" ")
             raise ValueError(f"{name} of {self.title} {rest}.")
 
     def require_unit(self, vector: str) -> None:
-        """The same for a field that must hold unit vectors."""
+        """Raise a ValueError where a field does not hold unit vectors."""
         length = np.linalg.norm(np.atleast_1d(self._reals(vector)), axis=-1)
         self.require(np.abs(length - 1) < 1e-9, f"{vector} must be a unit vector")
 
@@ -208,11 +235,27 @@ class Effect:
 
 
 class Body(Effect):
-    """What acts on masses, one by one.
+    """An effect on masses, one by one.
 
-    A class has ``force`` or ``acceleration``, which return a tuple with a component for each dimension, and may have
-    ``potential``, which returns the energy of which the force is minus the gradient. They can be given the time t, the
-    position x and velocity v as such tuples, and the mass m.
+    A class has ``force`` or ``acceleration``, which return a tuple with a component for each dimension. It may have
+    ``potential``, an energy; the force is then minus its gradient. Their arguments can be the time t, the position x
+    and velocity v as tuples, the mass m, and fields. `vectors`, `arrays` and `nonnegative` name special fields::
+
+        @dataclass(frozen=True, eq=False)
+        class SampledForce(Body):
+            samples: ArrayLike  # N, of any length
+            interval: float  # s
+            direction: ArrayLike
+
+            vectors = ("direction",)
+            arrays = ("samples",)
+            nonnegative = ("interval",)
+
+            @staticmethod
+            @eig3.jit
+            def force(t, samples, interval, direction):
+                f = samples[min(int(t / interval), samples.size - 1)]
+                return f * direction[0], f * direction[1]
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -231,14 +274,22 @@ class Body(Effect):
 
 
 class Link(Effect):
-    """What acts between two points along the line through them.
+    """An effect between two points, along the line through them.
 
     A class has ``tension``, the force that pulls the points together, or ``density``, that force divided by the
-    distance; and may have ``potential``, of which the tension is the derivative by the distance. They can be given the
-    time t, the distance r and the rate at which it grows, rate. In one dimension r has a sign: the two points are in
-    order as long as they are in the order of the start, and where they have passed through each other r is negative.
+    distance. It may have ``potential``, an energy; the tension is then its derivative with respect to the distance.
+    Their arguments can be the time t, the distance r, the rate at which r grows, rate, and fields; see `Body` for
+    `vectors`, `arrays` and `nonnegative`. In one dimension r has a sign: it is positive while the two points are in the
+    same order as at the start, and negative after they have passed each other.
 
-    A field of the name ``length`` is a natural length: where it is not 0 the points must not coincide at the start.
+    A field named ``length`` is a natural length: where it is not 0, the points must not coincide at the start.
+
+    Attributes
+    ----------
+    cutoff : str
+        The name of a field that holds a distance from which on all functions of the link are 0. Such links are skipped
+        before their distance is computed, which makes contacts between many pairs of masses fast. Empty for links
+        without a cutoff.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -253,8 +304,9 @@ class Link(Effect):
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
     ) -> None:
         if ((masses[0] == 0) & (masses[1] == 0)).any():
-            raise ValueError(f"{self.title} stands between two fixed points, where it moves nothing.")
-        self.require(columns.get("length", 0.0) >= 0, "length must not be negative")
+            raise ValueError(f"{self.title} joins two fixed points, where it moves nothing.")
+        for name in {"length", self.cutoff} & set(columns):
+            self.require(columns[name] >= 0, f"{name} must not be negative")
         if (self.needs_direction(columns) & (positions[0] == positions[1]).all(axis=-1)).any():
             raise ValueError(
                 f"{self.title} has no direction where its ends coincide at the start: put them apart, or "
@@ -262,15 +314,16 @@ class Link(Effect):
             )
 
     def needs_direction(self, columns: dict[str, np.ndarray]) -> Any:
-        """Whether the two points must not coincide at the start; of each pair."""
+        """Return for each pair whether its points must not coincide at the start."""
         return columns.get("length", np.zeros(1)) != 0
 
 
 class Motion(Effect):
-    """How fixed points move, along a direction.
+    """A prescribed motion of fixed points along a direction.
 
-    A class has ``motion``, which returns the displacement from where the point was fixed and its rate, and a vector
-    field ``direction``, by which the two are multiplied. It can be given the time t. Motions of one point add up.
+    A class has ``motion``, which returns the displacement from the fixed position and its rate, and a vector field
+    ``direction``, which multiplies both. The arguments can be the time t and fields; see `Body` for `vectors`, `arrays`
+    and `nonnegative`. Several motions of one point add up.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {"motion": ("t",)}
@@ -289,13 +342,19 @@ class Motion(Effect):
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
     ) -> None:
         if (masses[0] > 0).any():
-            raise ValueError(f"{self.title} moves fixed points, but was given masses, which move by their forces.")
+            raise ValueError(f"{self.title} moves fixed points, but was given masses, which forces move.")
 
 
+@functools.lru_cache(maxsize=256)
 def arguments(function: Any) -> tuple[str, ...]:
-    """The names of a compiled function's arguments."""
+    """Return the names of a compiled function's arguments."""
     return tuple(inspect.signature(function.py_func).parameters)
 
 
 def _fields(effect: Effect) -> list[str]:
     return [field.name for field in dataclasses.fields(effect)]  # type: ignore[arg-type]
+
+
+def _given(effect: Effect) -> list[str]:
+    """The fields that the caller gives; an effect may compute others."""
+    return [field.name for field in dataclasses.fields(effect) if field.init]  # type: ignore[arg-type]

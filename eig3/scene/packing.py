@@ -1,4 +1,4 @@
-"""What a scene's source refers to: the parameters packed into one array p, and the effects' functions by name."""
+"""Packs the parameters of a scene into one array p, and names what the source of the scene refers to."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from .effect import arguments
 
 @dataclass(frozen=True)
 class Column:
-    """Where a parameter is in p: once where all members have the same, else a value for each, by component.
+    """The place of a parameter in p: one value if all members have the same, else a value for each, by component.
 
-    Components that are 0 in all members become 0.0 in the source, which the compiler leaves out; but not those of an
-    effect's vector of which all are, since an effect that is named may be 0.
+    A component that is 0 in all members is written as 0.0 in the source, and the compiler removes it. A vector of an
+    effect that is 0 in all components is not, because an effect keeps its code whatever its parameters.
     """
 
     offset: int
@@ -30,13 +30,13 @@ class Column:
         return self.members == 1
 
     def of(self, member: str) -> str:
-        """The source of a member's number or tuple."""
+        """Return the source of a member's number or tuple."""
         if self.zero is None:
             return self._entry(0, member)
         return f"({', '.join(self.component(k, member) for k in range(len(self.zero)))},)"
 
     def component(self, k: int, member: str) -> str:
-        """The source of one component of a member's vector."""
+        """Return the source of one component of a member's vector."""
         return "0.0" if self.zero and self.zero[k] else self._entry(k, member)
 
     def _entry(self, k: int, member: str) -> str:
@@ -48,7 +48,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Array:
-    """Where an array is in p."""
+    """The place of an array in p."""
 
     offset: int
     size: int
@@ -58,8 +58,20 @@ class Array:
         return f"p[{self.offset}:{self.offset + self.size}]"
 
 
+@dataclass(frozen=True)
+class Arrays:
+    """The places of the arrays of several members in p; where each starts and ends is itself in p."""
+
+    starts: Column
+    ends: Column
+    is_uniform = False
+
+    def of(self, member: str) -> str:
+        return f"p[index({self.starts.of(member)}) : index({self.ends.of(member)})]"
+
+
 def entry(array: str, offset: int, index: str) -> str:
-    """The source of array[offset + index]."""
+    """Return the source of array[offset + index]."""
     if index.isdecimal():
         return f"{array}[{offset + int(index)}]"
     return f"{array}[{offset} + {index}]" if offset else f"{array}[{index}]"
@@ -72,29 +84,39 @@ class Symbols:
     Attributes
     ----------
     functions : dict of str to jitted function
-    columns : dict of str to Column or Array
+    columns : dict of str to Column, Array or Arrays
+    members : int
+        The number of motions that the law stands for; 1 for other effects.
     names : dict of str to str
-        In the source: of functions, of parameters that are the same for all members, and, as "=force", of results.
+        Names in the source, of functions, of parameters that all members have in common, and, as "=force", of results.
+    cutoff : str
+        The parameter that is the cutoff, or empty.
     """
 
     functions: dict[str, Any]
-    columns: dict[str, Column | Array]
+    columns: dict[str, Column | Array | Arrays]
+    members: int
     names: dict[str, str]
+    cutoff: str = ""
 
     def reads(self, name: str, *functions: str) -> bool:
-        """Whether one of these functions names the argument."""
+        """Return whether one of these functions has an argument of this name."""
         return any(name in arguments(self.functions[f]) for f in functions if f in self.functions)
 
     def constants(self, *functions: str) -> Iterator[str]:
-        """Assignments of the parameters of these functions that are the same for all members."""
+        """Return assignments of those parameters of these functions that all members have in common."""
         for name, column in self.columns.items():
-            if column.is_uniform and self.reads(name, *functions):
+            if column.is_uniform and (name == self.cutoff or self.reads(name, *functions)):
                 yield f"{self.names[name]} = {column.of('')}"
 
     def call(self, function: str, member: str, offered: dict[str, str]) -> str:
-        """A call for one member; `offered` has the source of what is not a parameter."""
+        """Return a call for one member; `offered` has the source of the arguments that are not parameters."""
         values = (self._value(name, member, offered) for name in arguments(self.functions[function]))
         return f"{self.names[function]}({', '.join(values)})"
+
+    def cutoff_of(self, member: str) -> str:
+        """Return the source of one member's cutoff."""
+        return self._value(self.cutoff, member, {})
 
     def _value(self, name: str, member: str, offered: dict[str, str]) -> str:
         if name not in self.columns:
@@ -105,13 +127,14 @@ class Symbols:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A group in the source: its laws, its fixed ends, and the runs of its indices."""
+    """A group in the source: its laws, its fixed ends and their motions, and the runs of its indices."""
 
     group: Group
     laws: list[Symbols]
     anchor: Column | None
+    moved: list[Column | None]  # which member of each motion moves the fixed ends; None for a motion with one member
     runs: np.ndarray
-    table: int  # where the runs, or the indices themselves, are in p; unused where they are in the source
+    table: int  # the place of the runs, or of all indices, in p; unused if there is one run
 
     @property
     def size(self) -> int:
@@ -123,20 +146,20 @@ class Block:
 
     @property
     def is_row(self) -> bool:
-        """Whether every link joins neighbours."""
+        """Whether every link joins masses with consecutive indices."""
         return self.group.difference == 1
 
     def having(self, *functions: str) -> list[Symbols]:
-        """The laws that have one of these functions."""
+        """Return the laws that have one of these functions."""
         return [law for law in self.laws if any(f in law.functions for f in functions)]
 
     def reads(self, name: str, *functions: str) -> bool:
-        """Whether one of these functions of a law names the argument."""
+        """Return whether one of these functions of a law has an argument of this name."""
         return any(law.reads(name, *functions) for law in self.laws)
 
 
 class Packing:
-    """A scene's parameters, functions, and the blocks that refer to them.
+    """The parameters and functions of a scene, and the blocks that refer to them.
 
     Attributes
     ----------
@@ -150,12 +173,12 @@ class Packing:
 
     def __init__(self, assembly: Assembly) -> None:
         self._parts: list[np.ndarray] = []
-        self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}  # the source's own
+        self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}  # names in every source
         self._names |= {
             f"{axis}_{name}_{number}"
             for axis in "xyz"
             for name in ("shift", "speed")
-            for number in range(len(assembly.motions))
+            for number in range(len(assembly.motions) + max((len(g.motions) for g in assembly.links), default=0))
         }
         self.functions: dict[str, Any] = {}
         self.weight = self._column(1 / assembly.cloud.masses[assembly.cloud.masses > 0])
@@ -186,17 +209,25 @@ class Packing:
     def _symbols(self, law: Law) -> Symbols:
         effect, functions = law.effect, law.effect.functions()
         columns = {
-            name: Array(self._add(values), values.size) if name in effect.arrays else self._column(values)
+            name: self._array(values) if name in effect.arrays else self._column(values)
             for name, values in law.columns.items()
         }
+        members = len(law.columns["direction"]) if "direction" in law.columns else 1
         stem = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", effect.title).lower()
         names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
         names |= {f"={function}": self._name(f"{stem}_{function[0]}") for function in functions}
         self.functions.update({names[name]: function for name, function in functions.items()})
-        return Symbols(functions, columns, names)
+        return Symbols(functions, columns, members, names, effect.cutoff)
+
+    def _array(self, values: np.ndarray | list[np.ndarray]) -> Array | Arrays:
+        if not isinstance(values, list):
+            return Array(self._add(values), values.size)
+        starts = np.array([self._add(array) for array in values])
+        ends = starts + [array.size for array in values]
+        return Arrays(self._column(starts), self._column(ends))
 
     def _name(self, wanted: str) -> str:
-        """A name that nothing else in the source has."""
+        """A name that is not yet used in the source."""
         number, name = 1, wanted
         while name in self._names:
             number += 1
@@ -207,8 +238,10 @@ class Packing:
     def _block(self, group: Group) -> Block:
         laws = [self._symbols(law) for law in group.laws]
         anchor = None if group.anchor is None else self._column(group.anchor, is_place=True)
+        moves = () if group.moved is None else zip(group.motions, group.moved.T, strict=True)
+        moved = [self._column(column) if self.motions[number].members > 1 else None for number, column in moves]
         runs = group.runs
         table = (
             runs if group.in_runs else np.concatenate([group.first, *([] if group.second is None else [group.second])])
         )
-        return Block(group, laws, anchor, runs, self._add(table) if len(runs) > 1 else 0)
+        return Block(group, laws, anchor, moved, runs, self._add(table) if len(runs) > 1 else 0)

@@ -1,4 +1,4 @@
-"""Scenes: points, and the effects that act on them, made into a problem whose compiled code holds nothing else."""
+"""Scenes: points and the effects on them, compiled to a problem whose code contains nothing else."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Points", "Scene"]
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points of a scene: one, or an array of any shape that is indexed and sliced as NumPy's are.
+    """Points of a scene: one point, or an array of points of any shape, which is indexed as NumPy arrays are.
 
     Attributes
     ----------
@@ -34,12 +34,12 @@ class Points:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """That of the array of points; () for one."""
+        """The shape of the array of points; () for one point."""
         return self.numbers.shape
 
     @property
     def position(self) -> np.ndarray:
-        """Where the points are put at the start, shape (*shape, dimension), or shape in one dimension."""
+        """The positions at the start, m, of shape (*shape, dimension), or of shape `shape` in one dimension."""
         places = self.scene._cloud().positions[self.numbers]
         return places[..., 0] if self.scene.dimension == 1 else places
 
@@ -48,7 +48,7 @@ class Points:
 
     def __len__(self) -> int:
         if not self.shape:
-            raise TypeError("one point has no length; points in an array have.")
+            raise TypeError("one point has no length; an array of points has.")
         return len(self.numbers)
 
     def __iter__(self) -> Iterator[Points]:
@@ -58,7 +58,7 @@ class Points:
         return Points(self.scene, _constant(np.asarray(self.numbers[index])))
 
     def of(self, values: ArrayLike) -> np.ndarray:
-        """The part of these masses in positions or velocities of a run.
+        """Return these masses' part of the displacements or velocities of a run.
 
         Parameters
         ----------
@@ -73,16 +73,17 @@ class Points:
         Raises
         ------
         ValueError
-            For fixed points, which no run holds, and for runs of the scene before it got its last masses.
+            For fixed points, which have no degrees of freedom, and for a run from before the last masses were added.
         """
         return self.scene._values_of(self.numbers, np.asarray(values))
 
 
 class Scene:
-    """Points in a space of one to three dimensions and what acts on them.
+    """Points in one to three dimensions and the effects on them.
 
-    A scene's problem has the Cartesian coordinates of its masses as u: the first of every mass in the order in which
-    they were added, then the second of every mass, then the third. `Points.of` takes them apart.
+    The vector u of a scene's problem has the Cartesian coordinates of the masses: the first coordinate of every mass,
+    in the order in which the masses were added, then the second of every mass, then the third. `Points.of` gives the
+    part of some masses.
 
     Parameters
     ----------
@@ -103,12 +104,12 @@ class Scene:
         self._placements: list[Placement] = []
 
     def fixed(self, position: ArrayLike) -> Points:
-        """Add points that do not move, or only as a `Motion` says.
+        """Add points that do not move, unless a `Motion` moves them.
 
         Parameters
         ----------
         position : array_like, shape (..., dimension)
-            m; in one dimension of any shape, without the last axis.
+            m. In one dimension it has any shape, without the last axis.
 
         Returns
         -------
@@ -125,7 +126,7 @@ class Scene:
         m : float or array_like, shape (...)
             kg.
         position : array_like, shape (..., dimension)
-            m; in one dimension of any shape, without the last axis.
+            m. In one dimension it has any shape, without the last axis.
         velocity : array_like, shape (..., dimension), optional
             m/s; 0 if not given.
 
@@ -136,7 +137,7 @@ class Scene:
         Raises
         ------
         TypeError, ValueError
-            For masses that are not positive, and shapes that do not go together.
+            For masses that are not positive, and shapes that do not match.
         """
         position = self._vectors(position, "position of masses")
         m = reals(m, "m of masses")
@@ -149,34 +150,34 @@ class Scene:
         return self._added(position, _spread(m, shape, "m"), _spread(velocity, position.shape, "velocity"))
 
     def add(self, effect: Effect, *points: Points) -> None:
-        """Let an effect act.
+        """Add an effect on some points.
 
         Parameters
         ----------
         effect : Effect
-            Its parameters are numbers, or arrays that give each of the points, or pairs of points, its own.
+            Its parameters are numbers, or arrays with one number for each of the points or pairs of points.
         *points : Points
-            A `Body` takes masses, and acts on all of the scene where none are given; a `Link` the two ends, as points
-            of the same shape or one point for many; a `Motion` fixed points.
+            A `Body` takes masses; without them it acts on all masses of the scene. A `Link` takes its two ends, as
+            points of the same shape or as one point for many. A `Motion` takes fixed points.
 
         Raises
         ------
         TypeError, ValueError
-            In one sentence that names the effect, for points and parameters that do not go with it.
+            For points and parameters that do not match the effect, in one sentence that names the effect.
         """
         if not isinstance(effect, Effect):
             given = effect.__name__ if isinstance(effect, type) else type(effect).__name__
-            raise TypeError(f"effect must be one with its parameters, such as LinearSpring(10.0), not {given}.")
+            raise TypeError(f"effect must be an effect with parameters, such as LinearSpring(10.0), not {given}.")
         effect.check(self.dimension)
         effect = effect.snapshot()
         numbers = self._numbers_of(points, effect)
-        if not numbers:  # on all masses, when their number is known
+        if not numbers:  # on all masses; their number is known later
             self._placements.append((effect, (), None))
             return
         columns = effect.columns(numbers[0].shape, self.dimension)
         flat = tuple(array.ravel() for array in numbers)
         if len(flat) == 2 and (flat[0] == flat[1]).any():
-            raise ValueError(f"{effect.title} stands between a point and itself.")
+            raise ValueError(f"{effect.title} joins a point to itself.")
         cloud = self._cloud()
         effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat], columns)
         if not flat[0].size:
@@ -184,7 +185,7 @@ class Scene:
         self._placements.append((effect, flat, columns))
 
     def problem(self, t_span: Sequence[float], *, name: str = "scene", work: bool = False) -> Problem:
-        """The scene as it is now, compiled and ready to run.
+        """Compile the scene as it is now.
 
         Parameters
         ----------
@@ -192,20 +193,21 @@ class Scene:
             s.
         name : str
         work : bool
-            Follow the work that is done by what has no potential, and by supports that move: one more degree of
-            freedom, whose velocity is the work, J. It is integrated as the motion is, and `energy` is then what is
-            constant, the mechanical energy less the work. Scenes whose energy is constant get none.
+            Follow the work, J, done by effects without a potential and by supports that move. The method integrates it
+            with the motion and to the same order. ``solution.integrals["work"]`` is the work at the saved times, and
+            ``solution.drift["energy"]`` is the largest change of the mechanical energy less the work, which is constant
+            in the exact motion. A scene whose mechanical energy is constant follows no work.
 
         Returns
         -------
         Problem
-            Its `energy`, J, is None where something has no potential and the work is not followed; its `note` lists
-            what it contains, and the code can be read by ``inspect.getsource(problem.rhs.py_func)``.
+            Its `energy`, J, is None if an effect has no potential and the work is not followed. Its `note` lists what
+            the scene contains. To read the code, use ``inspect.getsource(problem.rhs.py_func)``.
 
         Raises
         ------
         ValueError
-            For a scene without masses, and effects whose parameters do not go with the number of masses.
+            For a scene without masses, and effects whose parameters do not match the number of masses.
         """
         check_span(t_span)
         cloud = self._cloud()
@@ -222,7 +224,7 @@ class Scene:
             uses_velocity=assembly.reads_velocity,
             source=sources(assembly),
             note=note(assembly),
-            follows_work=assembly.follows_work,
+            integrals=("work",) if assembly.follows_work else (),
         )
 
     def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:
@@ -243,7 +245,7 @@ class Scene:
         return Points(self, _constant(numbers))
 
     def _cloud(self) -> Cloud:
-        """All points; joined only when points were added, since effects may be added one by one."""
+        """All points. The parts are joined once after points were added, because effects may be added one by one."""
         if len(self._parts) > 1:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
         if not self._parts:
@@ -269,10 +271,10 @@ class Scene:
     def _values_of(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
         free = self._cloud().free
         if (free[numbers] < 0).any():
-            raise ValueError("fixed points have no values in a run; only masses have.")
+            raise ValueError("fixed points have no values in a run; only masses do.")
         count = np.count_nonzero(free >= 0)
         size = values.shape[-1] if values.ndim else 0
-        if size - count * self.dimension not in (0, 1):  # one more where the work is followed
+        if size != count * self.dimension:
             raise ValueError(
                 f"values must have {count * self.dimension} degrees of freedom on the last axis, such as those of "
                 f"solution.u of this scene, not {size}."

@@ -1,0 +1,86 @@
+"""`Problem`: changed copies, and options that belong to the problem."""
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import problems
+
+
+def test_a_changed_copy_runs_with_the_changes():
+    problem = problems.spring_pendulum()
+    other = problem.with_(u0=[0.6, 0.1], t_span=(1.0, 2.0), name="short")
+    assert (other.name, other.t_span) == ("short", (1.0, 2.0))
+    solution = other.integrate(h=1e-3)
+    assert solution.t[[0, -1]].tolist() == [1.0, 2.0]
+    assert solution.u[0].tolist() == [0.6, 0.1]
+    options = {"h": 1e-3, "params": problem.params, "method": problem.method("eig3")}
+    direct = eig3.integrate(problem.rhs, (1.0, 2.0), [0.6, 0.1], problem.v0, **options)
+    np.testing.assert_array_equal(solution.u, direct.u)
+    assert problem.u0 is not other.u0
+    assert problem.name == "spring_pendulum"
+
+
+def test_changed_parameters_reach_rhs_and_energy():
+    problem = problems.hardening_spring()
+    double = problem.with_(params=2 * np.asarray(problem.params))
+    assert double.energy_of(1.0, 0.0) != problem.energy_of(1.0, 0.0)
+    assert double.integrate(h=1e-3).u[-1] != problem.integrate(h=1e-3).u[-1]
+
+
+def test_what_holds_for_one_start_is_dropped_with_it():
+    problem = problems.single_dof()
+    later = problem.with_(t_span=(problem.t_span[0] + 1, problem.t_span[1] + 1))
+    stiffer = problem.with_(params=2 * np.asarray(problem.params))
+    assert problem.exact is not None
+    assert [copy.exact for copy in (problem.with_(u0=2.0), problem.with_(v0=2.0), stiffer, later)] == [None] * 4
+    bar = problems.elastic_bar()
+    assert bar.continuum is not None
+    assert bar.with_(u0=2 * np.asarray(bar.u0)).continuum is None
+
+
+def test_what_still_holds_is_kept():
+    problem = problems.single_dof()
+    longer = problem.with_(t_span=(problem.t_span[0], 2 * problem.t_span[1]), name="long", u0=problem.u0)
+    assert longer.exact is problem.exact
+    assert longer.energy is problem.energy
+    assert problem.with_(u0=2.0, exact=np.sin).exact is np.sin
+    road = problems.quarter_car()
+    assert road.with_(u0=road.u0 + 0.1).draw is road.draw
+    assert road.with_(params=road.params * 1.01).draw is None  # it draws constants of the problem
+
+
+def test_a_copy_with_work_follows_the_work():
+    problem = problems.rail_joint(t_end=0.01, work=True)
+    moved = problem.with_(v0=problem.v0 + 0.1).integrate(h=problem.h, save_every=None)
+    assert set(moved.integrals) == {"work"}
+    assert moved.u.shape == (2, 4)
+
+
+@pytest.mark.parametrize("field", ["u0", "v0", "params", "t_span"])
+@pytest.mark.parametrize("call", ["integrate", "stepper"])
+def test_fields_are_no_options_of_a_run(call, field):
+    problem = problems.spring_pendulum()
+    with pytest.raises(
+        TypeError, match=rf"{field} is a field of the problem: call problem.with_\({field}=...\).{call}"
+    ):
+        getattr(problem, call)(h=1e-3, **{field: (0.0, 1.0)})
+
+
+BAD = {
+    "shape": ({"u0": [1.0, 2.0, 3.0]}, ValueError, r"u0 must keep its shape \(2,\) in spring_pendulum, not have"),
+    "number": ({"v0": 1.0}, ValueError, r"v0 must keep its shape \(2,\)"),
+    "short params": ({"params": [1.0]}, ValueError, r"params must keep its shape \(4,\)"),
+    "NaN": ({"u0": [1.0, np.nan]}, ValueError, "u0 must be finite"),
+    "text": ({"v0": "fast"}, TypeError, "v0 must be made of real numbers"),
+    "span": ({"t_span": (1.0, 0.0)}, ValueError, "t_span must end after it starts"),
+    "rhs": ({"rhs": None}, TypeError, "with_ can change name, u0, .*, but not rhs"),
+    "unknown": ({"step": 1.0}, TypeError, "with_ can change name, u0, .*, but not step"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_change_raises_an_error_of_one_sentence(name):
+    changes, error, sentence = BAD[name]
+    with pytest.raises(error, match=sentence):
+        problems.spring_pendulum().with_(**changes)
