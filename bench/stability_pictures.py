@@ -43,7 +43,7 @@ _DENSE = 400
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Save as `path`.png and `path`.svg. The SVG holds no date, so that equal figures are equal files."""
+    """Save as `path`.png and `path`.svg, the latter without the date that matplotlib writes by default."""
     figure.savefig(path.with_suffix(".png"), dpi=130)
     figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
 
