@@ -14,7 +14,7 @@ from eig3.stability import limit
 from . import text
 from .environment import in_words
 from .options import add_repeats
-from .timing import kernel_run, medians
+from .timing import continued_run, medians
 
 SUMMARY = "bars of up to a million masses, at the stability limit"
 SIZES = {1_000: 20_000, 100_000: 200, 1_000_000: 20}  # masses: steps of a run
@@ -47,7 +47,7 @@ def compare(n: int, n_steps: int, repeats: int) -> list[list[str]]:
         label: problem.stepper(h=_OF_LIMIT * limit(method) / highest, method=method)
         for label, method in methods.items()
     }
-    runs = {label: kernel_run(stepper, n_steps) for label, stepper in steppers.items()}
+    runs = {label: continued_run(stepper, n_steps) for label, stepper in steppers.items()}
     seconds = medians(runs, repeats, f"{n} masses")
     rk4 = steppers["RK4"].h / seconds["RK4"]
     return [

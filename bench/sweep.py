@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from eig3.stability import limit
 from . import text
 from .problem_set import BenchmarkProblem
 from .reference import METRICS, Judge, reference
-from .rivals import RIVALS, Rival
+from .rivals import RIVALS, Answer, Rival
 from .timing import Storage, interleave, kernel_run
 
 STATES = 2000  # stored in every run, the library's and the rivals', and compared with the reference
@@ -158,10 +159,14 @@ def sweep_rival(problem: Problem, judge: Judge, key: str, rival: Rival, longest:
         errors = judge.of_answer(times, answer) if answer.success else {}
         stable = _is_stable(answer.success, errors)
         point = Point(key, rival.label, tolerance, None, answer.evaluations, stable, errors)
-        yield point, lambda solve=solve: solve().seconds
+        yield point, partial(_seconds, solve)
         # a solver in Python takes long even with its loosest tolerance: its runs may take a second
         if answer.seconds > max(longest, 1.0) or _is_enough(point):
             break
+
+
+def _seconds(solve: Callable[[], Answer]) -> float:
+    return solve().seconds
 
 
 def _is_stable(success: bool, errors: dict[str, float]) -> bool:
