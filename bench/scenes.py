@@ -63,6 +63,7 @@ def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str
 
 
 def by_hand(repeats: int) -> list[list[str]]:
+    """The rows of scenes beside the same systems by hand."""
     rows = []
     for pair in SCENE_PAIRS:
         scene, hand = pair.problems()
@@ -80,6 +81,7 @@ def by_hand(repeats: int) -> list[list[str]]:
 
 
 def instructions() -> list[list[str]]:
+    """The rows of instruction counts, before and after an effect is added to the catalogue."""
     rows = []
     for pair in SCENE_PAIRS:
         before = assembly(pair.problems()[0].rhs)
@@ -101,6 +103,8 @@ def assembly(rhs: Any) -> list[str]:
 
 
 def _enlarge_the_catalogue() -> None:
+    """Define and use a new effect, and remove it again."""
+
     @dataclass(frozen=True, eq=False)
     class Wind(Body):
         speed: float
@@ -119,6 +123,7 @@ def _enlarge_the_catalogue() -> None:
 
 
 def zero_strength(repeats: int) -> list[list[str]]:
+    """The rows of scenes with every other effect at zero strength."""
     rows = []
     for pair in SCENE_PAIRS:
         scene, others = crowded(pair)
@@ -130,6 +135,7 @@ def zero_strength(repeats: int) -> list[list[str]]:
 
 
 def more_and_more(repeats: int) -> tuple[list[str], list[float]]:
+    """The names of the effects as they are added one by one, and ns/step with each."""
     problems = dict(growing())
     ns = measure({name: (problem, 1e-3, False) for name, problem in problems.items()}, repeats)
     return list(ns), list(ns.values())

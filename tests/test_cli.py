@@ -105,7 +105,7 @@ def test_paper_prints_keeps_and_draws_everything(tmp_path, capsys):
     ):
         assert word in printed
     assert "3. With velocity terms CD takes 5.6 times EIG-3" in printed
-    assert "4. On the pendulum" not in printed  # without Table 5 it cannot be judged
+    assert "4. On the pendulum" not in printed  # this claim needs Table 5
 
     results = json.loads((out / "results.json").read_text())
     assert {"cpu", "numba", "numpy", "python", "eig3"} <= set(results["environment"])
