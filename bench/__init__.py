@@ -1,1 +1,5 @@
-"""Benchmarks: the article's tables, and the speed of the loops."""
+"""Benchmarks: the article's tables, and the speed, accuracy and stability of the methods."""
+
+#: The benchmarks of `eig3 bench`, in the order of its help. Each is a module of this package that defines
+#: ``SUMMARY``, ``add_options(parser)`` and ``run(options)``; its docstring is the description in its help.
+BENCHMARKS = ("paper", "speed", "c", "precision", "bars", "plan", "stability", "hard", "scenes", "report")

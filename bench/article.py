@@ -1,28 +1,27 @@
-"""The article's five tables as printed, and its errors as recomputed from the definitions.
+"""The article's five tables as printed, and its errors recomputed from their definitions.
 
 Steps in seconds, errors in the metric of each table, times in seconds on one core of a Xeon E5345 at 2.33 GHz (C/C++,
--O3, mean of ten runs). A time of 0.0 is below that clock's resolution.
+-O3, mean of ten runs). A time of 0.0 is below the resolution of the clock there.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from eig3 import problems
+from eig3.methods import CentralDifference, Method
 from eig3.problem import Problem
 
-METHODS = ("eig3", "cd", "ab2", "rk2")
-
 FOOTNOTES = {
-    "a": "printed 6.9e23, taken for a misprint of 6.9e13: the mantissa and the growth law (1 + Omega^4/4)^(N/2) agree",
-    "b": "round-off of 2 u_n - u_{n-1} in the article; run here as increments, the error stays of second order",
+    "a": "printed 6.9e23, probably a misprint of 6.9e13: the mantissa and the growth law (1 + Omega^4/4)^(N/2) agree",
+    "b": "round-off of 2 u_n - u_{n-1} in the article; computed here with increments, the error keeps second order",
     "c": "the motion is chaotic at this step: errors of different programs agree to a few per cent only",
-    "d": "the article's starter of AB2 for this problem is unknown; the Taylor start used here is more accurate",
+    "d": "the article does not give the start of AB2 for this problem; the Taylor start used here is more accurate",
 }
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One cell: the error printed and recomputed, the time printed, and the letter of a footnote."""
+    """One cell: the printed and the recomputed error, the printed time, and the letter of a footnote."""
 
     error: float
     recomputed: float
@@ -32,7 +31,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Table:
-    """One of the article's tables; `entries[method]` follows `steps`."""
+    """One of the article's tables; `entries[method]` has one entry for each of `steps`."""
 
     number: int
     title: str
@@ -42,8 +41,15 @@ class Table:
     entries: dict[str, tuple[Entry, ...]]
 
 
+def method_of(problem: Problem, name: str) -> Method:
+    """A method as the article uses it: CD solves with Newton's method if f depends on the velocity."""
+    if name == "cd" and problem.uses_velocity:
+        return CentralDifference(velocity="implicit", solver="newton")
+    return problem.method(name)
+
+
 def _entries(errors, recomputed, seconds, marks=""):
-    """One method's column, from the largest step to the smallest; `marks` has a letter or a dot for each."""
+    """The column of one method, from the largest step to the smallest; `marks` has a letter or a dot for each."""
     marks = marks.replace(".", " ").ljust(len(errors))
     return tuple(Entry(*cell, mark.strip()) for *cell, mark in zip(errors, recomputed, seconds, marks, strict=True))
 

@@ -1,4 +1,4 @@
-"""What a benchmark ran on."""
+"""The machine and the versions of a benchmark."""
 
 import os
 import platform
@@ -11,7 +11,7 @@ from eig3 import __version__
 
 
 def environment() -> dict[str, str | int]:
-    """Machine and versions."""
+    """Machine and versions by name."""
     return {
         "cpu": _cpu(),
         "cores": os.cpu_count() or 1,

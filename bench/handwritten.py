@@ -1,8 +1,8 @@
-"""The loops a careful user would write by hand for the article's problems: one for each method and form.
+"""The loops that a careful user would write by hand for the article's problems: one for each method and form.
 
-Nothing of `eig3.kernels` is in them, but for the LDU solve that both would call. They take the right-hand side as an
-argument and can be compiled with it as a pointer or inlined, like the library's own. Two degrees of freedom are written
-out, as one does for a pendulum.
+They use nothing of `eig3.kernels` except the LDU solve, which a user would call too. Like the library's kernels they
+take the right-hand side as an argument, and can be compiled with it as a pointer or inlined. The loops for two degrees
+of freedom write both out, as one would for a pendulum.
 """
 
 import math
@@ -77,7 +77,7 @@ def ab2_scalar(f, u, v, p, h, n, u_rows, v_rows):
 
 
 def ab3_scalar(f, u, v, p, h, n, u_rows, v_rows):
-    # started with a constant past: the two steps of a better start are not what is timed
+    # a constant past is enough: the benchmark does not time the two steps of a better start
     a1 = a2 = f(0.0, u, v, p)
     v1 = v2 = v
     for i in range(n):
@@ -206,7 +206,7 @@ def ab2_pair(f, u, v, p, h, n, u_rows, v_rows):
 
 
 def ab3_pair(f, u, v, p, h, n, u_rows, v_rows):
-    # started with a constant past: the two steps of a better start are not what is timed
+    # a constant past is enough: the benchmark does not time the two steps of a better start
     a, a1, a2 = np.empty(2), np.empty(2), np.empty(2)
     f(0.0, u, v, p, a1)
     a2[0], a2[1] = a1[0], a1[1]
@@ -222,7 +222,7 @@ def ab3_pair(f, u, v, p, h, n, u_rows, v_rows):
 
 
 def pendulum_in_registers(f, u, v, p, h, n, u_rows, v_rows):
-    """EIG-3 with the pendulum's own equations in local variables: what no loop over arrays can be."""
+    """EIG-3 with the equations of the pendulum in local variables, which no loop over arrays can match."""
     m, l0, k, g = p[0], p[1], p[2], p[3]
     r, theta, vr, vt = u[0], u[1], v[0], v[1]
     r_past = r * vt * vt - k / m * (r - l0) + g * math.cos(theta)
@@ -239,7 +239,7 @@ def pendulum_in_registers(f, u, v, p, h, n, u_rows, v_rows):
 
 
 def floor_scalar(f, u, v, p, h, n, u_rows, v_rows):
-    """The least a step waits for: one evaluation and one multiply-add, along the states that a run has left."""
+    """A lower bound of the time of a step: one evaluation and one multiply-add, on the stored states of another run."""
     for i in range(n):
         u = u_rows[i] + 1e-30 * f(i * h, u, v_rows[i], p)
     return u

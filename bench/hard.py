@@ -1,400 +1,45 @@
-"""`eig3 bench hard`: the hard cases, each with what theory or an independent solution expects of a method."""
+"""Run the hard cases, such as stability limits, chaos, impacts and round-off, and fail if one is not as expected."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+import argparse
+from collections.abc import Callable, Sequence
 
-import numpy as np
-
-import eig3
-from eig3 import problems
-from eig3.methods import METHODS, Method
-from eig3.problem import Problem
-from eig3.problems.hertz_impact import contact_time
-from eig3.stability import limit, spectral_radius
+from eig3.options import count
 
 from . import text
-from .article import TABLES
+from .hard_cases import HARD_CASES
 
-_ROWS = 2**18  # of a chunk
+SUMMARY = "hard cases, each with what is expected"
 HEADER = ["method", "what", "expected", "measured", "verdict"]
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One number of one run beside what is expected of it."""
-
-    what: str
-    expected: str
-    measured: str
-    passed: bool
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--case", dest="cases", action="append", type=count, metavar="N", help="only this one; may be repeated"
+    )
 
 
-@dataclass(frozen=True)
-class Case:
-    """A hard case: ``check(method)`` yields the findings of one of its methods."""
-
-    title: str
-    methods: tuple[str, ...]
-    check: Callable[[Method], Iterator[Finding]]
-
-    def findings(self, method: str) -> list[Finding]:
-        lagged = eig3.CentralDifference(velocity="lagged")
-        return list(self.check(lagged if method == "cd lagged" else METHODS[method]()))
+def run(options: argparse.Namespace) -> int:
+    """Exit status 1 means that a finding is not as expected."""
+    unknown = set(options.cases or ()) - set(HARD_CASES)
+    if unknown:
+        raise SystemExit(f"eig3 bench hard: --case must be 1 to {len(HARD_CASES)}, not {min(unknown)}.")
+    return min(1, benchmark(only=options.cases))
 
 
-CASES: dict[int, Case] = {}
-
-
-def case(number: int, title: str, *methods: str) -> Callable:
-    """Register a check under a number, for these methods; for all by name if none is given."""
-
-    def register(check: Callable) -> Callable:
-        CASES[number] = Case(title, methods or tuple(METHODS), check)
-        return check
-
-    return register
-
-
-def run(*, only: Sequence[int] | None = None, write: Callable[[str], None] = print) -> int:
+def benchmark(*, only: Sequence[int] | None = None, write: Callable[[str], None] = print) -> int:
     """Print every finding; return how many are not as expected."""
     failures = 0
-    for number in only or CASES:
-        chosen, rows = CASES[number], []
-        for method in chosen.methods:
-            text.status(f"{number}. {chosen.title}, {method}")
-            for finding in chosen.findings(method):
+    for number in only or HARD_CASES:
+        case, rows = HARD_CASES[number], []
+        for method in case.methods:
+            text.status(f"{number}. {case.title}, {method}")
+            for finding in case.findings(method):
                 failures += not finding.passed
                 verdict = "as expected" if finding.passed else "NOT AS EXPECTED"
                 rows.append([method, finding.what, finding.expected, finding.measured, verdict])
         text.status("")
-        write(f"{number}. {chosen.title}\n\n{text.table(HEADER, rows)}\n")
+        write(f"{number}. {case.title}\n\n{text.table(HEADER, rows)}\n")
     write(f"{failures} findings are not as expected." if failures else "Everything is as expected.")
     return failures
-
-
-# What is expected ----------------------------------------------------------------------------------------------------
-
-
-def near(what: str, expected: float, measured: float, *, rel: float = 0.0, tolerance: float = 0.0) -> Finding:
-    tolerance = max(tolerance, rel * abs(expected))
-    passed = abs(measured - expected) <= tolerance
-    return Finding(what, f"{expected:.8g} +- {tolerance:.1g}", f"{measured:.8g}", passed)
-
-
-def within(what: str, expected: float, measured: float, factor: float) -> Finding:
-    passed = expected / factor <= measured <= expected * factor
-    return Finding(what, f"{expected:.3g}, to a factor {factor:g}", f"{measured:.3g}", passed)
-
-
-def at_most(what: str, bound: float, measured: float) -> Finding:
-    return Finding(what, f"<= {bound:.4g}", f"{measured:.4g}", measured <= bound)
-
-
-# How it is run -------------------------------------------------------------------------------------------------------
-
-
-def _of(problem: Problem, method: Method) -> Method:
-    """The form of the method that the problem takes by name."""
-    return method if problem.uses_velocity else method.without_velocity()
-
-
-def march(problem: Problem, h: float, n_steps: int, method: Method) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """u and v after every step, in chunks, until a state is not finite."""
-    stepper = problem.stepper(h=h, method=_of(problem, method))
-    rows = max(1, _ROWS // np.size(problem.u0))
-    u, v = (np.empty((rows, *np.shape(problem.u0))) for _ in range(2))
-    while stepper.index < n_steps and stepper.is_finite:
-        taken = stepper.advance(min(rows, n_steps - stepper.index), 1, u, v)
-        yield u[:taken], v[:taken]
-        if taken < len(u) and stepper.index < n_steps:
-            return  # a solve failed
-
-
-def largest(problem: Problem, h: float, n_steps: int, method: Method) -> float:
-    """max abs u over every step."""
-    return max(float(np.abs(u).max()) for u, _ in march(problem, h, n_steps, method))
-
-
-def steps_until(problem: Problem, h: float, bound: float, most: int, method: Method) -> float:
-    """Steps until |u| passes a bound; infinity where it does not."""
-    before = 0
-    for u, _ in march(problem, h, most, method):
-        with np.errstate(invalid="ignore"):
-            beyond = np.flatnonzero(~(np.abs(u) <= bound).reshape(len(u), -1).all(axis=1))
-        if beyond.size:
-            return before + int(beyond[0]) + 1
-        before += len(u)
-    return math.inf
-
-
-# The cases -----------------------------------------------------------------------------------------------------------
-
-
-@case(1, "just below the limit", "eig3", "cd", "rk3", "rk4")
-def below_the_limit(method: Method) -> Iterator[Finding]:
-    """Ten million steps: EIG-3 and CD have |z| = 1; Runge-Kutta methods shrink the norm of (omega u, v) at each."""
-    Omega = 1.999 / 2 * limit(method)
-    displaced = problems.single_dof(omega=Omega)
-    struck = problems.single_dof(omega=Omega, u0=0.0, v0=1.0)
-    found = largest(displaced, 1.0, 10**7, method), largest(struck, 1.0, 10**7, method)
-    if method.name in ("eig3", "cd"):
-        yield near("max abs u from u0 = 1", 1.0, found[0], rel=1e-9)
-        yield near("max abs u from h v0 = 1", 1 / (Omega * math.sqrt(1 - Omega**2 / 4)), found[1], rel=1e-9)
-    else:
-        yield at_most("max abs u from u0 = 1", 1 + 1e-9, found[0])
-        yield at_most("max abs u from h v0 = 1", (1 + 1e-9) / Omega, found[1])
-
-
-@case(2, "just above the limit", "eig3", "cd", "rk3", "rk4", "ab3")
-def above_the_limit(method: Method) -> Iterator[Finding]:
-    if method.name in ("eig3", "cd"):
-        for Omega, expected in ((2.001, 7293), (2.0001, 23061)):
-            steps = steps_until(problems.single_dof(omega=Omega), 1.0, 1e200, 10**5, method)
-            yield near(f"steps to 1e200, Omega = {Omega}", expected, steps, tolerance=2)
-        struck = problems.single_dof(omega=2.0, u0=0.0, v0=1.0)
-        ratio = largest(struck, 1.0, 20_000, method) / largest(struck, 1.0, 10_000, method)
-        yield near("max abs u in 20 000 steps / in 10 000, Omega = 2", 2.0, ratio, rel=1e-9)
-    else:
-        Omega = 1.001 * limit(method)
-        steps = steps_until(problems.single_dof(omega=Omega), 1.0, 1e200, 10**6, method)
-        # the share of the growing root in the start is some 0.1 to 10: 1 % of ln 1e200
-        expected = round(math.log(1e200) / math.log(spectral_radius(method, Omega)))
-        yield near("steps to 1e200, Omega = 1.001 of the limit", expected, steps, rel=0.02)
-
-
-@case(3, "two frequencies", "eig3", "cd", "rk4")
-def two_frequencies(method: Method) -> Iterator[Finding]:
-    problem, h = problems.two_frequency_oscillator(), 0.0019
-    solution = problem.integrate(h=h, method=method.name, invariants={})
-    error = float(np.abs(solution.u[:, 0] - np.cos(solution.t)).max())
-    fast = float(np.abs(solution.u[:, 1]).max())
-    if method.name == "rk4":
-        yield within("error of the slow mode: h^4 T/120", h**4 * 1000 / 120, error, 1.1)
-        yield at_most("max abs u of the fast mode", 1.0, fast)
-    else:
-        yield near("error of the slow mode: h^2 T/24", 1.5e-4, error, rel=0.02)
-        yield at_most("max abs u of the fast mode: 1/sqrt(1 - s/4)", 1 / math.sqrt(1 - (1000 * h) ** 2 / 4), fast)
-
-
-@case(4, "damped, either side", "eig3", "cd", "cd lagged", "rk2", "rk3", "rk4", "ab2", "ab3")
-def damped_limit(method: Method) -> Iterator[Finding]:
-    """The roots of Runge-Kutta and Adams methods leave together at xi = 1: n z^n then goes up to 1/(e (1 - |z|))."""
-    ours = method.name == "eig3"
-    highest, excess, most = (5.3, 1.001, 200_000) if ours else (400.0, 1.02, 10**6)
-    for xi in (0.01, 0.1, 0.5, 1.0, 5.0):
-        bound = limit(method, xi)
-        starts = [{"u0": 1.0, "v0": 0.0}, {"u0": 0.0, "v0": 1.0}]
-        below = [problems.single_dof(omega=0.999 * bound, xi=xi, **start) for start in starts]
-        found = max(largest(problem, 1.0, 10**6, method) for problem in below)
-        yield at_most(f"max abs u at 0.999 of the limit, xi = {xi}", highest, found)
-        above = problems.single_dof(omega=excess * bound, xi=xi)
-        steps = steps_until(above, 1.0, 1e90, most, method)
-        yield at_most(f"steps to 1e90 at {excess} of the limit, xi = {xi}", most, steps)
-
-
-@case(5, "resonance", "eig3", "cd", "rk2", "rk4")
-def resonance(method: Method) -> Iterator[Finding]:
-    """A relative period error e lets the phase run away by e t, at an amplitude of t/2: e T^2/4 at the end."""
-    T, h = 200.0, 0.01
-    problem = problems.single_dof(omega=1.0, force=1.0, force_omega=1.0, u0=0.0, t_end=T)
-    solution = problem.integrate(h=h, method=method.name)
-    error = float(np.abs(solution.u - solution.t * np.sin(solution.t) / 2).max())
-    period_error = {"eig3": h**2 / 24, "cd": h**2 / 24, "rk2": h**2 / 6, "rk4": h**4 / 120}[method.name]
-    yield near("max error", 4.09e-2 if method.name == "eig3" else period_error * T**2 / 4, error, rel=0.05)
-
-
-@case(6, "chaos")
-def chaos(method: Method) -> Iterator[Finding]:
-    """No trajectory is right for long, but the means along it are: 2e5 units of time are some 3e4 periods of the force.
-
-    The means for omega = 1.2 are those of DOP853, RK4 and EIG-3 alike.
-    """
-    h, T = 0.01, 2e5
-    for omega, expected in ((1.0, (0.7565, 0.374)), (1.2, (0.784, 0.266))):
-        squares, n_steps = np.zeros(2), 0
-        for u, v in march(problems.duffing(omega=omega, t_end=T), h, round(T / h), method):
-            squares += u @ u, v @ v
-            n_steps += len(u)
-        mean = squares / n_steps
-        yield near(f"mean u^2, omega = {omega}", expected[0], float(mean[0]), tolerance=0.005)
-        yield near(f"mean v^2, omega = {omega}", expected[1], float(mean[1]), tolerance=0.006)
-
-
-@case(7, "relaxation")
-def relaxation(method: Method) -> Iterator[Finding]:
-    """Van der Pol's oscillator: the period by its crossings of zero, once the start is forgotten."""
-    for mu, period in ((10.0, 19.07837), (100.0, 162.83707)):
-        problem = problems.van_der_pol(mu=mu, t_end=4.3 * period)
-        solution = problem.integrate(h=0.02 / mu, method=method)
-        rising = np.flatnonzero((solution.u[:-1] < 0) & (solution.u[1:] >= 0))
-        crossings = [_zero(solution, i) for i in rising.tolist()]
-        error = abs((crossings[-1] - crossings[1]) / (len(crossings) - 2) / period - 1)
-        what = f"relative error of the period, mu = {mu:g}, h mu = 0.02"
-        if method.name == "eig3":
-            yield within(what, 1.9e-4, error, 2)
-        else:
-            yield at_most(what, 5e-4 if method.order == 2 else 2e-5, error)
-
-
-def _zero(solution: eig3.Solution, i: int) -> float:
-    """The time between two states at which u is zero, by the cubic through them."""
-    low, high = solution.t[i], solution.t[i + 1]
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if solution.at(middle)[0] < 0 else (low, middle)
-    return low
-
-
-@case(8, "impact", "eig3", "cd", "rk4")
-def impact(method: Method) -> Iterator[Finding]:
-    """The speed of return, at its worst over where within a step the contact begins."""
-    problem = problems.hertz_impact()
-    duration = contact_time(1e6, 1.0)
-    for per_contact, expected in ((100, 7.2e-6), (1000, 2.2e-8)):
-        h = duration / per_contact
-        gaps = (3 + np.arange(20) / 20) * h
-        runs = [replace(problem, u0=gap).integrate(h=h, method=method.name) for gap in gaps.tolist()]
-        error = max(abs(float(run.v[-1]) - 1) for run in runs)
-        what = f"error of restitution, t_c / h = {per_contact}"
-        yield at_most(what, expected, error) if method.name == "rk4" else within(what, expected, error, 2)
-        touching = (runs[0].u < 0).sum() * runs[0].h
-        yield near(f"contact time, t_c / h = {per_contact}", duration, float(touching), tolerance=2 * h)
-
-
-@case(9, "a pulse at CFL = 1", "eig3", "cd")
-def pulse(method: Method) -> Iterator[Finding]:
-    """At CFL = 1.001 the pulse has hardly anything at the highest frequency, and round-off has to grow first."""
-    problem = problems.elastic_bar(n=99)
-    h = 1 / 100 / 5000.0  # an element's length over the wave speed
-    assert problem.continuum is not None
-    exact = problem.continuum(h * np.arange(200))[0]  # 200 steps lead to the far end and back
-    worst, index = 0.0, 1
-    for u, _ in march(problem, h, 40_000, method):
-        worst = max(worst, float(np.abs(u - exact[np.arange(index, index + len(u)) % 200]).max()))
-        index += len(u)
-    yield at_most("error from d'Alembert's solution, 40 000 steps", 1e-12, worst)
-    steps = steps_until(problem, 1.001 * h, 1e50, 40_000, method)
-    yield near("steps to 1e50 at CFL = 1.001", 1832, steps, rel=0.02)
-
-
-@case(10, "close passages")
-def close_passages(method: Method) -> Iterator[Finding]:
-    """Kepler's orbits: EIG-3's energy is out most within the passages, where its v is extrapolated from two forces.
-
-    Of the other methods at e = 0.99 no more is known beforehand than the order of magnitude.
-    """
-    problem = problems.kepler(e=0.9)
-    drifts = [problem.integrate(h=h, method=method.name, save_every=None).drift["energy"] for h in (2e-4, 1e-4)]
-    order = math.log2(drifts[0] / drifts[1])
-    yield Finding(
-        "order of the energy error, e = 0.9", f">= {method.order - 0.1}", f"{order:.3f}", order >= method.order - 0.1
-    )
-    problem, expected = problems.kepler(e=0.99, t_end=20 * math.pi), 2.7e-3
-    solution = problem.integrate(h=1e-5, method=method.name, save_every=None)
-    error = abs(problem.energy_of(solution.u[-1], solution.v[-1]) / problem.energy_of(problem.u0, problem.v0) - 1)
-    what = "energy error after 10 orbits, e = 0.99"
-    yield within(what, expected, error, 1.5) if method.name == "eig3" else at_most(what, 10 * expected, error)
-
-
-@case(11, "double pendulum")
-def double_pendulum(method: Method) -> Iterator[Finding]:
-    problem = problems.double_pendulum()
-    solution = problem.integrate(h=1e-3, method=method, save_every=None)
-    error = solution.drift["energy"] / abs(problem.energy_of(problem.u0, problem.v0))
-    what = "energy error, h = 1e-3, T = 100"
-    yield within(what, 8.2e-5, error, 2) if method.name == "eig3" else at_most(what, 2 * 8.2e-5, error)
-
-
-@case(12, "dry friction", "eig3", "cd", "cd lagged", "rk2", "rk3", "rk4", "ab2", "ab3")
-def friction(method: Method) -> Iterator[Finding]:
-    solution = problems.friction_oscillator().integrate(h=0.0005, method=method)
-    turns = np.flatnonzero(np.diff(np.sign(solution.v[1:])) != 0)[:4] + 1
-    for expected, turn in zip((-0.85, 0.65, -0.45, 0.25), turns, strict=True):
-        yield near("peak", expected, float(solution.u[turn]), tolerance=1e-4)
-
-
-@eig3.jit
-def leapfrog_energy(t: float, u: float, v: float, p: np.ndarray) -> float:
-    """w^2 + omega^2 u_n u_{n-1}, which the positions keep exactly, for v_n = w_n + h/2 a_{n-1} as EIG-3 has it."""
-    square, h = p[0] * p[0], p[1]
-    w = (v + h * square * u / 2) / (1 + h * h * square / 2)
-    return w * w + square * u * (u - h * w)
-
-
-@eig3.jit
-def verlet_energy(t: float, u: float, v: float, p: np.ndarray) -> float:
-    """The same for v_n = w_n + h/2 a_n, as central difference has it."""
-    square, h = p[0] * p[0], p[1]
-    w = v + h * square * u / 2
-    return w * w + square * u * (u - h * w)
-
-
-@eig3.jit
-def undamped(t: float, u: float, v: float, p: np.ndarray) -> float:
-    return -p[0] * p[0] * u
-
-
-@case(13, "round-off", "eig3", "cd", "rk4")
-def round_off(method: Method) -> Iterator[Finding]:
-    """What the discrete motion keeps exactly drifts by round-off alone; the form 2 u - u_prev would leave 2.8e-9."""
-    n_steps, h = 10**8, 2.0**-12
-    kept = {"eig3": leapfrog_energy, "cd": verlet_energy}.get(method.name, problems.single_dof().energy)
-    solution = eig3.integrate(
-        undamped,
-        (0, n_steps * h),
-        1.0,
-        0.0,
-        h=h,
-        params=(1.0, h),
-        method=method.without_velocity(),
-        save_every=None,
-        invariants={"energy": kept},
-    )
-    start = kept(0.0, 1.0, 0.0, np.array([1.0, h]))
-    # RK4's own dissipation Omega^6/72 a step is 3e-16 after as many
-    yield at_most("relative drift, 1e8 steps", 7e-12, solution.drift["energy"] / start)
-
-
-@case(14, "unstable rest", "eig3", "cd", "ab2", "rk2")
-def unstable_rest(method: Method) -> Iterator[Finding]:
-    """The spring pendulum upside down, where sin pi is not quite zero, falls with more energy than that of Table 4."""
-    problem = problems.spring_pendulum(theta0=math.pi)
-    solutions = [problem.integrate(h=h, method=method.name) for h in (1e-3, 1e-4)]
-    early = np.abs(solutions[0].u[solutions[0].t <= 3, 1] - math.pi).max()
-    yield at_most("abs (theta - pi) up to t = 3", 1e-8, float(early))
-    table = next(table for table in TABLES if table.number == 4)
-    coarse, fine = (table.entries[method.name][table.steps.index(h)].recomputed for h in (1e-3, 1e-4))
-    drifts = [solution.drift["energy"] for solution in solutions]
-    yield within("energy drift at h = 1e-3 / at 1e-4: as in Table 4", coarse / fine, drifts[0] / drifts[1], 2)
-
-
-@eig3.jit
-def gyroscope(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
-    a[0] = -p[0] * v[1]
-    a[1] = p[0] * v[0]
-
-
-@case(15, "gyroscope")
-def gyroscopic_growth(method: Method) -> Iterator[Finding]:
-    """u'' = kappa J u', kappa h = 0.1: a method of first-order systems does to |v| what it does to an oscillator.
-
-    A multistep method starts with a step of another, which lengthens v by (kappa h)^2 / 2 and a little.
-    """
-    n_steps = 10_000
-    run = eig3.integrate(gyroscope, (0, n_steps * 0.1), [0.0, 0.0], [1.0, 0.0], h=0.1, params=1.0, method=method)
-    expected = {"eig3": 1.2922, "cd": 1.0}.get(method.name) or spectral_radius(method, 0.1) ** n_steps
-    rel = 6e-3 if method.name in ("eig3", "ab2", "ab3") else 1e-9
-    yield near("abs v after 10 000 steps", expected, float(np.hypot(*run.v[-1])), rel=rel)
-
-
-@case(16, "order with velocity", "eig3", "cd", "cd lagged", "rk2", "rk3", "rk4", "ab2", "ab3")
-def order_with_velocity(method: Method) -> Iterator[Finding]:
-    """The damped, forced oscillator and the spring pendulum: by Richardson's ratios of three runs."""
-    forced = problems.single_dof(omega=2.0, xi=0.1, force=1.0, force_omega=3.0, t_end=10.0)
-    for problem, h in ((forced, 0.01), (problems.spring_pendulum(t_end=2.0), 0.002)):
-        ends = [problem.integrate(h=h / 2**i, method=method, save_every=None).u[-1] for i in range(3)]
-        coarse, fine = (float(np.abs(ends[i] - ends[i + 1]).max()) for i in range(2))
-        yield near(f"order on {problem.name}", method.order, math.log2(coarse / fine), tolerance=0.15)

@@ -1,99 +1,58 @@
-"""`eig3 bench paper`: the article's five tables, run natively and laid beside the printed ones."""
+"""Run the article's five tables, and print them beside the printed values."""
 
+import argparse
 import dataclasses
 import json
-import statistics
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
+from eig3.options import add_out, count
 
-from eig3.methods import METHODS, CentralDifference, Method
-from eig3.problem import Problem
-from eig3.solution import Status
-
-from . import text
+from . import pictures, text
 from .article import FOOTNOTES, TABLES, Entry, Table
+from .article_runs import MeasuredTable, label, measure
 from .environment import environment, in_words
-from .timing import Storage, interleave, time_run
 
-QUICK_REPEATS = 3
+SUMMARY = "the article's five tables"
+REPEATS, QUICK_REPEATS = 10, 3
 _QUICK_LEAVES_OUT_SMALLEST = (1, 2, 3, 5)
-_ERROR_BLOCK = 2**18
-_CLAIM_TOLERANCE = 0.15  # of the ratio a claim names: what compilers and processors may differ in
-
-# Table 4 shows CD at its best too: fixed-point iteration in place of the article's Newton.
-EXTRA = {4: {"cd fixed-point": CentralDifference(solver="fixed-point")}}
+_CLAIM_TOLERANCE = 0.15  # relative, for a ratio of times: compilers and processors change it this much
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One method at one step: what was measured, and the article's entry where it has one."""
-
-    h: float
-    method: str
-    n_steps: int
-    n_rhs: int
-    seconds: list[float]
-    error: float
-    status: str
-    entry: Entry | None
-
-    @property
-    def mean(self) -> float:
-        return statistics.fmean(self.seconds)
-
-    @property
-    def median(self) -> float:
-        """For ratios: one run that the machine disturbs does not move it."""
-        return statistics.median(self.seconds)
-
-    @property
-    def label(self) -> str:
-        return label(self.method)
+def add_options(parser: argparse.ArgumentParser, quick: bool = False) -> None:
+    parser.add_argument("--table", type=int, choices=range(1, 6), help="only this one")
+    parser.add_argument(
+        "--repeats", type=count, help=f"runs for each mean time ({REPEATS}, or {QUICK_REPEATS} with --quick)"
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        default=quick,
+        help="fewer repeats, without the smallest steps of Tables 1-3 and 5",
+    )
+    add_out(parser, "write results.json, tables.md and pictures there")
 
 
-@dataclass(frozen=True)
-class Result:
-    """One table, measured."""
-
-    table: Table
-    cells: list[Cell]
-
-    def cell(self, method: str, h: float | None = None) -> Cell:
-        """The cell of a method at a step, or at the smallest one run."""
-        found = [cell for cell in self.cells if cell.method == method and h in (None, cell.h)]
-        if not found:
-            raise LookupError(f"table {self.table.number} was not run with {method} at h = {h}")
-        return min(found, key=lambda cell: cell.h)
-
-    @property
-    def steps(self) -> list[float]:
-        return sorted({cell.h for cell in self.cells}, reverse=True)
+def run(options: argparse.Namespace) -> None:
+    repeats = options.repeats or (QUICK_REPEATS if options.quick else REPEATS)
+    benchmark(only=options.table, repeats=repeats, quick=options.quick, out=options.out)
 
 
-def label(method: str) -> str:
-    """A method's name in tables."""
-    name, _, rest = method.partition(" ")
-    return METHODS[name].label + (f" {rest}" if rest else "")
-
-
-def run(
+def benchmark(
     *,
     only: int | None = None,
-    repeats: int = 10,
+    repeats: int = REPEATS,
     quick: bool = False,
     out: Path | None = None,
     write: Callable[[str], None] = print,
-) -> list[Result]:
-    """Measure, print each table when it is done, and keep everything in `out` as soon as it is there."""
+) -> list[MeasuredTable]:
+    """Measure, print each table as soon as it is complete, and save after each table in `out`."""
     settings = {"table": only, "repeats": repeats, "quick": quick, "mode": "right-hand side through a pointer"}
     heading = (
         f"Machine: {in_words()}\n\n"
-        f"Times: mean of {repeats} interleaved runs of the kernel alone, whole history stored; each holds one call "
-        "from Python, some 20 microseconds, which shows at the largest steps."
+        f"Times: mean of {repeats} interleaved runs of the kernel alone, whole history stored. Each includes one call "
+        "from Python, about 20 microseconds, which is visible at the largest steps."
     )
     write(heading)
     pages, results = [heading], []
@@ -110,7 +69,8 @@ def run(
         write("\n" + page)
     if out is not None:
         save(out, results, pages, settings)
-        write(f"\nWritten to {out}: results.json, tables.md{draw(results, out)}")
+        figures = {f"table{result.table.number}.png": partial(pictures.article_table, result) for result in results}
+        write(f"\nWritten to {out}: results.json, tables.md{pictures.draw(figures, out)}")
     return results
 
 
@@ -118,49 +78,8 @@ def steps_of(table: Table, quick: bool) -> tuple[float, ...]:
     return table.steps[:-1] if quick and table.number in _QUICK_LEAVES_OUT_SMALLEST else table.steps
 
 
-def measure(table: Table, steps: tuple[float, ...], repeats: int) -> Result:
-    """Time every method at every step in interleaved runs; take the errors from runs of their own."""
-    problem = table.problem()
-    methods: dict[str, str | Method] = {name: name for name in table.entries}
-    methods.update(EXTRA.get(table.number, {}))
-    storage = Storage.for_runs(problem, steps)
-    cells = []
-    for i, h in enumerate(steps):
-        runs = {name: partial(time_run, problem, h, method, storage) for name, method in methods.items()}
-        where = f"table {table.number}, h = {h:g}"
-        seconds = interleave(runs, repeats, partial(_tell, where))
-        for name, method in methods.items():
-            text.status(f"{where}, {name}: error over every step")
-            solution, error = error_of(problem, h, method)
-            entry = table.entries[name][i] if name in table.entries else None
-            cells.append(
-                Cell(h, name, solution.n_steps, solution.n_rhs, seconds[name], error, solution.status.value, entry)
-            )
-    text.status("")
-    return Result(table, cells)
-
-
-def _tell(where: str, what: str) -> None:
-    text.status(f"{where}, {what}")
-
-
-def error_of(problem: Problem, h: float, method: str | Method):
-    """The run and its error in the article's metric: from the exact solution where there is one, else energy drift."""
-    solution = problem.integrate(h=h, method=method, save_every=None if problem.exact is None else 1)
-    if solution.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    if problem.exact is None:
-        return solution, solution.drift["energy"]
-    worst = largest = 0.0
-    for begin in range(0, len(solution.t), _ERROR_BLOCK):
-        block = slice(begin, begin + _ERROR_BLOCK)
-        exact = problem.exact(solution.t[block])[0]
-        worst = max(worst, float(np.abs(solution.u[block] - exact).max()))
-        largest = max(largest, float(np.abs(exact).max()))
-    return solution, worst / largest
-
-
-def render(result: Result) -> str:
+def render(result: MeasuredTable) -> str:
+    """A table: the measured times and errors, and the article's."""
     header = ["h (s)", "method", "time (s)", "ns/step", "error", "article: time (s)", "error", "error / article's"]
     rows = []
     for h in result.steps:
@@ -183,22 +102,22 @@ def render(result: Result) -> str:
     return f"Table {table.number}: {table.title}; error is {table.metric}\n\n{text.table(header, rows)}"
 
 
-def render_footnotes(results: list[Result]) -> str:
-    """The marks that were used, and how far the unmarked errors are from those recomputed from the definitions."""
+def render_footnotes(results: list[MeasuredTable]) -> str:
+    """The footnotes in use, and how close the errors without a footnote are to the recomputed errors."""
     entries = [(cell, cell.entry) for result in results for cell in result.cells if cell.entry]
     used = sorted({entry.mark for _, entry in entries} - {""})
     lines = [f"[{mark}] {FOOTNOTES[mark]}" for mark in used]
     unmarked = [abs(cell.error / entry.recomputed - 1) for cell, entry in entries if not entry.mark]
     if unmarked:
         lines.append(
-            f"Each of the {len(unmarked)} errors without a mark is within {100 * max(unmarked):.1f} % of the value "
-            "that the article's definitions give; the article prints two or three digits and truncates some."
+            f"Each of the {len(unmarked)} errors without a footnote is within {100 * max(unmarked):.1f} % of the value "
+            "that follows from the article's definitions. The article prints two or three digits and truncates some."
         )
     return "\n\n".join(lines)
 
 
-def render_relative(results: list[Result]) -> str:
-    """Times over EIG-3's, here and in the article."""
+def render_relative(results: list[MeasuredTable]) -> str:
+    """Times divided by EIG-3's, here and in the article."""
     others = [name for name in TABLES[0].entries if name != "eig3"]
     rows = []
     for result in results:
@@ -222,16 +141,17 @@ def _printed_ratio(entry: Entry | None, base: Entry | None) -> float | None:
     return entry.seconds / base.seconds if entry and base and base.seconds else None
 
 
-def render_claims(results: list[Result]) -> str:
+def render_claims(results: list[MeasuredTable]) -> str:
+    """The article's claims that the measured tables can decide, and whether each holds."""
     by_number = {result.table.number: result for result in results}
     lines = [
-        "The article's claims, each at the smallest step run; a ratio holds when it is within "
-        f"{100 * _CLAIM_TOLERANCE:.0f} % of the one claimed:"
+        "The article's claims, each at the smallest step that was run. A ratio holds if it is within "
+        f"{100 * _CLAIM_TOLERANCE:.0f} % of the claimed ratio:"
     ]
     for i, (claim, verdict) in enumerate(CLAIMS, start=1):
         try:
             holds, numbers = verdict(by_number)
-        except LookupError:  # not all of its tables were run
+        except LookupError:  # one of its tables was not run
             continue
         lines.append(f"{i}. {claim}: {'holds here' if holds else 'does not hold here'}; {numbers}.")
     if len(lines) == 1:
@@ -239,7 +159,7 @@ def render_claims(results: list[Result]) -> str:
     return "\n\n".join(lines)
 
 
-def _ratios(results: dict[int, Result], numbers: tuple[int, ...], method: str) -> dict[int, float]:
+def _ratios(results: dict[int, MeasuredTable], numbers: tuple[int, ...], method: str) -> dict[int, float]:
     return {n: results[n].cell(method).median / results[n].cell("eig3").median for n in numbers}
 
 
@@ -291,8 +211,8 @@ CLAIMS = (
 )
 
 
-def save(out: Path, results: list[Result], pages: list[str], settings: dict) -> None:
-    """results.json and tables.md, whole after every table, so that an interrupted run loses nothing."""
+def save(out: Path, results: list[MeasuredTable], pages: list[str], settings: dict) -> None:
+    """Write results.json and tables.md. Both are complete after every table, so an interrupted run loses nothing."""
     tables = [
         {
             "number": result.table.number,
@@ -308,14 +228,3 @@ def save(out: Path, results: list[Result], pages: list[str], settings: dict) -> 
     content = {"environment": environment(), "settings": settings, "tables": tables}
     (out / "results.json").write_text(json.dumps(content, indent=1))
     (out / "tables.md").write_text("\n\n".join(pages) + "\n")
-
-
-def draw(results: list[Result], out: Path) -> str:
-    """A work-precision picture a table; returns what to say of them."""
-    try:
-        from .pictures import work_precision
-    except ImportError:
-        return text.NO_PICTURES
-    for result in results:
-        work_precision(result, out / f"table{result.table.number}.png")
-    return f" and {len(results)} picture{'s' * (len(results) > 1)}"

@@ -1,19 +1,25 @@
-"""Work-precision pictures."""
+"""Work-precision pictures, and how every benchmark saves its pictures.
+
+Functions that draw return a figure. They import matplotlib when they are called, since it is an optional dependency.
+"""
 
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from matplotlib.figure import Figure
-
-from . import precision as precision_set
+from .article_runs import MeasuredTable
+from .reference import METRICS
 from .rivals import RIVALS
+from .sweep import WorkPrecisionSet
+from .text import NO_PICTURES
 
 if TYPE_CHECKING:
-    from .paper import Result
+    from matplotlib.figure import Figure
 
+#: Colour and marker of each method and rival in every picture.
 STYLE = {
     "eig3": ("C3", "o"),
     "cd": ("C0", "s"),
@@ -31,12 +37,37 @@ STYLE = {
     "cyrk dop853": ("0.2", "+"),
     "cyrk vern8": ("0.5", "+"),
 }
-_BLOWN_UP = 1e3  # an error above this is instability, and would squeeze the rest of the picture
+_BLOWN_UP = 1e3  # a larger error means instability, and would compress the rest of the picture
 
 
-def work_precision(result: Result, path: Path) -> None:
-    """Error against time, log-log, a line for each method; each point tells its step."""
-    figure = Figure(figsize=(7.5, 5.2), layout="constrained")
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of this size in inches."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def is_possible() -> bool:
+    """Whether matplotlib is installed."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def draw(figures: Mapping[str, Callable[[], Figure]], out: Path, *, dpi: int = 130) -> str:
+    """Save each figure in `out` under its name; return what to add to a list of written files."""
+    if not is_possible():
+        return NO_PICTURES
+    for name, figure in figures.items():
+        figure().savefig(out / name, dpi=dpi)
+    return f" and {len(figures)} picture{'s' * (len(figures) > 1)}"
+
+
+def article_table(result: MeasuredTable) -> Figure:
+    """Error against time in logarithms, one line for each method; the points of EIG-3 show their steps."""
+    figure = new_figure(7.5, 5.2)
     axes = figure.subplots()
     outside = []
     for method in dict.fromkeys(cell.method for cell in result.cells):
@@ -64,38 +95,43 @@ def work_precision(result: Result, path: Path) -> None:
     axes.legend()
     if outside:
         axes.text(0.02, 0.02, "unstable, not shown: " + ", ".join(outside), transform=axes.transAxes, fontsize=8)
-    figure.savefig(path, dpi=130)
+    return figure
 
 
-def precision(result: precision_set.Result, path: Path) -> None:
-    """Error against time and against evaluations, log-log; what is unstable stands on the upper edge."""
+def work_precision(result: WorkPrecisionSet) -> Figure:
+    """Error against time and against evaluations in logarithms; crosses at the top edge mark unstable runs."""
     metrics = result.metrics
-    figure = Figure(figsize=(12.5, 4.9 * len(metrics) + 0.4), layout="constrained")
+    figure = new_figure(12.5, 4.9 * len(metrics) + 0.4)
     grid = figure.subplots(len(metrics), 2, sharey="row", squeeze=False)
-    for row, metric in zip(grid, metrics, strict=True):
+    for (by_time, by_evaluations), metric in zip(grid, metrics, strict=True):
         for method, label in result.methods.items():
-            color, marker = STYLE[method]
-            dashes = "--" if method in RIVALS else "-"
-            points = [p for p in result.of(method) if p.stable and metric in p.errors and p.errors[metric] > 0]
-            errors = [p.errors[metric] for p in points]
-            style = {"color": color, "marker": marker, "linestyle": dashes, "markersize": 5, "alpha": 0.85}
-            if points:
-                row[0].loglog([p.time for p in points], errors, label=label, **style)
-            counted = [(p.evaluations, p.errors[metric]) for p in points if p.evaluations]
-            if counted:
-                row[1].loglog(*zip(*counted, strict=True), label=label, **style)
-            unstable = [p.evaluations for p in result.of(method) if not p.stable and p.evaluations]
-            if unstable:
-                edge = row[1].get_xaxis_transform()
-                row[1].plot(
-                    unstable, [0.985] * len(unstable), transform=edge, color=color, marker="x", linestyle="none"
-                )
-        row[0].set_ylabel(f"{metric} error\n{textwrap.fill(precision_set.METRICS[metric], 50)}")
-        row[0].set_xlabel("time (s), median")
-        row[1].set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
-        for axes in row:
+            _work_precision_lines(by_time, by_evaluations, result, method, label, metric)
+        by_time.set_ylabel(f"{metric} error\n{textwrap.fill(METRICS[metric], 50)}")
+        by_time.set_xlabel("time (s), median")
+        by_evaluations.set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
+        for axes in (by_time, by_evaluations):
             axes.grid(which="major", alpha=0.35)
-        # where few runs are: nothing cheap is accurate, and the left picture is full
-        row[1].legend(*row[0].get_legend_handles_labels(), loc="lower left", fontsize=7)
-    figure.suptitle(f"What accuracy costs: {result.case.title}", fontsize=12)
-    figure.savefig(path, dpi=110)
+        # the lower left corner of the right picture is empty: no run is both cheap and accurate
+        by_evaluations.legend(*by_time.get_legend_handles_labels(), loc="lower left", fontsize=7)
+    figure.suptitle(f"What accuracy costs: {result.problem.title}", fontsize=12)
+    return figure
+
+
+def _work_precision_lines(
+    by_time: Any, by_evaluations: Any, result: WorkPrecisionSet, method: str, label: str, metric: str
+) -> None:
+    color, marker = STYLE[method]
+    style = {"color": color, "marker": marker, "markersize": 5, "alpha": 0.85, "label": label}
+    style["linestyle"] = "--" if method in RIVALS else "-"
+    points = [p for p in result.of(method) if p.stable and metric in p.errors and p.errors[metric] > 0]
+    if points:
+        by_time.loglog([p.time for p in points], [p.errors[metric] for p in points], **style)
+    counted = [(p.evaluations, p.errors[metric]) for p in points if p.evaluations]
+    if counted:
+        by_evaluations.loglog(*zip(*counted, strict=True), **style)
+    unstable = [p.evaluations for p in result.of(method) if not p.stable and p.evaluations]
+    if unstable:
+        edge = by_evaluations.get_xaxis_transform()
+        by_evaluations.plot(
+            unstable, [0.985] * len(unstable), transform=edge, color=color, marker="x", linestyle="none"
+        )

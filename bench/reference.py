@@ -1,4 +1,4 @@
-"""The trajectories that errors are measured against."""
+"""The trajectories that errors are measured against, and the errors of a run."""
 
 import weakref
 from collections.abc import Callable
@@ -7,17 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from eig3.problem import Problem
+from eig3.solution import Solution
 
-from .rivals import scipy_form
+from .rivals import Answer, scipy_form
 
-_CHECK_STEPS = 1000  # of RK4 a radian of the fastest oscillation: its phase error is then 1e-14 a radian
+METRICS = {
+    "trajectory": "max |u - u(t)| / max |u|",
+    "energy": "max |E - E0| / |E0|",
+    "continuum": "max |u - u(x, t)| / max |u|, against the continuous bar: errors in space and in time",
+}
+_CHECK_STEPS = 1000  # of RK4 for each radian of the fastest oscillation: its phase error is then 1e-14 per radian
 _CHECK_STATES = 200
 _known: weakref.WeakKeyDictionary[Problem, "Reference"] = weakref.WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
 class Reference:
-    """``u(t)`` of a problem, from where, and how far it may be from the truth, as a part of max |u|."""
+    """The true u(t) of a problem, where it comes from, and its uncertainty relative to max |u|."""
 
     u: Callable[[np.ndarray], np.ndarray]
     source: str
@@ -25,9 +31,9 @@ class Reference:
 
 
 def reference(problem: Problem, omega: float) -> Reference:
-    """The exact solution; without one DOP853 at its tightest, checked against RK4 at tiny steps.
+    """The exact solution, or else DOP853 with its tightest tolerance, checked against RK4 with tiny steps.
 
-    `omega` is the highest angular frequency of the problem. What has been computed is kept as long as the problem is.
+    `omega` is the highest angular frequency of the problem, rad/s. A result is kept as long as its problem exists.
     """
     if problem not in _known:
         _known[problem] = _exact(problem) if problem.exact else _checked_dop853(problem, omega)
@@ -37,7 +43,7 @@ def reference(problem: Problem, omega: float) -> Reference:
 def _exact(problem: Problem) -> Reference:
     exact = problem.exact
     assert exact is not None
-    return Reference(lambda t: exact(t)[0], "exact solution", 1e-12)  # of sines of phases up to 1e4
+    return Reference(lambda t: exact(t)[0], "exact solution", 1e-12)  # the round-off of sines of phases up to 1e4
 
 
 def _checked_dop853(problem: Problem, omega: float) -> Reference:
@@ -60,3 +66,38 @@ def _checked_dop853(problem: Problem, omega: float) -> Reference:
     )
     difference = float(np.abs(u(check.t) - check.u).max() / np.abs(check.u).max())
     return Reference(u, "SciPy DOP853 at rtol 3e-14, checked against RK4 at tiny steps", difference)
+
+
+class Judge:
+    """Measures the errors of runs of one problem, in every metric that the problem has."""
+
+    def __init__(self, problem: Problem, truth: Reference) -> None:
+        self.problem = problem
+        self.truths: dict[str, Callable[[np.ndarray], np.ndarray]] = {"trajectory": truth.u}
+        if problem.continuum is not None:
+            continuum = problem.continuum
+            self.truths["continuum"] = lambda t: continuum(t)[0]
+
+    def errors(self, t: np.ndarray, u: np.ndarray) -> dict[str, float]:
+        """The errors of displacements u, shape (m,) or (m, n), at the times t, shape (m,)."""
+        found = {}
+        for metric, truth in self.truths.items():
+            true = truth(t)
+            with np.errstate(over="ignore", invalid="ignore"):
+                found[metric] = float(np.abs(u - true).max() / np.abs(true).max())
+        return found
+
+    def of_run(self, solution: Solution) -> dict[str, float]:
+        """The errors of a run of the library."""
+        errors = self.errors(solution.t, solution.u)
+        if "energy" in solution.drift:
+            errors["energy"] = solution.drift["energy"] / abs(self.problem.energy_of(self.problem.u0, self.problem.v0))
+        return errors
+
+    def of_answer(self, times: np.ndarray, answer: Answer) -> dict[str, float]:
+        """The errors of a run of a rival."""
+        errors = self.errors(times, answer.u)
+        if self.problem.energy is not None:
+            energies = np.array([self.problem.energy_of(u, v) for u, v in zip(answer.u, answer.v, strict=True)])
+            errors["energy"] = float(np.abs(energies / energies[0] - 1).max())
+        return errors

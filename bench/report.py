@@ -1,16 +1,23 @@
-"""`eig3 bench report`: every table and picture on one page, as HTML and as Markdown."""
+"""Measure the article's tables, C, work and precision with rivals, and the planner; write HTML and Markdown."""
 
 from __future__ import annotations
 
+import argparse
 import base64
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
-from eig3.methods import METHODS
+from eig3.options import add_methods, add_out
 
-from . import baseline, hits, paper, precision, speed
+from . import c, paper, pictures, plan, precision
 from .environment import in_words
+from .options import METHOD_NAMES, add_problems, add_repeats, choose
+from .problem_set import PROBLEM_SET
+from .sweep import LONGEST, WorkPrecisionSet, measure
+
+SUMMARY = "everything on one page"
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 1150px; margin: 2em auto; padding: 0 1em; color: #222; }
@@ -22,14 +29,25 @@ img { max-width: 100%; } h2 { border-top: 1px solid #ccc; padding-top: 0.6em; ma
 
 _HOW_TO_READ = """## How to read it
 
-Times of different machines do not compare; ratios within one table do, for its runs are interleaved. Compiling is left
-out everywhere. In a work-precision picture the lower left corner is best: less time, less error. A line that falls
-steeply belongs to a method of high order; one that ends early on the left is limited by stability. A column of "time
-to reach" is read downwards: the bold entry is what to use for that accuracy. Errors of different metrics are different
-things: a trajectory may be far off in phase where its energy is exact."""
+Times from different machines cannot be compared. Ratios within one table can, since its runs are interleaved. No time
+includes compiling. In a work-precision picture the lower left corner is best: less time and less error. A steep line
+belongs to a method of high order; a line that ends early on the left is limited by stability. Read a column of "time
+to reach" from top to bottom: the bold entry is the fastest way to that accuracy. Errors in different metrics mean
+different things: a trajectory with exact energy can be far off in phase."""
 
 
-def run(
+def add_options(parser: argparse.ArgumentParser) -> None:
+    add_problems(parser)
+    add_methods(parser)
+    add_repeats(parser, 7)
+    add_out(parser, "where to write it", required=True)
+
+
+def run(options: argparse.Namespace) -> None:
+    benchmark(out=options.out, repeats=options.repeats, only=options.problems, methods=options.methods)
+
+
+def benchmark(
     *,
     out: Path,
     repeats: int = 7,
@@ -38,27 +56,29 @@ def run(
     write: Callable[[str], None] = print,
 ) -> None:
     """Measure everything and write report.html, report.md, precision.json and the pictures into `out`."""
-    names = speed.choose(only, list(precision.CASES), "--problem")
-    compared = [name for name in speed.choose(methods, list(METHODS)) if name in baseline.METHOD_NAMES]
+    names, chosen = choose(only, list(PROBLEM_SET), "--problem"), choose(methods, METHOD_NAMES)
+    in_c = [name for name in chosen if name in c.METHODS_IN_C]
+    if not pictures.is_possible():
+        raise SystemExit("eig3 bench report: the pictures need matplotlib; install it with pip install 'eig3[bench]'.")
     page = Page(out)
     page.add("# eig3: what accuracy costs in time", f"Machine: {in_words()}", _HOW_TO_READ)
-    page.add(*_articles_tables(out, repeats))
+    page.add(*_article_tables(out, repeats))
     write("the article's tables: done")
-    page.add("## Beside C", _collected(lambda line: baseline.run(methods=compared, repeats=repeats, write=line)))
+    page.add("## Beside C", _collected(lambda line: c.benchmark(methods=in_c, repeats=repeats, write=line)))
     write("C: done")
-    page.add("## Work and precision", precision.heading(repeats, precision.LONGEST))
-    results: list[precision.Result] = []
+    page.add("## Work and precision", precision.heading(repeats, LONGEST))
+    results: list[WorkPrecisionSet] = []
     for name in names:
-        results.append(precision.measure(name, methods or list(METHODS), repeats, precision.LONGEST, rivals=True))
-        page.add(*_set(out, results[-1]))
+        results.append(measure(name, PROBLEM_SET[name], chosen, repeats, LONGEST, rivals=True))
+        page.add(*_work_precision(out, results[-1]))
         precision.save(out, results)
     write("work and precision: done")
-    page.add("## What eig3.plan predicts", _collected(lambda line: hits.run(only=only, write=line)))
+    page.add("## What eig3.plan predicts", _collected(lambda line: plan.benchmark(only=only, write=line)))
     write(f"Written to {out}: report.html, report.md, precision.json and the pictures")
 
 
 class Page:
-    """The report so far, written anew as it grows, so that an interruption loses nothing."""
+    """The report so far. Each addition writes it again, so that an interruption loses nothing."""
 
     def __init__(self, out: Path) -> None:
         self.out = out
@@ -72,7 +92,7 @@ class Page:
 
 
 def html(markdown: str, folder: Path) -> str:
-    """One page that holds its pictures."""
+    """One page that contains its pictures."""
     from markdown import markdown as converted
 
     body = converted(markdown, extensions=["tables", "sane_lists"])
@@ -86,29 +106,25 @@ def html(markdown: str, folder: Path) -> str:
     return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
 
 
-def _articles_tables(out: Path, repeats: int) -> list[str]:
-    from .pictures import work_precision
-
+def _article_tables(out: Path, repeats: int) -> list[str]:
     lines: list[str] = []
-    results = paper.run(repeats=repeats, quick=True, write=lines.append)
+    results = paper.benchmark(repeats=repeats, quick=True, write=lines.append)
     pages = ["## The article's tables and claims", *(line.strip("\n") for line in lines)]
-    for result in results:
-        name = f"table{result.table.number}.svg"
-        work_precision(result, out / name)
-        pages.append(f"![Table {result.table.number}: error against time]({name})")
-    return pages
+    figures = {f"table{result.table.number}.svg": partial(pictures.article_table, result) for result in results}
+    pictures.draw(figures, out)
+    shown = zip(figures, results, strict=True)
+    return pages + [f"![Table {result.table.number}: error against time]({name})" for name, result in shown]
 
 
-def _set(out: Path, result: precision.Result) -> list[str]:
-    from .pictures import precision as draw
-
+def _work_precision(out: Path, result: WorkPrecisionSet) -> list[str]:
     name = f"precision_{result.name}.svg"
-    draw(result, out / name)
-    picture = f"![{result.case.title}: error against time and evaluations]({name})"
+    pictures.draw({name: partial(pictures.work_precision, result)}, out)
+    picture = f"![{result.problem.title}: error against time and evaluations]({name})"
     return [precision.render(result).replace("## ", "### "), picture]
 
 
 def _collected(measure: Callable[[Callable[[str], None]], None]) -> str:
+    """What a benchmark prints, as paragraphs."""
     lines: list[str] = []
     measure(lines.append)
     return "\n\n".join(line.strip("\n") for line in lines if line.strip())

@@ -1,6 +1,6 @@
-"""What a user would pick instead, each at its best settings: adaptive solvers on the same problems.
+"""Adaptive solvers that a user could choose instead, each with its best settings, on the same problems.
 
-Every rival gives the states at the times asked for by its own dense output, and is timed with its compiling left out.
+Every rival returns the states at given times by its own dense output. Its time does not include compiling.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from eig3.problem import Problem
 
 @dataclass(frozen=True)
 class Answer:
-    """One run of a rival: seconds, states at the times asked for, and evaluations where it tells."""
+    """One run of a rival: seconds, states at the given times, and evaluations if the rival counts them."""
 
     seconds: float
     u: np.ndarray
@@ -32,13 +32,13 @@ class Answer:
 
 @dataclass(frozen=True)
 class Rival:
-    """A solver: `prepare(problem, times)` gives a function from a tolerance to one without arguments, a run."""
+    """A solver. ``prepare(problem, times)(tolerance)`` returns a function without arguments that makes a run."""
 
     label: str
     package: str
     prepare: Callable[[Problem, np.ndarray], Callable[[float], Callable[[], Answer]]]
     tolerances: Sequence[float] = tuple(10.0**-k for k in range(3, 14, 2))
-    most_degrees: int = 10_000  # of freedom that it can be asked for
+    most_degrees: int = 10_000  # of freedom; a larger problem takes it too long
 
     @property
     def is_installed(self) -> bool:
@@ -140,7 +140,7 @@ def _heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[
     system = [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)]
 
     def at(tolerance: float) -> Callable[[], Answer]:
-        # compact mode is for large systems: their compile times are endless without
+        # without compact mode a large system takes minutes to compile
         solver = heyoka.taylor_adaptive(system, list(y0), tol=tolerance, compact_mode=n > 20)
 
         def run() -> Answer:
@@ -157,7 +157,7 @@ def _heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[
 
 
 def absolute(tolerance: float, problem: Problem) -> float:
-    """A hundredth of the relative tolerance times the size of the initial state, so that the relative one decides."""
+    """The absolute tolerance: so small, beside the size of the initial state, that the relative tolerance decides."""
     size = max(np.abs(problem.u0).max(), np.abs(problem.v0).max())
     return float(1e-2 * tolerance * size)
 
@@ -208,7 +208,7 @@ def _hardening_chain(heyoka, u, v, p):
     return [(forces[j + 1] if j < len(u) - 1 else 0.0) - forces[j] for j in range(len(u))]
 
 
-#: The problems as heyoka takes them, in symbols: ``(heyoka, u, v, params) -> accelerations``.
+#: The problems as heyoka needs them, in symbols: ``(heyoka, u, v, params) -> accelerations``.
 _EXPRESSIONS = {
     "single_dof": _single_dof,
     "hardening_spring": _hardening_spring,

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from eig3 import problems
-from eig3.methods import METHODS, Method
+from eig3.methods import LIBRARY, Method
 from eig3.problem import Problem
 from eig3.stability import damping_ratio, limit, period_error, spectral_radius, stable_region
 
-from .pictures import STYLE
-from .stability import DAMPED, EIG3_SETS, UNSTABLE_SETS, evaluations_per_step
+from .pictures import STYLE, new_figure
+from .stability_sets import DAMPED, EIG3_SETS, UNSTABLE_SETS, evaluations_per_step
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _OMEGA = r"$\Omega = \omega h$ (rad)"
 _RADIUS = r"spectral radius $\rho$ (-)"
@@ -36,18 +38,18 @@ _SET_STYLE = {
     "EIG-3(0, 0)": ("0.3", "--"),
 }
 _FOUR_STEPS = (0.4, 0.49, 0.5, 0.501)  # s
-_SHOWN = 20.0  # s of the 1000
+_SHOWN = 20.0  # s, of a span of 1000 s
 _DENSE = 400
 
 
 def save(figure: Figure, path: Path) -> None:
-    """As `path`.png and `path`.svg, without the date that an SVG carries by itself."""
+    """Save as `path`.png and `path`.svg, the latter without the date that matplotlib writes by default."""
     figure.savefig(path.with_suffix(".png"), dpi=130)
     figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
 
 
 def regions() -> Figure:
-    figure = Figure(figsize=(11.5, 5.2), layout="constrained")
+    figure = new_figure(11.5, 5.2)
     left, right = figure.subplots(1, 2)
     Omega, weight = np.linspace(0.005, 2.4, 480), np.linspace(0, 2.5, 251)
     color = STYLE["eig3"][0]
@@ -58,7 +60,7 @@ def regions() -> Figure:
     left.plot(2, 1, color=color, marker="o", linestyle="none", label="EIG-3(1, 1/2)")
     left.set(ylabel=r"$\alpha$ (-)", title=r"(a) $\beta = 1/2$")
 
-    is_line = weight[:, None] == 0.5  # which would be as thick as the grid
+    is_line = weight[:, None] == 0.5  # a row of the grid, much thicker than the line that is meant
     _region(right, Omega, weight, stable_region(Omega, 1.0, weight[:, None]) & ~is_line)
     beta = np.linspace(0, 2.5, _DENSE)
     right.plot(1 / np.sqrt(beta + 0.5), beta, "k--", label=r"$\Omega = 1/\sqrt{\beta + 1/2}$")
@@ -105,7 +107,7 @@ def sets_period() -> Figure:
 
 
 def _sets(title: str, function: Callable[[Method, np.ndarray], np.ndarray], ylabel: str, unit: float) -> Figure:
-    """A quantity of the principal root, to the limit of each set, and to 1 where there is none."""
+    """A quantity of the principal root up to the limit of each set, or up to 1 if there is no limit."""
     figure, (left, right) = _two_panels(title)
     for label, method in EIG3_SETS.items():
         Omega = _up_to(limit(method))
@@ -121,7 +123,7 @@ def _sets(title: str, function: Callable[[Method, np.ndarray], np.ndarray], ylab
 
 
 def _two_panels(title: str) -> tuple[Figure, Any]:
-    figure = Figure(figsize=(12, 5), layout="constrained")
+    figure = new_figure(12, 5)
     panels = figure.subplots(1, 2)
     for axes, heading in zip(panels, ("sets that have a limit", "sets without a stable step"), strict=True):
         axes.set_title(heading, fontsize=11)
@@ -136,7 +138,7 @@ def _set_curve(axes: Axes, label: str, Omega: np.ndarray, values: np.ndarray) ->
 
 
 def _up_to(bound: float) -> np.ndarray:
-    """From near zero to just below a limit, where the pair of roots may become real."""
+    """Omega from near zero to just below a limit, since the pair of roots can become real at the limit."""
     return np.linspace(0.005, bound * (1 - 1e-6), _DENSE)
 
 
@@ -170,7 +172,7 @@ def methods_period() -> Figure:
 
 
 def _one_panel(title: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    figure = new_figure(9, 5.4)
     axes = figure.subplots()
     axes.set_xlabel(_OMEGA)
     axes.grid(alpha=0.35)
@@ -179,11 +181,12 @@ def _one_panel(title: str) -> tuple[Figure, Axes]:
 
 
 def _free_methods() -> Mapping[str, Method]:
-    return {name: METHODS[name]().without_velocity() for name in ("eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3")}
+    """The library's methods for a force without velocity."""
+    return {record.name: record().without_velocity() for record in LIBRARY}
 
 
 def _methods(axes: Axes, curve: Callable[[Method, float], tuple[np.ndarray, np.ndarray]]) -> None:
-    """A curve for each method, which may go to its limit; CD is EIG-3 here, a dashed line that lets it be seen."""
+    """A curve for each method. CD coincides with EIG-3: its dashed line lies on a wide one."""
     lines: dict[str, dict[str, Any]] = {"eig3": {"linewidth": 4, "alpha": 0.6}, "cd": {"linestyle": "--", "zorder": 3}}
     labels = {"eig3": "EIG-3(1, 1/2)", "rk4": "RK4 (not in the article)"}
     for name, method in _free_methods().items():
@@ -192,7 +195,7 @@ def _methods(axes: Axes, curve: Callable[[Method, float], tuple[np.ndarray, np.n
 
 
 def four_steps() -> Figure:
-    figure = Figure(figsize=(12, 7.2), layout="constrained")
+    figure = new_figure(12, 7.2)
     fine = np.linspace(0, _SHOWN, 2001)
     problem = problems.single_dof()
     grid = figure.subplots(2, 2)
@@ -214,7 +217,7 @@ def four_steps() -> Figure:
 def _run(problem: Problem, h: float) -> tuple[np.ndarray, np.ndarray]:
     n_steps = int(_SHOWN / h)
     u, v = np.empty(n_steps), np.empty(n_steps)
-    problem.stepper(h=h).advance(n_steps, 1, u, v)  # not integrate, which fits h to the span
+    problem.stepper(h=h).advance(n_steps, 1, u, v)  # not integrate, which changes h to fit the span
     return h * np.arange(n_steps + 1), np.concatenate([[problem.u0], u])
 
 
@@ -228,7 +231,7 @@ _DAMPED_STYLE = {
 
 
 def damped_limits() -> Figure:
-    figure = Figure(figsize=(12, 5.8), layout="constrained")
+    figure = new_figure(12, 5.8)
     left, right = figure.subplots(1, 2)
     dampings = np.concatenate([np.geomspace(1e-3, 0.2, 14), np.linspace(0.25, 2, 36)])  # corners near xi = 1
     for case in DAMPED:
@@ -253,20 +256,20 @@ def damped_limits() -> Figure:
     return figure
 
 
-_ENDS = "A curve ends at the limit, or before it where the principal pair of roots becomes real"
+_ENDS = "A curve ends at the limit, or earlier where the principal pair of roots becomes real"
 
-#: The file of each picture, what draws it, and what to say of it.
+#: The name of each picture, the function that draws it, and its caption.
 PICTURES: dict[str, tuple[Callable[[], Figure], str]] = {
     "figure1": (
         regions,
         "Figure 1. Where EIG-3 is stable, undamped. (a) beta = 1/2: from alpha = 1 upwards. (b) alpha = 1: above "
-        "beta = 1/2 up to 1/sqrt(beta + 1/2); on the line beta = 1/2 itself up to 2; below it only between two limits, "
+        "beta = 1/2 up to 1/sqrt(beta + 1/2); on the line beta = 1/2 up to 2; below the line only between two limits, "
         "so that no small step is stable.",
     ),
     "figure2": (
         sets_radius,
-        "Figure 2. Spectral radius of EIG-3; dots mark the limits. On the left only (1, 1/2) keeps the radius 1 all "
-        "the way; the sets on the right exceed it at every step.",
+        "Figure 2. Spectral radius of EIG-3; dots mark the limits. On the left only (1, 1/2) keeps the radius 1 up to "
+        "its limit; the sets on the right exceed 1 at every step.",
     ),
     "figure3": (
         sets_damping,
@@ -276,26 +279,27 @@ PICTURES: dict[str, tuple[Callable[[], Figure], str]] = {
     "figure4": (sets_period, f"Figure 4. Relative period error of EIG-3. {_ENDS}; on the right at Omega = 1."),
     "figure5": (
         methods_radius,
-        "Figure 5. Spectral radius of the methods; markers stand at the limits. EIG-3(1, 1/2) and CD coincide. RK2 and "
+        "Figure 5. Spectral radius of the methods; markers show the limits. EIG-3(1, 1/2) and CD coincide. RK2 and "
         "AB2 exceed 1 at every step.",
     ),
     "figure6": (
         methods_damping,
         f"Figure 6. Algorithmic damping ratio of the methods. {_ENDS}; RK2 and AB2, without a limit, are shown to "
-        "Omega = 1: theirs is negative, they excite.",
+        "Omega = 1: their ratio is negative, so their solutions grow.",
     ),
     "figure7": (methods_period, f"Figure 7. Relative period error of the methods. {_ENDS}; RK2 and AB2 at Omega = 1."),
     "figure9": (
         four_steps,
         "Figure 9. The single degree of freedom of section 4.1 by EIG-3 with four steps around its limit. At h = 0.5 s "
-        "the roots meet in -1, which lets a disturbance grow in proportion to time; this run has none, since every "
+        "both roots are -1, and a disturbance grows in proportion to time. This run has no disturbance, since every "
         "number in it is exact in binary.",
     ),
     "damped_limits": (
         damped_limits,
         "Not in the article: the limits under physical damping, by step and by evaluation of the right-hand side. CD "
-        "implicit keeps 2 at every damping and pays with a solve: its evaluations are counted in runs of 100 steps at "
-        "0.95 of the limit, Newton's method with differences for one degree of freedom. With n degrees of freedom the "
-        "differences take n evaluations an iteration; without damping CD needs one evaluation and no solve.",
+        "implicit keeps the limit 2 at every damping, but needs a solve in every step. Its evaluations are counted in "
+        "runs of 100 steps at 0.95 of the limit, with Newton's method by differences for one degree of freedom. With n "
+        "degrees of freedom the differences take n evaluations per iteration; without damping CD needs one evaluation "
+        "per step and no solve.",
     ),
 }

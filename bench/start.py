@@ -1,4 +1,7 @@
-"""A first result: a right-hand side defined, compiled and run; `python -m eig3.bench.start pointer` in a process."""
+"""The time to a first result: define, compile and run a right-hand side.
+
+`python -m eig3.bench.start pointer` does it in a new process; the other mode is `inline`.
+"""
 
 import sys
 from typing import Any
@@ -10,7 +13,7 @@ from eig3.solution import Solution
 
 
 def new_function() -> Any:
-    """The oscillator u'' = -u, which Numba has to compile anew each time."""
+    """The oscillator u'' = -u as a new function, which Numba has to compile again."""
 
     @eig3.jit
     def oscillator(t, u, v, p):

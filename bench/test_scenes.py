@@ -2,26 +2,14 @@
 
 import pytest
 
-from eig3.bench.scenes import CASES
+from eig3.bench.scene_pairs import SCENE_PAIRS
 
 N_VALUES = 4_000_000  # steps times degrees of freedom
 
 
 @pytest.mark.parametrize("by", ["scene", "hand"])
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
-def test_scene(benchmark, case, by):
-    benchmark.group = case.title
-    problem = case.problems()[by == "hand"]
-    n_steps = N_VALUES // problem.u0.size
-    start = problem.stepper(h=case.h)
-
-    def run(stepper):
-        stepper.advance(n_steps)
-        return stepper
-
-    end = benchmark.pedantic(run, setup=lambda: ((start.fork(),), {}), rounds=10, warmup_rounds=1)
-    assert end.index == n_steps
-    assert end.is_finite
-    benchmark.extra_info.update(h=case.h, evaluations=end.n_rhs)
-    if benchmark.enabled:
-        benchmark.extra_info["ns_per_step"] = 1e9 * benchmark.stats["median"] / n_steps
+@pytest.mark.parametrize("pair", SCENE_PAIRS, ids=lambda pair: pair.title)
+def test_scene(benchmark, time_steps, pair, by):
+    benchmark.group = pair.title
+    problem = pair.problems()[by == "hand"]
+    time_steps(problem.stepper(h=pair.h), N_VALUES // problem.u0.size)

@@ -1,4 +1,4 @@
-"""Cold against warm start: the time to the first result, in a new process and in one that has run before."""
+"""Cold and warm start: the time to the first result in a new process, and in a process that has run before."""
 
 import itertools
 import os

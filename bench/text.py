@@ -1,4 +1,4 @@
-"""Tables that read well in a terminal and in Markdown, and a line that tells how far a benchmark is."""
+"""Tables that are readable in a terminal and in Markdown, and a line that shows the progress of a benchmark."""
 
 import sys
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from eig3.drawing import NO_PICTURES as NO_PICTURES
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """An aligned Markdown table: the first column to the left, the others to the right."""
+    """An aligned Markdown table: the first column is aligned left, the others right."""
     widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
 
     def line(cells: Sequence[str]) -> str:
@@ -21,18 +21,18 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number to so many digits, with its zeros; a dash for one that is not there."""
+    """A number with this many significant digits, trailing zeros included; a dash for None."""
     if value is None:
         return "-"
     return "0.0" if value == 0 else f"{value:#.{digits}g}".removesuffix(".")
 
 
 def printed(value: float | None) -> str:
-    """A number of the article with the digits it has there."""
+    """A number of the article with the digits that the article prints; a dash for None."""
     return "-" if value is None else f"{value:g}" if value else "0.0"
 
 
 def status(text: str) -> None:
-    """Overwrite the line that tells what is running, where a person looks on; an empty text clears it."""
+    """Overwrite the progress line on a terminal; an empty text clears it."""
     if sys.stderr.isatty():
         print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)

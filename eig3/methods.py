@@ -278,3 +278,7 @@ class AB3(Method):
     label: ClassVar[str] = "AB3"
     kernel: ClassVar[str] = "eig3.kernels.ab3"
     order: ClassVar[int] = 3
+
+
+#: The methods of the library. Unlike `METHODS` it never holds a method that a user has defined.
+LIBRARY: tuple[type[Method], ...] = (EIG3, CentralDifference, RK2, RK3, RK4, AB2, AB3)

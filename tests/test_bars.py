@@ -1,4 +1,4 @@
-"""Bars and chains: their solutions solve them, and a step at the limit gives d'Alembert's."""
+"""Bars and chains: exact solutions solve the equations, and a step at the limit gives d'Alembert's solution."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def test_exact_solution_starts_at_the_state_given_and_solves_the_equation(build)
     problem = build(n=40, width=0.1)
     u, v = problem.exact(0.0)
     np.testing.assert_allclose(u, problem.u0, atol=1e-13)
-    np.testing.assert_allclose(v, problem.v0, atol=1e-6)  # of rates up to 5e5
+    np.testing.assert_allclose(v, problem.v0, atol=1e-6)  # the rates reach 5e5
     dt = 1e-10
     for t in (1e-5, 1.7e-4):
         u, v = problem.exact(t)
@@ -34,7 +34,7 @@ def test_the_lumped_bar_tends_to_the_continuous_one_in_second_order(build):
     errors = []
     for n in (99, 199, 399):
         problem = build(n=n, width=0.1, xi=1e-3 * (n + 1)) if build is problems.damped_bar else build(n=n, width=0.1)
-        # each xi is that of the highest mode: in proportion to n + 1 the material is the same
+        # xi belongs to the highest mode: with xi in proportion to n + 1 the material stays the same
         errors.append(np.abs(problem.exact(t)[0] - problem.continuum(t)[0]).max())
     ratios = np.array(errors[:-1]) / errors[1:]
     assert (np.abs(ratios - 4) < 0.3).all()  # (dx / width)^2 is 1e-2 at the coarsest
@@ -50,7 +50,7 @@ def test_continuum_velocity_is_the_derivative_of_its_displacement(build):
 
 @pytest.mark.parametrize("method", ["eig3", "cd"])
 def test_a_step_at_the_limit_gives_dalemberts_solution(method):
-    """Ten passes of the pulse at h = dx / c: both are exact there, and only roundings of 2000 steps are left."""
+    """Ten passes of the pulse at h = dx / c: both methods are exact there, up to the round-off of 2000 steps."""
     problem = problems.elastic_bar(n=199)
     solution = problem.integrate(h=1 / 200 / 5000, method=method)
     assert solution.success
@@ -65,7 +65,9 @@ def test_order_on_the_damped_bar(method, order):
     for h in steps:
         solution = problem.integrate(h=h, method=method)
         errors.append(np.abs(solution.u - problem.exact(solution.t)[0]).max())
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.15)  # terms of the next order: omega h = 0.03
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(
+        order, abs=0.15
+    )  # the terms of the next order are small: omega h = 0.03
 
 
 def test_a_bar_without_damping_is_the_elastic_one():
@@ -74,14 +76,14 @@ def test_a_bar_without_damping_is_the_elastic_one():
     for one, other in ((elastic.exact, damped.exact), (elastic.continuum, damped.continuum)):
         np.testing.assert_allclose(
             one(t)[0], other(t)[0], atol=1e-8
-        )  # 50 sines of the pulse: the rest is exp(-(50 pi/20)^2/2)
+        )  # the pulse has 50 sines: the others add exp(-(50 pi/20)^2/2)
 
 
 def test_energies_converge_on_the_chain():
     problem = problems.hardening_chain(n=20, t_end=1.0)
     drifts = [problem.integrate(h=h, method="eig3", save_every=None).drift["energy"] for h in (2e-4, 1e-4)]
     assert drifts[0] / drifts[1] == pytest.approx(4, abs=0.3)
-    assert drifts[1] < 1e-3  # of 1/2
+    assert drifts[1] < 1e-3  # the energy is 1/2
 
 
 @pytest.mark.parametrize("build", [*BARS, problems.hardening_chain])
@@ -108,4 +110,4 @@ def test_a_million_masses_are_set_up_in_the_memory_of_a_few_vectors():
     problem = problems.elastic_bar(n=10**6)
     u, v = problem.exact(0.0)
     np.testing.assert_allclose(u, problem.u0, atol=1e-12)
-    assert np.abs(v).max() < 1e-3  # of 5e4: the sum of a million modes
+    assert np.abs(v).max() < 1e-3  # round-off of a sum of a million modes of size 5e4

@@ -7,8 +7,9 @@ import sys
 import pytest
 
 import eig3
-from eig3.bench import paper, speed, text
+from eig3.bench import BENCHMARKS, article_runs, handwritten, loops, options, paper, precision, stability, text, timing
 from eig3.bench.article import TABLES, Table
+from eig3.bench.problem_set import BenchmarkProblem
 from eig3.cli import main
 
 
@@ -32,7 +33,7 @@ def test_version_and_help(capsys):
         (["bench", "paper", "--out", "/dev/null/x"], "cannot be made"),
     ],
 )
-def test_wrong_usage_is_told(arguments, message, capsys):
+def test_wrong_usage_is_refused(arguments, message, capsys):
     with pytest.raises(SystemExit) as caught:
         main(arguments)
     assert caught.value.code == 2
@@ -44,9 +45,29 @@ def test_the_command_is_installed():
     assert result.stdout == f"eig3 {eig3.__version__}\n"
 
 
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_every_benchmark_is_listed_and_describes_itself(name, capsys):
+    for arguments, expected in ((["bench", "--help"], f"\n    {name} "), (["bench", name, "--help"], "options:")):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 0
+        printed = capsys.readouterr().out
+        assert expected in printed
+    assert printed.startswith(f"usage: eig3 bench {name} ")
+
+
+def test_help_imports_no_benchmark():
+    code = (
+        "import sys, eig3.cli\n"
+        "try: eig3.cli.main(['--help'])\n"
+        "except SystemExit: sys.exit(any(m.startswith(('eig3.bench.', 'eig3.problems')) for m in sys.modules))"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
 def test_bench_alone_is_the_quick_paper(monkeypatch):
     calls = []
-    monkeypatch.setattr(paper, "run", lambda **settings: calls.append(settings))
+    monkeypatch.setattr(paper, "benchmark", lambda **settings: calls.append(settings))
     main(["bench"])
     main(["bench", "--quick"])
     main(["bench", "paper", "--quick"])
@@ -60,7 +81,7 @@ def test_bench_alone_is_the_quick_paper(monkeypatch):
 
 @pytest.fixture
 def short_tables(monkeypatch):
-    """The article's tables without their two smallest steps."""
+    """The article's tables with their two largest steps only."""
     short = [
         Table(t.number, t.title, t.metric, t.problem, t.steps[:2], {m: e[:2] for m, e in t.entries.items()})
         for t in TABLES
@@ -84,7 +105,7 @@ def test_paper_prints_keeps_and_draws_everything(tmp_path, capsys):
     ):
         assert word in printed
     assert "3. With velocity terms CD takes 5.6 times EIG-3" in printed
-    assert "4. On the pendulum" not in printed  # without Table 5 it cannot be judged
+    assert "4. On the pendulum" not in printed  # this claim needs Table 5
 
     results = json.loads((out / "results.json").read_text())
     assert {"cpu", "numba", "numpy", "python", "eig3"} <= set(results["environment"])
@@ -103,42 +124,39 @@ def test_paper_prints_keeps_and_draws_everything(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("short_tables")
-def test_without_matplotlib_the_pictures_are_skipped_with_a_word(tmp_path, capsys, monkeypatch):
+def test_without_matplotlib_the_output_says_that_there_are_no_pictures(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    monkeypatch.delitem(sys.modules, "eig3.bench.pictures", raising=False)
     main(["bench", "paper", "--repeats", "1", "--table", "2", "--out", str(tmp_path)])
     assert "no pictures, since matplotlib is not installed" in capsys.readouterr().out
     assert (tmp_path / "results.json").exists()
 
 
 @pytest.mark.usefixtures("short_tables")
-def test_an_interrupted_benchmark_keeps_the_tables_that_were_done(tmp_path, capsys, monkeypatch):
+def test_an_interrupted_benchmark_keeps_the_complete_tables(tmp_path, capsys, monkeypatch):
     def interrupted_at_table_2(problem, h, method):
         if problem.name == "hardening_spring":
             raise KeyboardInterrupt
         return error_of(problem, h, method)
 
-    error_of = paper.error_of
-    monkeypatch.setattr(paper, "error_of", interrupted_at_table_2)
+    error_of = article_runs.error_of
+    monkeypatch.setattr(article_runs, "error_of", interrupted_at_table_2)
     assert main(["bench", "paper", "--repeats", "1", "--out", str(tmp_path)]) == 130
     assert "Interrupted." in capsys.readouterr().err
     assert [table["number"] for table in json.loads((tmp_path / "results.json").read_text())["tables"]] == [1]
 
 
 def test_a_history_that_does_not_fit_is_timed_in_chunks(monkeypatch):
-    from eig3.bench import timing
-
     problem = eig3.problems.spring_pendulum(t_end=1.0)
     monkeypatch.setattr(timing, "available_memory", lambda: 32.0 * 2 * 300)
     storage = timing.Storage.for_runs(problem, [1e-3])
     assert storage.u.shape == (300, 2)
-    assert timing.time_run(problem, 1e-3, "eig3", storage) > 0
+    assert timing.kernel_run(problem.stepper(h=1e-3), 1000, storage=storage)() > 0
     whole = problem.integrate(h=1e-3)
     assert (storage.u[:100] == whole.u[901:1001]).all()
 
 
 def test_speed_compares_every_kernel_with_a_loop_that_computes_the_same(capsys, monkeypatch):
-    monkeypatch.setattr(speed, "N_STEPS", 2000)
+    monkeypatch.setattr(loops, "N_STEPS", 2000)
     assert main(["bench", "speed", "--method", "eig3", "--method", "cd", "--repeats", "1"]) == 0
     printed = capsys.readouterr().out
     assert printed.count("| single_dof, ") == 2
@@ -147,17 +165,39 @@ def test_speed_compares_every_kernel_with_a_loop_that_computes_the_same(capsys, 
         main(["bench", "speed", "--method", "euler"])
 
 
-@pytest.mark.parametrize("name", list(eig3.METHODS))
+@pytest.mark.usefixtures("symplectic_euler")
+def test_a_users_method_is_in_no_benchmark(capsys, monkeypatch):
+    assert "symplectic-euler" in eig3.METHODS
+    monkeypatch.setattr(loops, "N_STEPS", 1000)
+    monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[:1])
+    assert main(["bench", "speed", "--repeats", "1"]) == 0
+    rows = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("| single")]
+    assert rows == [f"single_dof, {label}" for label in ("EIG-3", "CD", "RK2", "RK3", "RK4", "AB2", "AB3")]
+
+    problem = BenchmarkProblem(lambda: eig3.problems.single_dof(t_end=2.0), 4.0, "short")
+    monkeypatch.setattr(precision, "PROBLEM_SET", {"single_dof": problem})
+    main(["bench", "precision", "--repeats", "1", "--longest", "1e-6", "--no-rivals"])
+    rows = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert rows[2:9] == ["EIG-3", "CD", "RK2", "RK3", "RK4", "AB2", "AB3"]
+
+    monkeypatch.setattr(stability, "UNDAMPED", ())
+    monkeypatch.setattr(stability, "GROWING", {})
+    monkeypatch.setattr(stability, "DAMPING", ())
+    assert main(["bench", "stability"]) == 0
+    assert "symplectic" not in capsys.readouterr().out.lower()
+
+
+@pytest.mark.parametrize("name", options.METHOD_NAMES)
 @pytest.mark.parametrize("build", [eig3.problems.hardening_spring, eig3.problems.spring_pendulum])
 def test_loops_by_hand_compute_what_the_kernels_do(name, build, monkeypatch):
-    monkeypatch.setattr(speed, "N_STEPS", 1000)
+    monkeypatch.setattr(loops, "N_STEPS", 1000)
     problem, h = build(), 1e-4
-    storage = speed.Storage(2 if build is eig3.problems.spring_pendulum else None, 1000)
-    speed.ours(problem, h, name, storage, inline=False)()
+    storage = timing.Storage.for_steps(problem, 1000)
+    loops.kernel_loop(problem, h, name, storage, inline=False)()
     kernel = storage.u.copy()
-    function = getattr(speed.handwritten, f"{name}_{'pair' if storage.u.ndim > 1 else 'scalar'}")
-    speed.theirs(problem, h, function, storage, inline=False)()
-    # AB3 by hand starts with a constant past, an error of h^2 a and h^2 times the third derivative
+    function = getattr(handwritten, f"{name}_{'pair' if storage.u.ndim > 1 else 'scalar'}")
+    loops.hand_loop(problem, h, function, storage, inline=False)()
+    # AB3 by hand starts with a constant past, which gives an error of h^2 a and h^2 times the third derivative
     assert abs(storage.u - kernel).max() < (2e-2 if name == "ab3" else 1e-8)
 
 
@@ -166,7 +206,7 @@ def test_table_is_aligned_markdown():
     assert lines == ["| a    |  bb |", "| ---- | --: |", "| long |   1 |", "| c    | 234 |"]
 
 
-def test_numbers_keep_their_zeros_and_the_articles_their_digits():
+def test_numbers_keep_their_zeros_and_printed_numbers_their_digits():
     assert [text.printed(x) for x in (None, 0.0, 3.1e-3, 7.32e38)] == ["-", "0.0", "0.0031", "7.32e+38"]
     assert [text.number(x) for x in (None, 0.0, 1, 198.2, 2.66512e-5)] == ["-", "0.0", "1.00", "198", "2.67e-05"]
 
@@ -203,6 +243,6 @@ def test_run_says_where_a_run_fails(capsys):
         (["run", "kepler", "--method", "euler"], "eig3 run: method must be one of"),
     ],
 )
-def test_run_tells_what_it_cannot_run(arguments, message):
+def test_run_refuses_what_it_cannot_run(arguments, message):
     with pytest.raises(SystemExit, match=message):
         main(arguments)

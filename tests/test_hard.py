@@ -1,46 +1,47 @@
-"""The hard cases: every finding of `eig3 bench hard` is as expected, and it fails where one is not."""
+"""The hard cases: every finding of `eig3 bench hard` is as expected, and the command fails if one is not."""
 
 import pytest
 
-from eig3 import cli
-from eig3.bench import hard
-from eig3.bench.hard import CASES, Finding, at_most, near, within
+from eig3.bench.hard_cases import HARD_CASES, Finding, HardCase, at_most, near, within
+from eig3.cli import main
 
 
 @pytest.mark.parametrize(
-    ("number", "method"), [(number, method) for number, case in CASES.items() for method in case.methods]
+    ("number", "method"), [(number, method) for number, case in HARD_CASES.items() for method in case.methods]
 )
 def test_case(number, method):
-    """Expectations, tolerances and their reasons are in bench/hard.py."""
-    findings = CASES[number].findings(method)
+    """Expectations, tolerances and their reasons are in bench/hard_cases.py."""
+    findings = HARD_CASES[number].findings(method)
     assert findings
     for finding in findings:
         assert finding.passed, finding
 
 
-def test_every_row_is_there():
-    assert list(CASES) == list(range(1, 17))
+def test_every_case_is_there():
+    assert list(HARD_CASES) == list(range(1, 17))
 
 
 def test_the_command_prints_and_succeeds(capsys):
-    assert cli.main(["bench", "hard", "--case", "2"]) == 0
+    assert main(["bench", "hard", "--case", "2"]) == 0
     printed = capsys.readouterr().out
-    assert printed.count("as expected |") == sum(len(CASES[2].findings(method)) for method in CASES[2].methods)
+    assert printed.count("as expected |") == sum(
+        len(HARD_CASES[2].findings(method)) for method in HARD_CASES[2].methods
+    )
     assert "Everything is as expected." in printed
 
 
 def test_a_finding_that_is_not_as_expected_fails_the_command(capsys, monkeypatch):
-    wrong = hard.Case("made to fail", ("eig3",), lambda method: iter([near("one", 2.0, 1.0, rel=0.1)]))
-    monkeypatch.setitem(CASES, 2, wrong)
-    assert cli.main(["bench", "hard", "--case", "2"]) == 1
+    wrong = HardCase("made to fail", ("eig3",), lambda method: iter([near("one", 2.0, 1.0, rel=0.1)]))
+    monkeypatch.setitem(HARD_CASES, 2, wrong)
+    assert main(["bench", "hard", "--case", "2"]) == 1
     printed = capsys.readouterr().out
     assert "NOT AS EXPECTED" in printed
     assert "1 findings are not as expected." in printed
 
 
-def test_unknown_case_is_told():
+def test_unknown_case_is_refused():
     with pytest.raises(SystemExit, match="--case must be 1 to 16, not 99"):
-        cli.main(["bench", "hard", "--case", "99"])
+        main(["bench", "hard", "--case", "99"])
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), 1.3])

@@ -1,4 +1,4 @@
-"""The work-precision sets: errors are those of the truth, times to reach are read off rightly, nothing is dropped."""
+"""The work-precision sets: errors against the truth, times to reach an accuracy, and that no run is dropped."""
 
 import json
 import re
@@ -8,9 +8,12 @@ import pytest
 
 import eig3
 from eig3 import problems
-from eig3.bench import hits, precision, report, rivals
-from eig3.bench.precision import CASES, Judge, Point, reach
-from eig3.bench.reference import reference
+from eig3.bench import loops, paper, plan, precision, report, rivals
+from eig3.bench.article import TABLES
+from eig3.bench.precision import reach
+from eig3.bench.problem_set import PROBLEM_SET, BenchmarkProblem
+from eig3.bench.reference import Judge, reference
+from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.cli import main
 
 
@@ -39,16 +42,16 @@ def test_reach_says_at_most_where_the_first_step_is_accurate_and_nothing_where_n
 def test_front_names_the_methods_in_order():
     swept = points((1e-1, 1.0), (1e-3, 4.0))
     swept.append(Point("rk4", "RK4", 0.1, 10, 40, True, {"trajectory": 1e-9}, [3.0]))
-    result = precision.Result("x", CASES["single_dof"], "", 0.0, swept, [])
+    result = WorkPrecisionSet("x", PROBLEM_SET["single_dof"], "", 0.0, swept, [])
     assert precision.front(result, "trajectory").endswith("EIG-3 (1.0e-01), RK4 (1.0e-09).")
 
 
 @pytest.mark.parametrize("name", ["hardening_spring", "hardening_chain"])
 def test_reference_agrees_with_a_second_solver(name):
     problem = getattr(problems, name)(t_end=0.5)
-    truth = reference(problem, CASES[name].omega)
-    assert truth.uncertainty < 1e-10  # of DOP853's dense output and of RK4 at a thousandth of a radian a step
-    assert reference(problem, CASES[name].omega) is truth
+    truth = reference(problem, PROBLEM_SET[name].omega)
+    assert truth.uncertainty < 1e-10  # of the dense output of DOP853, and of RK4 with 1000 steps per radian
+    assert reference(problem, PROBLEM_SET[name].omega) is truth
     solution = problem.integrate(h=1e-5, method="rk4", save_every=100)
     assert Judge(problem, truth).of_run(solution)["trajectory"] < 1e-8
 
@@ -70,12 +73,12 @@ def test_rivals_solve_the_same_problem(name, key):
     answer = rivals.RIVALS[key].prepare(problem, times)(1e-9)()
     ours = problem.integrate(h=1e-5, method="rk4", save_every=5000)
     scale = np.abs(ours.u).max()
-    np.testing.assert_allclose(answer.u, ours.u, atol=1e-5 * scale)  # global errors a thousand times the tolerance
+    np.testing.assert_allclose(answer.u, ours.u, atol=1e-5 * scale)  # global errors reach 1000 times the tolerance
     assert answer.success
     assert answer.evaluations > 0
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", PROBLEM_SET)
 @pytest.mark.parametrize("key", [key for key, rival in rivals.RIVALS.items() if rival.package != "scipy"])
 def test_rivals_of_other_packages_solve_the_same_problems(name, key):
     rival = rivals.RIVALS[key]
@@ -90,15 +93,15 @@ def test_rivals_of_other_packages_solve_the_same_problems(name, key):
 
 @pytest.fixture
 def small(monkeypatch):
-    """Two short problems in place of the sets."""
-    cases = {
-        "single_dof": precision.Case(lambda: problems.single_dof(t_end=20.0), 4.0, "oscillator"),
-        "elastic_bar": precision.Case(
+    """Two short problems in place of the set."""
+    short = {
+        "single_dof": BenchmarkProblem(lambda: problems.single_dof(t_end=20.0), 4.0, "oscillator"),
+        "elastic_bar": BenchmarkProblem(
             lambda: problems.elastic_bar(n=20, width=0.2, t_end=4e-4), 2 * 5000 * 21.0, "bar", "continuum"
         ),
     }
-    for module in (precision, hits):
-        monkeypatch.setattr(module, "CASES", cases)
+    for module in (precision, plan, report):
+        monkeypatch.setattr(module, "PROBLEM_SET", short)
 
 
 @pytest.mark.usefixtures("small")
@@ -124,14 +127,14 @@ def test_command_writes_tables_json_and_pictures(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("small")
-def test_rivals_that_are_not_installed_are_left_out_with_a_word(capsys, monkeypatch):
+def test_rivals_that_are_not_installed_are_listed_as_left_out(capsys, monkeypatch):
     monkeypatch.setattr(rivals.Rival, "is_installed", False)
     main(["bench", "precision", "--problem", "single_dof", "--method", "rk4", "--repeats", "1", "--longest", "0.001"])
     assert "heyoka (not installed)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("option", [["--problem", "none"], ["--method", "euler"]])
-def test_unknown_names_are_told(option, tmp_path):
+def test_unknown_names_are_refused(option, tmp_path):
     for command in (["precision"], ["report", "--out", str(tmp_path)]):
         with pytest.raises(SystemExit, match=r"eig3 bench: --(problem|method) must be one of"):
             main(["bench", *command, *option])
@@ -139,7 +142,7 @@ def test_unknown_names_are_told(option, tmp_path):
 
 
 @pytest.mark.usefixtures("small")
-def test_hits_follow_every_prediction(capsys):
+def test_plan_runs_every_prediction(capsys):
     assert main(["bench", "plan", "--problem", "single_dof"]) == 0
     printed = capsys.readouterr().out
     assert printed.count("| single_dof ") == 3
@@ -148,18 +151,17 @@ def test_hits_follow_every_prediction(capsys):
         main(["bench", "plan", "--problem", "none"])
 
 
-def test_a_miss_is_told():
+def test_a_miss_says_what_is_outside_its_range():
     (prediction,) = eig3.plan(problems.single_dof(t_end=10.0), 1e-2, methods=["rk4"]).predictions
-    assert hits.Hit(prediction, 0.7, 1.1).misses == []
-    assert hits.Hit(prediction, 2.0, 2.0).misses == ["error 2.0 of that asked", "time 2.00 of that predicted"]
+    assert plan.Outcome(prediction, 0.7, 1.1).misses == []
+    misses = ["error 2.0 of the requested accuracy", "time 2.00 of the predicted time"]
+    assert plan.Outcome(prediction, 2.0, 2.0).misses == misses
 
 
 @pytest.mark.usefixtures("small")
 def test_report_is_one_page_that_holds_its_pictures(tmp_path, monkeypatch):
-    from eig3.bench import article, paper, speed
-
-    monkeypatch.setattr(speed, "N_STEPS", 500)
-    monkeypatch.setattr(paper, "TABLES", [table for table in article.TABLES if table.number == 4])
+    monkeypatch.setattr(loops, "N_STEPS", 500)
+    monkeypatch.setattr(paper, "TABLES", [table for table in TABLES if table.number == 4])
     monkeypatch.setattr(paper, "steps_of", lambda table, quick: table.steps[:2])
     options = ["--method", "eig3", "--method", "rk4", "--repeats", "1", "--problem", "elastic_bar"]
     assert main(["bench", "report", "--out", str(tmp_path), *options]) == 0

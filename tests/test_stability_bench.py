@@ -8,7 +8,10 @@ import pytest
 
 import eig3
 from eig3.bench import stability as bench
+from eig3.bench import stability_pictures
+from eig3.bench.stability_sets import DAMPED, GROWING, UNDAMPED, evaluations_per_step
 from eig3.cli import main
+from eig3.methods import LIBRARY
 from eig3.stability import explain, is_stable
 
 FIGURES = [*(f"figure{i}" for i in (1, 2, 3, 4, 5, 6, 7, 9)), "damped_limits"]
@@ -16,18 +19,18 @@ FIGURES = [*(f"figure{i}" for i in (1, 2, 3, 4, 5, 6, 7, 9)), "damped_limits"]
 
 @pytest.fixture(scope="module")
 def everything(tmp_path_factory):
-    """One whole run: what it printed, where it wrote, and its figures by name."""
-    pictures = pytest.importorskip("eig3.bench.stability_pictures")
+    """One whole run: its output, its folder, and its figures by name."""
+    pytest.importorskip("matplotlib")
     out, lines, figures = tmp_path_factory.mktemp("stability"), [], {}
-    save = pictures.save
+    save = stability_pictures.save
 
     def keep(figure, path):
         figures[path.name] = figure
         save(figure, path)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pictures, "save", keep)
-        bench.run(out=out, write=lines.append)
+        patch.setattr(stability_pictures, "save", keep)
+        bench.benchmark(out=out, write=lines.append)
     return "\n".join(lines), out, figures
 
 
@@ -40,8 +43,8 @@ def rows(printed, title):
 @pytest.mark.parametrize(
     ("title", "expected"),
     [
-        ("Undamped", [[case.label] for case in bench.UNDAMPED]),
-        ("With physical damping", [[case.label, f"{xi:g}"] for case in bench.DAMPED for xi in bench.DAMPING]),
+        ("Undamped", [[case.label] for case in UNDAMPED]),
+        ("With physical damping", [[case.label, f"{xi:g}"] for case in DAMPED for xi in bench.DAMPING]),
     ],
 )
 def test_closed_form_eigenvalue_and_run_agree(everything, title, expected):
@@ -49,22 +52,22 @@ def test_closed_form_eigenvalue_and_run_agree(everything, title, expected):
     assert [row[: len(expected[0])] for row in table] == expected
     for *_, value, eigenvalue, run in table:
         if value != "-":
-            assert float(value) == pytest.approx(float(eigenvalue), abs=1.5e-6)  # of six digits printed
-        assert float(run) == pytest.approx(float(eigenvalue), abs=bench.RESOLUTION + 5e-5)  # of four
+            assert float(value) == pytest.approx(float(eigenvalue), abs=1.5e-6)  # six digits are printed
+        assert float(run) == pytest.approx(float(eigenvalue), abs=bench.RESOLUTION + 5e-5)  # four digits
 
 
 def test_growth_of_runs_is_that_of_the_eigenvalue_and_tends_to_its_leading_term(everything):
     table = rows(everything[0], "No stable step")
-    assert len(table) == len(bench.GROWING) * len(bench.GROWTH_AT)
+    assert len(table) == len(GROWING) * len(bench.GROWTH_AT)
     for _, _, Omega, leading, eigenvalue, run in (row[:2] + [float(cell) for cell in row[2:]] for row in table):
         assert run == pytest.approx(eigenvalue, rel=1e-3)
         assert leading == pytest.approx(eigenvalue, rel=2.5 * Omega**2)  # the next term: 2.1 Omega^2 for AB2
 
 
 def test_every_method_is_explained(everything):
-    for case in bench.DAMPED:
+    for case in DAMPED:
         assert explain(case.method) in everything[0]
-    assert {type(case.method) for case in bench.DAMPED} == set(eig3.METHODS.values())
+    assert {type(case.method) for case in DAMPED} == set(LIBRARY)
 
 
 def test_the_page_holds_the_tables_and_every_picture(everything):
@@ -78,13 +81,13 @@ def test_the_page_holds_the_tables_and_every_picture(everything):
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_picture_is_whole(everything, name):
+def test_picture_is_complete(everything, name):
     from matplotlib import image
 
     _, out, figures = everything
     pixels = image.imread(out / f"{name}.png")
     assert min(pixels.shape[:2]) > 500
-    assert 0.01 < (pixels[..., :3].min(axis=-1) < 0.9).mean() < 0.9  # drawn on, and not painted over
+    assert 0.01 < (pixels[..., :3].min(axis=-1) < 0.9).mean() < 0.9  # neither empty nor filled
     svg = (out / f"{name}.svg").read_text()
     assert ET.fromstring(svg).tag == "{http://www.w3.org/2000/svg}svg"
     assert "<dc:date>" not in svg
@@ -122,14 +125,14 @@ def test_figure_9_stays_bounded_to_the_limit_and_blows_up_above(everything):
 
 
 def test_central_difference_pays_for_its_solve():
-    case = next(case for case in bench.DAMPED if case.label == "CD implicit")
-    assert 3 <= bench.evaluations_per_step(case.method, 0.1, 1.9) <= 7  # one to three iterations of two, and one
-    assert bench.evaluations_per_step(eig3.RK4(), 0.1, 1.9) == 4
+    case = next(case for case in DAMPED if case.label == "CD implicit")
+    assert 3 <= evaluations_per_step(case.method, 0.1, 1.9) <= 7  # one to three iterations of two, and one
+    assert evaluations_per_step(eig3.RK4(), 0.1, 1.9) == 4
 
 
 def test_command_runs_it(monkeypatch, tmp_path):
     calls = []
-    monkeypatch.setattr(bench, "run", lambda **settings: calls.append(settings))
+    monkeypatch.setattr(bench, "benchmark", lambda **settings: calls.append(settings))
     out = tmp_path / "new" / "folder"
     assert main(["bench", "stability"]) == 0
     assert main(["bench", "stability", "--out", str(out)]) == 0
@@ -145,17 +148,15 @@ def test_command_runs_it(monkeypatch, tmp_path):
         (["--repeats", "3"], "unrecognized arguments: --repeats"),
     ],
 )
-def test_wrong_usage_is_told(arguments, message, capsys):
+def test_wrong_usage_is_refused(arguments, message, capsys):
     with pytest.raises(SystemExit) as caught:
         main(["bench", "stability", *arguments])
     assert caught.value.code == 2
     assert message in capsys.readouterr().err
 
 
-def test_without_matplotlib_the_pictures_are_skipped_with_a_word(tmp_path, capsys, monkeypatch):
+def test_without_matplotlib_the_output_says_that_there_are_no_pictures(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    for module in ("pictures", "stability_pictures"):
-        monkeypatch.delitem(sys.modules, f"eig3.bench.{module}", raising=False)
     for table in ("UNDAMPED", "DAMPED"):
         monkeypatch.setattr(bench, table, getattr(bench, table)[:1])
     assert main(["bench", "stability", "--out", str(tmp_path)]) == 0

@@ -1,4 +1,4 @@
-"""The suites of pytest-benchmark are found, and saving, comparing and drawing work, on one small benchmark of each."""
+"""The suites of pytest-benchmark are found; saving, comparing and drawing work on one small benchmark of each."""
 
 import json
 import subprocess

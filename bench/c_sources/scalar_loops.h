@@ -1,5 +1,5 @@
-/* The article's algorithms for one degree of freedom, in its own order of operations, the whole history stored.
-   Included once for each way to call the right-hand side: F(t, u, v) calls it, NAME(method) names the loop. */
+/* The article's algorithms for one degree of freedom, in its order of operations. They store the whole history.
+   This file is included once for each way to call the right-hand side: F(t, u, v) calls it, NAME(method) names the loop. */
 
 void NAME(eig3)(RHS double u, double v, const double *p, double h, long n, double *us, double *vs)
 {
@@ -25,7 +25,7 @@ void NAME(cd)(RHS double u, double v, const double *p, double h, long n, double 
         u_past = u;
         u = u_next;
         us[i] = u;
-        vs[i] = v; /* of the step before: the velocity lags */
+        vs[i] = v; /* the velocity of the previous step, as in the article */
     }
 }
 
@@ -71,7 +71,7 @@ void NAME(ab2)(RHS double u, double v, const double *p, double h, long n, double
 
 void NAME(ab3)(RHS double u, double v, const double *p, double h, long n, double *us, double *vs)
 {
-    /* started with a constant past: the two steps of a better start are not what is timed */
+    /* a constant past is enough: the benchmark does not time the two steps of a better start */
     double a1 = F(0.0, u, v), a2 = a1, v1 = v, v2 = v;
     for (long i = 0; i < n; i++) {
         const double a = F(i * h, u, v), v_now = v;
@@ -84,15 +84,6 @@ void NAME(ab3)(RHS double u, double v, const double *p, double h, long n, double
         us[i] = u;
         vs[i] = v;
     }
-}
-
-void NAME(floor)(RHS double u, double v, const double *p, double h, long n, double *us, double *vs)
-{
-    /* no method: the least that a step waits for, one evaluation and one multiply-add */
-    for (long i = 0; i < n; i++)
-        u = u + h * F(i * h, u, v);
-    us[0] = u;
-    vs[0] = v;
 }
 
 #undef NAME

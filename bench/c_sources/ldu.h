@@ -1,4 +1,4 @@
-/* P A Q = L D U with rook pivoting, as the article solves for Newton's step; a is n x n, by rows. */
+/* P A Q = L D U with rook pivoting, which the article uses for Newton's step; a is n x n, stored by rows. */
 
 static inline void swap(double *x, double *y)
 {

@@ -1,5 +1,5 @@
-/* The article's algorithms for N degrees of freedom, in its own order of operations, the whole history stored by rows.
-   Included once for each way to call the right-hand side: F(t, u, v, a) calls it, NAME(method) names the loop. */
+/* The article's algorithms for N degrees of freedom, in its order of operations. They store the whole history by rows.
+   This file is included once for each way to call the right-hand side: F(t, u, v, a) calls it, NAME(method) names the loop. */
 
 #define STORE                                                                                                          \
     for (int j = 0; j < N; j++) {                                                                                      \
@@ -23,7 +23,7 @@ void NAME(eig3)(RHS double *u, double *v, const double *p, double h, long n, dou
     }
 }
 
-/* Newton's method on v = (u - u_past) / h + h/2 f(t, u, v), from the last step's v, as method and tolerance of ours. */
+/* Newton's method for v = (u - u_past) / h + h/2 f(t, u, v), from the last v; method and tolerance as in eig3. */
 void NAME(cd)(RHS double *u, double *v, const double *p, double h, long n, double *us, double *vs)
 {
     double a[N], moved[N], w[N], residual[N], matrix[N * N], u_past[N];
@@ -141,7 +141,7 @@ void NAME(ab2)(RHS double *u, double *v, const double *p, double h, long n, doub
 
 void NAME(ab3)(RHS double *u, double *v, const double *p, double h, long n, double *us, double *vs)
 {
-    /* started with a constant past: the two steps of a better start are not what is timed */
+    /* a constant past is enough: the benchmark does not time the two steps of a better start */
     double a[N], a1[N], a2[N], v1[N], v2[N];
     F(0.0, u, v, a1);
     for (int j = 0; j < N; j++) {
@@ -161,19 +161,6 @@ void NAME(ab3)(RHS double *u, double *v, const double *p, double h, long n, doub
         }
         STORE
     }
-}
-
-void NAME(floor)(RHS double *u, double *v, const double *p, double h, long n, double *us, double *vs)
-{
-    /* no method: the least that a step waits for, one evaluation and one multiply-add */
-    double a[N];
-    for (long i = 0; i < n; i++) {
-        F(i * h, u, v, a);
-        for (int j = 0; j < N; j++)
-            u[j] = u[j] + h * a[j];
-    }
-    for (int j = 0; j < N; j++)
-        us[j] = u[j], vs[j] = v[j];
 }
 
 #undef STORE

@@ -1,12 +1,12 @@
-/* The article's algorithms in C99: every loop once with the right-hand side through a pointer, and once for each problem
-   with it inlined. */
+/* The article's algorithms in C99: each loop once with a pointer to the right-hand side, and once for each problem with
+   the right-hand side inlined. */
 #include "problems.h"
 #include "ldu.h"
 
 typedef double (*scalar_rhs)(double t, double u, double v, const double *p);
 typedef void (*vector_rhs)(double t, const double *u, const double *v, const double *p, double *a);
 
-/* Handed out at run time, so that the compiler cannot see through the pointer. */
+/* The caller gets the pointer at run time, so the compiler cannot inline the function behind it. */
 scalar_rhs pointer_single_dof(void) { return single_dof; }
 scalar_rhs pointer_hardening_spring(void) { return hardening_spring; }
 scalar_rhs pointer_softening_spring(void) { return softening_spring; }
@@ -32,7 +32,7 @@ vector_rhs pointer_spring_pendulum(void) { return spring_pendulum; }
 #define F(t, u, v) softening_spring(t, u, v, p)
 #include "scalar_loops.h"
 
-/* Two degrees of freedom, known when compiling, in both ways: the article's program was written for its problems. */
+/* Both ways know when compiling that N is 2, since the article's program was written for its problems. */
 #define N 2
 #define NAME(method) method##_vector
 #define RHS vector_rhs f,

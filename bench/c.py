@@ -1,0 +1,127 @@
+"""Time a step (ns) of the kernels in both modes, beside the article's algorithms in C99.
+
+The system's compiler builds the C code during the benchmark, and its loops run in the same process.
+"""
+
+import argparse
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eig3.methods import METHODS
+from eig3.options import add_methods
+from eig3.problem import Problem
+
+from . import handwritten, loops, text
+from .environment import in_words
+from .options import add_repeats, choose
+from .timing import Storage, medians
+
+SUMMARY = "ns/step beside the article's algorithms in C"
+SOURCE = Path(__file__).parent / "c_sources" / "baseline.c"
+METHODS_IN_C = ("eig3", "cd", "rk2", "rk3", "ab2", "ab3")
+FLAGS = {"-O3": ["-O3"], "-O3 native": ["-O3", "-march=native"]}
+HEADER = [
+    "problem, method",
+    "C -O3",
+    "C native",
+    "C -O3, inlined",
+    "C native, inlined",
+    "pointer",
+    "inline",
+    "pointer / C",
+    "inline / C",
+    "inline / floor",
+]
+
+_double, _array = ctypes.c_double, np.ctypeslib.ndpointer(np.float64, flags="C")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    add_methods(parser)
+    add_repeats(parser, 9)
+
+
+def run(options: argparse.Namespace) -> None:
+    benchmark(methods=options.methods, repeats=options.repeats)
+
+
+@dataclass(frozen=True)
+class Library:
+    """The C code built with one set of flags."""
+
+    handle: Any
+
+    def loop(self, problem: Problem, h: float, method: str, storage: Storage, *, inline: bool) -> Callable[[], float]:
+        """A run whose right-hand side is inlined or called through a pointer; it returns its seconds."""
+        form = "vector" if loops.is_vector(problem) else "scalar"
+        function = getattr(self.handle, f"{method}_{problem.name if inline else form}")
+        state = _array if form == "vector" else _double
+        types = [state, state, _array, _double, ctypes.c_long, _array, _array]
+        function.argtypes = types if inline else [ctypes.c_void_p, *types]
+        function.restype = None
+        pointer = getattr(self.handle, f"pointer_{problem.name}")
+        pointer.restype = ctypes.c_void_p
+        callback = () if inline else (pointer(),)
+        params = np.array(problem.params, dtype=np.float64)
+        return loops.timed_call(
+            problem, lambda u, v: function(*callback, u, v, params, h, loops.N_STEPS, storage.u, storage.v)
+        )
+
+
+def build(flags: Sequence[str], folder: Path) -> Library:
+    """Compile the C code with the system's compiler into `folder`."""
+    target = folder / f"baseline{len(list(folder.iterdir()))}.so"
+    command = ["cc", "-std=c99", *flags, "-shared", "-fPIC", str(SOURCE), "-o", str(target), "-lm"]
+    subprocess.run(command, check=True, capture_output=True, text=True)
+    return Library(ctypes.CDLL(str(target)))
+
+
+def compiler() -> str | None:
+    """The first line of the version of the system's compiler; None if there is no compiler."""
+    if shutil.which("cc") is None:
+        return None
+    lines = subprocess.run(["cc", "--version"], check=True, capture_output=True, text=True).stdout.splitlines()
+    return lines[0]
+
+
+def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print) -> None:
+    """Print ns/step of C and of both modes, with ratios. Without a compiler the columns of C hold dashes."""
+    chosen = choose(methods, METHODS_IN_C)
+    version = compiler()
+    write(f"Machine: {in_words()}")
+    write(f"C: {version or 'no compiler (cc) here, so its columns are empty'}")
+    write(f"ns/step, every state stored: medians of {repeats} interleaved runs of {loops.N_STEPS} steps.")
+    write("C in the article's order of operations; / C is over C -O3 with the right-hand side through a pointer.\n")
+    with tempfile.TemporaryDirectory() as folder:
+        libraries = {name: build(flags, Path(folder)) for name, flags in FLAGS.items()} if version else {}
+        rows = [compare(make(), h, name, libraries, repeats) for make, h in loops.ARTICLE_PROBLEMS for name in chosen]
+    write(text.table(HEADER, rows))
+
+
+def compare(problem: Problem, h: float, method: str, libraries: dict[str, Library], repeats: int) -> list[str]:
+    """The row of one method on one problem."""
+    storage = Storage.for_steps(problem, loops.N_STEPS)
+    floor = handwritten.floor_pair if loops.is_vector(problem) else handwritten.floor_scalar
+    columns = {f"C {flags}{how}": (flags, bool(how)) for how in ("", " inlined") for flags in FLAGS}
+    runs = {
+        column: libraries[flags].loop(problem, h, method, storage, inline=inline)
+        for column, (flags, inline) in columns.items()
+        if flags in libraries
+    }
+    runs["pointer"] = loops.kernel_loop(problem, h, method, storage, inline=False)
+    runs["inline"] = loops.kernel_loop(problem, h, method, storage, inline=True)
+    runs["floor"] = loops.hand_loop(problem, h, floor, storage, inline=True)
+    seconds = medians(runs, repeats, f"{problem.name}, {method}")
+    ns = {name: 1e9 * value / loops.N_STEPS for name, value in seconds.items()}
+    times = [f"{ns[name]:.1f}" if name in ns else "-" for name in (*columns, "pointer", "inline")]
+    pairs = (("pointer", "C -O3"), ("inline", "C -O3"), ("inline", "floor"))
+    ratios = [f"{ns[a] / ns[b]:.2f}" if b in ns else "-" for a, b in pairs]
+    return [f"{problem.name}, {METHODS[method].label}", *times, *ratios]

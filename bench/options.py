@@ -1,0 +1,38 @@
+"""Options that several benchmarks share, and the check of the names given to them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from eig3.methods import LIBRARY
+from eig3.options import count
+
+#: The library's own methods. A method that a user has defined has no loop by hand, no C and no colour here.
+METHOD_NAMES = tuple(method.name for method in LIBRARY)
+
+
+def add_problems(parser: argparse.ArgumentParser) -> None:
+    """Add `--problem NAME`, which may be repeated, as `options.problems`."""
+    parser.add_argument(
+        "--problem", dest="problems", action="append", metavar="NAME", help="only this one; may be repeated"
+    )
+
+
+def add_repeats(parser: argparse.ArgumentParser, default: int) -> None:
+    """Add `--repeats N`, the number of runs from which a median is taken."""
+    parser.add_argument("--repeats", type=count, default=default, help=f"runs for each median ({default})")
+
+
+def choose(names: Sequence[str] | None, known: Sequence[str], option: str = "--method") -> Sequence[str]:
+    """The names given on the command line, or all known names if None.
+
+    Raises
+    ------
+    SystemExit
+        If a name is not known.
+    """
+    unknown = [name for name in names or () if name not in known]
+    if unknown:
+        raise SystemExit(f"eig3 bench: {option} must be one of {', '.join(known)}, not {unknown[0]}.")
+    return names or known

@@ -1,0 +1,177 @@
+"""Sweeps: every method with ever smaller steps, and every rival with ever tighter tolerances, on one problem."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from eig3.integration import divide
+from eig3.methods import METHODS, Method
+from eig3.problem import Problem
+from eig3.solution import Status
+from eig3.stability import limit
+
+from . import text
+from .problem_set import BenchmarkProblem
+from .reference import METRICS, Judge, reference
+from .rivals import RIVALS, Answer, Rival
+from .timing import Storage, interleave, kernel_run
+
+STATES = 2000  # stored in every run, the library's and the rivals', and compared with the reference
+LONGEST = 0.25  # s: steps are halved until a run takes this long
+_FACTORS = (1.05, 0.95, 0.7)  # the first steps, as fractions of the stability limit; then it is halved
+_ENOUGH = 3e-9  # below every target: no smaller step is tried
+_USELESS = 10.0  # only an unstable run has such a relative error
+
+
+@dataclass
+class Point:
+    """One run: a method with a step, or a rival with a tolerance. `setting` is the step or the tolerance."""
+
+    method: str
+    label: str
+    setting: float
+    n_steps: int | None
+    evaluations: int | None
+    stable: bool
+    errors: dict[str, float]
+    seconds: list[float] = field(default_factory=list)
+
+    @property
+    def time(self) -> float:
+        return statistics.median(self.seconds)
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Median and minimum of the seconds, and ns/step of a method; empty if the run was not timed."""
+        found = {"median": self.time, "minimum": min(self.seconds)} if self.seconds else {}
+        if found and self.n_steps:
+            found["ns_per_step"] = 1e9 * self.time / self.n_steps
+        return found
+
+
+@dataclass(frozen=True)
+class WorkPrecisionSet:
+    """All points on one problem, and the rivals that were skipped."""
+
+    name: str
+    problem: BenchmarkProblem
+    source: str
+    uncertainty: float
+    points: list[Point]
+    skipped: list[str]
+
+    @property
+    def metrics(self) -> list[str]:
+        """The metrics of error that were measured, the problem's own first."""
+        known = {metric for point in self.points for metric in point.errors}
+        return sorted(known, key=lambda metric: (metric != self.problem.metric, list(METRICS).index(metric)))
+
+    def of(self, method: str) -> list[Point]:
+        return [point for point in self.points if point.method == method]
+
+    @property
+    def methods(self) -> dict[str, str]:
+        """The label of each method and rival."""
+        return {point.method: point.label for point in self.points}
+
+
+#: A point, and a function that repeats its run and returns the seconds.
+Repeatable = tuple[Point, Callable[[], float]]
+
+
+def measure(
+    name: str, chosen: BenchmarkProblem, methods: Sequence[str], repeats: int, longest: float, rivals: bool
+) -> WorkPrecisionSet:
+    """Find the points of every method and rival, then time all of them in interleaved runs."""
+    problem = chosen.build()
+    text.status(f"{name}: reference")
+    truth = reference(problem, chosen.omega)
+    judge = Judge(problem, truth)
+    storage = Storage.for_steps(problem, 2 * STATES)  # a run stores fewer than 2 * STATES states
+    found: list[Repeatable] = []
+    for key, method in records(problem, chosen, methods):
+        found += sweep(problem, chosen, judge, key, method, longest, storage)
+    skipped = []
+    for key, rival in RIVALS.items() if rivals else ():
+        if not rival.is_installed:
+            skipped.append(f"{rival.label} (not installed)")
+        elif np.size(problem.u0) > rival.most_degrees:
+            skipped.append(f"{rival.label} (more than {rival.most_degrees} degrees of freedom)")
+        else:
+            found += sweep_rival(problem, judge, key, rival, longest)
+    points = [point for point, _ in found]
+    timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
+    for i, seconds in interleave(timed, repeats, name).items():
+        points[int(i)].seconds = seconds
+    return WorkPrecisionSet(name, chosen, truth.source, truth.uncertainty, points, skipped)
+
+
+def records(problem: Problem, chosen: BenchmarkProblem, methods: Sequence[str]) -> Iterator[tuple[str, Method]]:
+    """The records of these methods; CD comes in each form that the problem set names."""
+    for name in methods:
+        if name == "cd" and chosen.cd:
+            yield from chosen.cd
+        else:
+            yield name, problem.method(name)
+
+
+def sweep(
+    problem: Problem,
+    chosen: BenchmarkProblem,
+    judge: Judge,
+    key: str,
+    method: Method,
+    longest: float,
+    storage: Storage,
+) -> Iterator[Repeatable]:
+    """Points of one method, from a step just above its stability limit to ever smaller steps."""
+    bound = (limit(method) or 2.0) / chosen.omega
+    label = METHODS[method.name].label + {"cd newton": ", Newton", "cd fixed-point": ", fixed point"}.get(key, "")
+    for factor in (*_FACTORS, *(0.5**k for k in range(1, 40))):
+        n_steps, h = divide(problem.t_span[1] - problem.t_span[0], factor * bound)
+        every = max(1, n_steps // STATES)
+        text.status(f"{problem.name}, {label}, h = {h:.3g}")
+        solution = problem.integrate(h=h, method=method, save_every=every)
+        if solution.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        errors = judge.of_run(solution) if solution.success else {}
+        point = Point(key, label, h, n_steps, solution.n_rhs, _is_stable(solution.success, errors), errors)
+        start = problem.stepper(h=h, method=method)
+        yield point, kernel_run(start, n_steps, every=every, storage=storage)
+        if solution.kernel_seconds > longest or _is_enough(point):
+            break
+
+
+def sweep_rival(problem: Problem, judge: Judge, key: str, rival: Rival, longest: float) -> Iterator[Repeatable]:
+    """Points of one rival, from its loosest to its tightest tolerance."""
+    times = np.linspace(*problem.t_span, STATES + 1)
+    at = rival.prepare(problem, times)
+    at(rival.tolerances[0])()  # compiles: this must not count as time of a run
+    for tolerance in rival.tolerances:
+        text.status(f"{problem.name}, {rival.label}, tolerance {tolerance:g}")
+        solve = at(tolerance)
+        answer = solve()
+        errors = judge.of_answer(times, answer) if answer.success else {}
+        stable = _is_stable(answer.success, errors)
+        point = Point(key, rival.label, tolerance, None, answer.evaluations, stable, errors)
+        yield point, partial(_seconds, solve)
+        # a solver in Python takes long even with its loosest tolerance: its runs may take a second
+        if answer.seconds > max(longest, 1.0) or _is_enough(point):
+            break
+
+
+def _seconds(solve: Callable[[], Answer]) -> float:
+    return solve().seconds
+
+
+def _is_stable(success: bool, errors: dict[str, float]) -> bool:
+    return success and max(errors.values()) < _USELESS
+
+
+def _is_enough(point: Point) -> bool:
+    return point.stable and max(point.errors.values()) < _ENOUGH

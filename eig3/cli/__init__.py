@@ -1,0 +1,42 @@
+"""The `eig3` command. Each of its commands is one module of this package."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from .._version import __version__
+from . import bench, plan, run
+
+__all__ = ["main"]
+
+_COMMANDS = {"bench": bench, "run": run, "plan": plan}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    arguments = sys.argv[1:] if argv is None else argv
+    options = _parser(arguments).parse_args(arguments)
+    try:
+        return options.run(options) or 0
+    except KeyboardInterrupt:
+        print("\nInterrupted.", file=sys.stderr)
+        return 130
+
+
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser, with the options of those commands that `arguments` name.
+
+    The options of `eig3 bench` need an import of every benchmark. `eig3 --help` and the other commands do without.
+    """
+    parser = argparse.ArgumentParser(
+        prog="eig3", description="Compiled explicit integrators for second-order systems u'' = f(t, u, u')."
+    )
+    parser.add_argument("--version", action="version", version=f"eig3 {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="command")
+    for name, command in _COMMANDS.items():
+        added = commands.add_parser(name, help=command.SUMMARY, description=command.__doc__)
+        if name in arguments:
+            command.add_options(added)
+    return parser

@@ -1,0 +1,28 @@
+"""Predict from short pilot runs which method reaches an accuracy soonest, and with which step."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..options import add_methods
+from .problem import builder
+
+SUMMARY = "predict which method reaches an accuracy soonest"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("problem", help="one of eig3.problems, such as spring_pendulum")
+    parser.add_argument("--accuracy", type=float, required=True, help="the relative error to reach, such as 1e-4")
+    parser.add_argument("--metric", choices=("trajectory", "energy"), default="trajectory", help="(trajectory)")
+    add_methods(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    from .. import plan
+
+    problem = builder(options.problem, "plan")()
+    try:
+        print(plan(problem, options.accuracy, metric=options.metric, methods=options.methods))
+    except ValueError as error:
+        raise SystemExit(f"eig3 plan: {error}") from None

@@ -1,0 +1,55 @@
+"""`eig3 bench c`: the C code computes what the kernels compute, and the table is complete."""
+
+import numpy as np
+import pytest
+
+from eig3.bench import c, loops
+from eig3.bench.timing import Storage
+from eig3.cli import main
+
+needs_compiler = pytest.mark.skipif(c.compiler() is None, reason="no C compiler here: the table says so")
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    return c.build(c.FLAGS["-O3"], tmp_path_factory.mktemp("c"))
+
+
+@needs_compiler
+@pytest.mark.parametrize("inline", [False, True])
+@pytest.mark.parametrize("method", c.METHODS_IN_C)
+@pytest.mark.parametrize(("make", "h"), loops.ARTICLE_PROBLEMS)
+def test_c_computes_what_the_kernels_do(library, make, h, method, inline, monkeypatch):
+    monkeypatch.setattr(loops, "N_STEPS", 2000)
+    problem = make()
+    storage = Storage.for_steps(problem, 2000)
+    loops.kernel_loop(problem, h, method, storage, inline=False)()
+    ours = storage.u.copy()
+    assert library.loop(problem, h, method, storage, inline=inline)() > 0
+    difference = np.abs(storage.u - ours).max()
+    # the same formulas in another order of operations; AB3 in C starts with a constant past: an error of h^2 a
+    assert difference < (0.05 if method == "ab3" else 1e-8)
+
+
+def test_a_method_that_is_not_in_c_is_refused():
+    with pytest.raises(SystemExit, match="--method must be one of eig3, cd, rk2, rk3, ab2, ab3, not rk4"):
+        main(["bench", "c", "--method", "rk4"])
+
+
+@needs_compiler
+def test_table_has_every_ratio(capsys, monkeypatch):
+    monkeypatch.setattr(loops, "N_STEPS", 1000)
+    assert main(["bench", "c", "--method", "eig3", "--repeats", "1"]) == 0
+    rows = [line for line in capsys.readouterr().out.splitlines() if "EIG-3" in line]
+    assert len(rows) == 4
+    assert all(" - " not in row for row in rows)
+
+
+def test_without_a_compiler_the_table_says_so(capsys, monkeypatch):
+    monkeypatch.setattr(c.shutil, "which", lambda name: None)
+    monkeypatch.setattr(loops, "N_STEPS", 1000)
+    monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[:1])
+    assert main(["bench", "c", "--method", "eig3", "--repeats", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert "no compiler (cc) here" in printed
+    assert printed.count(" - ") == 6
