@@ -9,7 +9,8 @@ import numpy as np
 from numba.types import FunctionType
 
 from eig3 import problems
-from eig3.kernels.jit import OPTIONS, SCALAR, VECTOR
+from eig3.kernels.jit import OPTIONS
+from eig3.kernels.protocol import SCALAR, VECTOR
 from eig3.problem import Problem
 
 from .article import method_of
@@ -52,7 +53,7 @@ def hand_loop(problem: Problem, h: float, function: Callable, storage: Storage, 
     else:
         array = numba.types.Array(numba.float64, 1, "C")
         state = array if form is VECTOR else numba.float64
-        types = (FunctionType(form.rhs), state, state, array, numba.float64, numba.int64, form.rows, form.rows)
+        types = (FunctionType(form.rhs), state, state, array, numba.float64, numba.int64, form.state, form.state)
         loop = numba.njit(numba.void(*types), **OPTIONS)(function)
     return timed_call(problem, lambda u, v: loop(problem.rhs, u, v, params, h, N_STEPS, storage.u, storage.v))
 

@@ -114,7 +114,6 @@ class ScenePair:
             v0=scene.v0,
             params=self.params,
             t_span=scene.t_span,
-            uses_velocity=scene.uses_velocity,
         )
         return scene, hand
 

@@ -14,7 +14,7 @@ import numpy as np
 import eig3
 from eig3 import effects
 from eig3.effects import Body
-from eig3.kernels.jit import VECTOR
+from eig3.kernels.protocol import VECTOR
 from eig3.options import add_out
 from eig3.problem import Problem
 from eig3.scene import Scene, codegen

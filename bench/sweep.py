@@ -117,7 +117,7 @@ def records(problem: Problem, chosen: BenchmarkProblem, methods: Sequence[str]) 
         if name == "cd" and chosen.cd:
             yield from chosen.cd
         else:
-            yield name, problem.method(name)
+            yield name, METHODS[name]()
 
 
 def sweep(

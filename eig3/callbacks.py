@@ -137,7 +137,7 @@ def reads_velocity(function: Any) -> bool:
 
     Numba compiles no other access to a local variable than by an instruction that names it.
     """
-    code = function.py_func.__code__
+    code = getattr(function, "py_func", function).__code__
     if code.co_argcount < 3:
         return True
     v = code.co_varnames[2]

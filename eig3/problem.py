@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.critical import CriticalStep, critical_step
-from .callbacks import check_callback
-from .checks import check_method, check_params, check_span, check_state, reals
+from .callbacks import check_callback, reads_velocity
+from .checks import check_params, check_span, check_state, reals
 from .integration import integrate
 from .methods import Method
 from .solution import Solution
 from .stepper import Stepper
 
 _START = ("u0", "v0", "params")
-_OF_RHS = ("rhs", "uses_velocity", "integrals")  # only another right-hand side changes these
+_OF_RHS = ("rhs", "integrals")  # only another right-hand side changes these
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +44,6 @@ class Problem:
         ``exact(t) -> (u, v)`` for an array of times.
     continuum : callable, optional
         ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem approximates, at the masses.
-    uses_velocity : bool
-        Whether rhs reads v. If not, the names "cd" and "eig3" select the forms of these methods without velocity: "cd"
-        then evaluates rhs once per step, and "eig3" uses fewer arrays.
     source : str
         Where the problem comes from.
     note : str
@@ -71,7 +68,6 @@ class Problem:
     energy: Any = None
     exact: Callable | None = None
     continuum: Callable | None = None
-    uses_velocity: bool = True
     source: str = ""
     note: str = ""
     h: float | None = None
@@ -85,8 +81,7 @@ class Problem:
         Parameters
         ----------
         **changes
-            New values of attributes. u0, v0 and params keep their shapes. rhs, uses_velocity and integrals cannot be
-            changed.
+            New values of attributes. u0, v0 and params keep their shapes. rhs and integrals cannot be changed.
 
         Returns
         -------
@@ -135,7 +130,7 @@ class Problem:
         """
         _refuse_fields(options, "integrate")
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
-        options |= {"h": h, "params": self.params, "method": self.method(method)}
+        options |= {"h": h, "params": self.params, "method": method}
         span = (self.t_span[0], self.t_span[1] if t_end is None else t_end)
         if not self.integrals:
             return integrate(self.rhs, span, self.u0, self.v0, **options)
@@ -153,14 +148,14 @@ class Problem:
         """Return a `Stepper` at the start of the problem, which does not follow `integrals`."""
         _refuse_fields(options, "stepper")
         options |= {"t0": self.t_span[0], "params": self.params, "inline": inline}
-        return Stepper(self.rhs, self.u0, self.v0, h=h, method=self.method(method), **options)
+        return Stepper(self.rhs, self.u0, self.v0, h=h, method=method, **options)
 
     def critical_step(
         self, *, method: str | Method = "eig3", t: float | None = None, safety: float = 0.9
     ) -> CriticalStep:
         """Return the longest stable step for small motions about the start, as `eig3.critical_step` finds it."""
         time = self.t_span[0] if t is None else t
-        options: dict[str, Any] = {"method": self.method(method), "t": time, "safety": safety}
+        options: dict[str, Any] = {"method": method, "t": time, "safety": safety}
         return critical_step(self.rhs, self.u0, self.v0, self.params, **options)
 
     def energy_of(self, u: ArrayLike, v: ArrayLike, t: ArrayLike | None = None) -> Any:
@@ -200,10 +195,10 @@ class Problem:
         times = np.broadcast_to(np.asarray(time, dtype=np.float64), len(u))
         return np.array([of(*state) for state in zip(times, u, v, strict=True)])
 
-    def method(self, method: str | Method) -> Method:
-        """Return the method's record; a name selects the form without velocity where rhs does not read v."""
-        record = check_method(method)
-        return record if self.uses_velocity or not isinstance(method, str) else record.without_velocity()
+    @property
+    def uses_velocity(self) -> bool:
+        """Whether rhs reads v. Where it does not, "cd" takes one evaluation a step and "eig3" touches fewer arrays."""
+        return reads_velocity(self.rhs)
 
     def _checked(self, name: str, value: Any) -> Any:
         """The new value of a field."""

@@ -52,7 +52,7 @@ def oscillator_matrices(method: str | Method, k: np.ndarray, c: np.ndarray) -> n
     method = check_method(method)
     size = state_size(method)
     flat_k, flat_c = k.ravel(), c.ravel()
-    each = max(1, flat_k.size) if method.evaluations is not None else _SOLVED_TOGETHER
+    each = max(1, flat_k.size) if not method.is_implicit else _SOLVED_TOGETHER
     parts = [_matrices(method, flat_k[i : i + each], flat_c[i : i + each]) for i in range(0, flat_k.size, each)]
     matrices = np.concatenate(parts) if parts else np.empty((0, size, size))
     return matrices.reshape(*k.shape, size, size)

@@ -89,7 +89,6 @@ def double_pendulum(
         params=(m1, m2, l1, l2, g),
         t_span=(0.0, t_end),
         energy=energy,
-        uses_velocity=True,
         source="Landau and Lifshitz, Mechanics, section 5, problem 1",
         h=1e-3,
         draw=draw,

@@ -89,7 +89,6 @@ def duffing(
         t_span=(0.0, t_end),
         energy=None if is_damped or is_forced else energy,
         energy_unit="J/kg",
-        uses_velocity=is_damped,
         source="Guckenheimer and Holmes, Nonlinear Oscillations, Dynamical Systems, and Bifurcations of Vector Fields, "
         "section 2.2",
         draw=drawing.oscillator,

@@ -52,7 +52,6 @@ def friction_oscillator(
         v0=v0,
         params=(omega, mu, v_s),
         t_span=(0.0, t_end),
-        uses_velocity=True,
         source="Den Hartog, Mechanical Vibrations: free vibration with Coulomb's friction",
         draw=drawing.oscillator,
     )

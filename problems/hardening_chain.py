@@ -70,7 +70,6 @@ def hardening_chain(
         t_span=(0.0, t_end),
         energy=energy,
         energy_unit="J/kg",
-        uses_velocity=False,
         source="Fermi, Pasta, Ulam and Tsingou's chain with cubic forces, with an impact as in tests of rods",
         draw=partial(drawing.field, places=np.arange(1.0, n + 1), label="number of the mass", units=("m", "m/s")),
     )

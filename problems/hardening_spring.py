@@ -40,7 +40,6 @@ def hardening_spring(
         t_span=(0.0, t_end),
         energy=energy,
         energy_unit="J/kg",
-        uses_velocity=False,
         source="EIG-3 article, section 4.2, after Xie",
         h=1e-4,
         draw=drawing.oscillator,

@@ -57,7 +57,6 @@ def hertz_impact(k: float = 1e6, speed: float = 1.0, t_end: float | None = None)
         t_span=(0.0, 2 * contact_time(k, speed) if t_end is None else t_end),
         energy=energy,
         energy_unit="J/kg",
-        uses_velocity=False,
         source="Hertz, Über die Berührung fester elastischer Körper (1881); Johnson, Contact Mechanics, chapter 11",
         draw=drawing.oscillator,
     )

@@ -80,7 +80,6 @@ def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None 
         energy=energy,
         energy_unit="J/kg",
         exact=exact,
-        uses_velocity=False,
         source="Kepler, Astronomia nova, chapter 60; as a test, Hairer, Lubich and Wanner, Geometric Numerical "
         "Integration, section I.2",
         h=1e-3,

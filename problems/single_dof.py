@@ -82,7 +82,6 @@ def single_dof(
         energy=None if is_damped or is_forced else energy,
         energy_unit="J/kg",
         exact=exact_solution(omega, xi, force, force_omega, u0, v0),
-        uses_velocity=is_damped,
         source="EIG-3 article, section 4.1",
         h=1e-2,
         draw=drawing.oscillator,

@@ -39,7 +39,6 @@ def softening_spring(S: float = 100.0, u0: float = 4.0, v0: float = 0.0, t_end: 
         t_span=(0.0, t_end),
         energy=energy,
         energy_unit="J/kg",
-        uses_velocity=False,
         source="EIG-3 article, section 4.3, after Xie",
         h=1e-3,
         draw=drawing.oscillator,

@@ -64,7 +64,6 @@ def two_frequency_oscillator(
         energy=energy,
         energy_unit="J/kg",
         exact=two_cosines(np.array([omega, omega_fast]), np.array(u0)),
-        uses_velocity=False,
         source="The linear part of Hairer, Lubich and Wanner, Geometric Numerical Integration, chapter XIII",
         draw=draw,
     )

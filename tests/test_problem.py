@@ -14,7 +14,7 @@ def test_a_changed_copy_runs_with_the_changes():
     solution = other.integrate(h=1e-3)
     assert solution.t[[0, -1]].tolist() == [1.0, 2.0]
     assert solution.u[0].tolist() == [0.6, 0.1]
-    options = {"h": 1e-3, "params": problem.params, "method": problem.method("eig3")}
+    options = {"h": 1e-3, "params": problem.params, "method": "eig3"}
     direct = eig3.integrate(problem.rhs, (1.0, 2.0), [0.6, 0.1], problem.v0, **options)
     np.testing.assert_array_equal(solution.u, direct.u)
     assert problem.u0 is not other.u0

@@ -220,16 +220,17 @@ def test_exact_solution_of_the_two_frequencies():
 
 
 def test_eig3_takes_its_staggered_form_where_nothing_reads_the_velocity():
-    assert problems.hardening_spring().method("EIG3").velocity == "none"
-    assert problems.spring_pendulum().method("eig3").velocity == "explicit"
-    assert problems.hardening_spring().method(eig3.EIG3()).velocity == "explicit"
+    for method in ("EIG3", eig3.EIG3()):
+        assert problems.hardening_spring().stepper(h=0.1, method=method).running.velocity == "none"
+        assert problems.spring_pendulum().stepper(h=0.1, method=method).running.velocity == "auto"
 
 
 def test_cd_takes_its_explicit_form_where_nothing_reads_the_velocity():
-    assert problems.single_dof().integrate(h=0.1, method="cd", t_end=10).n_newton == 0
-    assert problems.single_dof(xi=0.1).integrate(h=0.1, method="cd", t_end=10).n_newton > 0
-    explicit = eig3.CentralDifference()
-    assert problems.single_dof().integrate(h=0.1, method=explicit, t_end=10).method is explicit
+    assert problems.single_dof().integrate(h=0.1, method="cd", t_end=10).n_iterations == 0
+    assert problems.single_dof(xi=0.1).integrate(h=0.1, method="cd", t_end=10).n_iterations > 0
+    record = eig3.CentralDifference()
+    run = problems.single_dof().integrate(h=0.1, method=record, t_end=10)
+    assert (run.method is record, run.n_rhs) == (True, run.n_steps + 1)
 
 
 def test_constants_are_the_articles():

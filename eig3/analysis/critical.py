@@ -151,10 +151,10 @@ def _limit(method: Method, system: Linearised, rates: np.ndarray) -> tuple[float
     if not system.C.any():
         method = method.without_velocity()  # the same step, without a solve
     modes = _modes(system)
-    if modes is None and method.evaluations is not None and _sees_rates(method):
+    if modes is None and not method.is_implicit and _sees_rates(method):
         modes = _oscillators_of(rates)
     if modes is None:
-        system = system.fastest(_SOLVED if method.evaluations is None else _STEPPED)
+        system = system.fastest(_SOLVED if method.is_implicit else _STEPPED)
     limit, k, c = _coupled_limit(method, system) if modes is None else _modal_limit(method, *modes)
     return limit, *_frequency(k, c)
 
@@ -301,7 +301,7 @@ def _step_matrix(method: Method, system: Linearised, h: float) -> np.ndarray:
     size = m * rows
     params = np.concatenate([[m], h * h * system.K.ravel(), h * system.C.ravel()])
     units = np.eye(size).reshape(size, rows, m)
-    each = size if method.evaluations is not None else 1  # an iteration would couple the copies of one call
+    each = size if not method.is_implicit else 1  # an iteration would couple the copies of one call
     columns = []
     for first in range(0, size, each):
         copies = units[first : first + each]

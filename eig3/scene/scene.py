@@ -221,7 +221,6 @@ class Scene:
             params=params,
             t_span=(t_span[0], t_span[1]),
             energy=energy,
-            uses_velocity=assembly.reads_velocity,
             source=sources(assembly),
             note=note(assembly),
             integrals=("work",) if assembly.follows_work else (),
