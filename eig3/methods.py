@@ -194,7 +194,7 @@ class CentralDifference(Method):
         return self.velocity == "none"
 
     def without_velocity(self) -> Method:
-        return dataclasses.replace(self, velocity="none")
+        return dataclasses.replace(self, velocity="none", jacobian=None)
 
     def workspace_bytes(self, n: int) -> int:
         # the matrix, and its copy in the state that the stepper can go back to
@@ -256,3 +256,7 @@ class AB3(Method):
     label: ClassVar[str] = "AB3"
     kernel: ClassVar[str] = "eig3.kernels.ab3"
     order: ClassVar[int] = 3
+
+
+#: The library's own methods, without those a user has defined.
+LIBRARY: tuple[type[Method], ...] = (EIG3, CentralDifference, RK2, RK3, RK4, AB2, AB3)

@@ -21,7 +21,6 @@ _ROUND_OFF = 1e-11  # of an eigenvalue: its pair is 1e-5 apart where the limit i
 _SIMPLE = 1e-6  # roots nearer to each other count as one
 _SOLVED_TOGETHER = 32  # oscillators of one call of an implicit method, whose matrix grows with them
 _OSCILLATES = 1e-7  # an imaginary part above what round-off gives to a double real root
-_REGULAR_STEP = 16  # a step index past every method's starting procedure
 _FURTHEST = 100.0  # omega h: what is stable there is taken to be stable for every step
 _TRACKING = 0.01  # omega h between two looks at where the principal root goes
 
@@ -88,13 +87,23 @@ def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -
     if method.jacobian is not None:  # that of another system
         method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
     rows, n = state.shape
-    kernel = pointer_kernel(method.function(VECTOR), VECTOR)
-    whole = np.concatenate([state, np.zeros((method.module.scratch(n), n))])
+    module = method.module
+    whole = np.concatenate([state, np.zeros((module.scratch(n), n))])
     nowhere = np.empty((0, n))
-    run = (1.0, 0.0, params, _REGULAR_STEP, 1, 2**62, nowhere, nowhere)
+    run = (1.0, 0.0, params, getattr(module, "START_STEPS", 0), 1, 2**62, nowhere, nowhere)
     settings = np.array(method.settings, dtype=np.float64)
-    taken = kernel(check_callback(rhs, "rhs", VECTOR), whole, settings, np.zeros(4), run)
+    taken = _kernel(method.function(VECTOR))(_compiled(rhs), whole, settings, np.zeros(4), run)
     return whole[:rows] if taken else np.full_like(state, np.nan)
+
+
+@functools.cache
+def _kernel(function: Callable) -> Any:
+    return pointer_kernel(function, VECTOR)  # whose own cache hashes the types of the form at every call
+
+
+@functools.cache
+def _compiled(rhs: Any) -> Any:
+    return check_callback(rhs, "rhs", VECTOR)
 
 
 def characteristic_polynomial(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:

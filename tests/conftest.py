@@ -1,7 +1,10 @@
 import importlib
+import os
 import re
 import sys
 from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other on small matrices; before NumPy
 
 import numpy as np
 import pytest
