@@ -137,15 +137,14 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
     system = linearise(acceleration, t, u, v)
     if method.ignores_velocity and system.C.any():
         raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
-    rates = system.rates()
-    limit, omega, xi = _limit(method, system, rates) if np.abs(rates).max() > 0 else (math.inf, 0.0, 0.0)
+    limit, omega, xi = longest_stable_step(method, system)
     if math.isinf(limit):
         raise NoCriticalStepError(
             "nothing that oscillates or decays limits the step at this state; choose h for accuracy, and for the "
             "states that follow."
         )
     if limit == 0:
-        others = [name for name in _STEADY if _limit(check_method(name), system, rates)[0] > 0]
+        others = [name for name in _STEADY if longest_stable_step(check_method(name), system)[0] > 0]
         such = f", such as {', '.join(map(repr, others))}" if others else ""
         raise NoStableStepError(
             f"{method!r} is unstable at every step for this system, with a mode of omega = {omega:.4g} and xi = "
@@ -154,8 +153,14 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
     return CriticalStep(safety * limit, omega, xi, system.evaluations, limit)
 
 
-def _limit(method: Method, system: Linearised, rates: np.ndarray) -> tuple[float, float, float]:
-    """The limit, and the frequency and damping ratio of the mode that sets it."""
+def longest_stable_step(method: Method, system: Linearised) -> tuple[float, float, float]:
+    """The limit, and the frequency and damping ratio of the mode that sets it.
+
+    The limit is 0 if the method is unstable at every step, and infinite if nothing limits the step.
+    """
+    rates = system.rates()
+    if not rates.any():
+        return math.inf, 0.0, 0.0
     if not system.C.any():
         method = method.without_velocity()  # the same step, without a solve
     modes = _modes(system)
