@@ -21,13 +21,13 @@ _VALUES = 2**18  # most numbers in the states at which two runs are compared
 _LARGE = 50  # degrees of freedom above which differences for Newton's method cost more than Newton's method saves
 _FIRST_STEPS = 64  # fewest steps of a pilot run
 _BELOW_CRITICAL = 0.95  # first step of the pilot runs, as a fraction of the critical step
-_LONGEST = 4.0  # the same in radians of the fastest mode, where there is no critical step: beyond every stability limit
+_LONGEST = 4.0  # longest first step in radians of the fastest mode: beyond the stability limit of every explicit method
 _PROJECTED = 8  # directions of each of three kinds on which a critical step is accurate enough to start from
 _REFINED = 64  # times as many steps as at first that are tried until a run is stable
 _EVALUATED = 2**24  # or steps with as many evaluations of one degree of freedom, where those are more
 _LEAST_EVALUATED = 2**20  # evaluations of one degree of freedom that the runs of a method may make in any case
 _SOLVED = 4  # evaluations of a step, as estimated for an implicit method
-_MOST_EVALUATED = 2**26  # evaluations of one degree of freedom in the first run above which a part of the span is taken
+_MOST_EVALUATED = 2**25  # evaluations of one degree of freedom in the first run above which a part of the span is taken
 _SAFETY = 0.7  # aim for this fraction of the requested accuracy
 _ORDER_TOLERANCE = 0.4  # largest difference between the observed and the known order where the error follows the order
 _UNSTABLE = 5.0  # a relative error above this means that the run is unstable
@@ -231,13 +231,14 @@ class Pilot:
     def predict(self, accuracy: float) -> Prediction:
         self._integrate(1, self.problem.t_span[0] + self._span * 1e-9)  # compiles
         self.spent, self.evaluated = 0.0, 0
-        for i, part in enumerate(_PARTS):
+        for part in _PARTS:
             self.part, self.unstable, self.runs = part, 0, []
-            is_last = part == _PARTS[-1]
-            if not is_last and self._first_steps() * self._evaluations > _MOST_EVALUATED:
+            if part != _PARTS[-1] and self._first_steps() * self._evaluations > _MOST_EVALUATED:
                 continue
-            if self._halve(accuracy, self.budget if is_last else self.budget * (i + 1) / len(_PARTS)):
+            if self._halve(accuracy):
                 break
+            if self.runs:
+                self.longest = self.runs[0].solution.h
         return self._conclude(accuracy)
 
     @property
@@ -255,22 +256,30 @@ class Pilot:
         unit = 2 ** math.floor(math.log2(needed / _FIRST_STEPS))
         return unit * math.ceil(needed / unit)
 
-    def _halve(self, accuracy: float, until: float) -> bool:
+    def _halve(self, accuracy: float) -> bool:
         """Halve the step until the error is small or follows the order; whether it does.
 
-        Until the error of a stable run is known, only the number of steps is limited, and then also the time.
+        Only the number of steps is limited until the error of a stable run is known. Then the time is limited.
         """
         n_steps = self._first_steps()
         most = max(_REFINED * n_steps, _EVALUATED // self._evaluations)
-        while True:
+        while not self._judged:
+            if n_steps > most:
+                return False
             begin = self.spent
             self._run(n_steps)
+            n_steps *= 2
+        until = self.spent + self.budget / len(_PARTS)
+        while True:
             conclusive = self._is_conclusive(accuracy)
             if conclusive and self._whole(self._judged[-1]) <= _NEAR * accuracy:
                 return True
-            is_spent = self.evaluated > _LEAST_EVALUATED and self.spent + 2.2 * (self.spent - begin) > until
-            if (self._judged and is_spent) or (not self._judged and n_steps >= most):
+            if self.evaluated > _LEAST_EVALUATED and self.spent + 2.2 * (self.spent - begin) > until:
                 return conclusive
+            begin = self.spent
+            self._run(n_steps)
+            if not self._judged:  # a shorter step diverged
+                return False
             n_steps *= 2
 
     def _run(self, n_steps: int) -> None:
@@ -464,11 +473,10 @@ def _longest_step(system: Linearised | None, method: Method) -> float:
     """The step of the first pilot run; infinite if nothing limits it."""
     if system is None:
         return math.inf
-    limit, _, _ = longest_stable_step(method, system)
-    if 0 < limit < math.inf:
-        return _BELOW_CRITICAL * limit
     fastest = float(np.abs(system.rates()).max())
-    return _LONGEST / fastest if fastest > 0 else math.inf
+    longest = _LONGEST / fastest if fastest > 0 else math.inf
+    limit, _, _ = longest_stable_step(method, system)
+    return min(_BELOW_CRITICAL * limit, longest) if limit > 0 else longest
 
 
 def _record(problem: Problem, method: str | Method) -> Method:
