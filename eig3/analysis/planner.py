@@ -235,10 +235,9 @@ class Pilot:
             self.part, self.unstable, self.runs = part, 0, []
             if part != _PARTS[-1] and self._first_steps() * self._evaluations > _MOST_EVALUATED:
                 continue
-            if self._halve(accuracy):
+            if self._halve(accuracy) or not self._judged:
                 break
-            if self.runs:
-                self.longest = self.runs[0].solution.h
+            self.longest = self.runs[0].solution.h
         return self._conclude(accuracy)
 
     @property
