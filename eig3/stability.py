@@ -19,7 +19,7 @@ from .methods import EIG3, Method
 
 _ROUND_OFF = 1e-11  # round-off of an eigenvalue: at a limit found to 1e-10 it is 1e-5 from the other of its pair
 _SIMPLE = 1e-6  # roots closer than this count as one multiple root
-_SOLVED_TOGETHER = 32  # oscillators in one solve of an implicit method, whose matrix grows with their number
+_SOLVED_TOGETHER = 32  # unit states of oscillators in one solve of an implicit method: its cost grows with their cube
 _OSCILLATES = 1e-7  # least imaginary part of a complex root: round-off gives less to a double real root
 _FURTHEST = 100.0  # a method that is stable up to this omega h counts as stable at every step
 _TRACKING = 0.01  # increment of omega h with which the principal root is followed
@@ -51,22 +51,20 @@ def oscillator_matrices(method: str | Method, k: np.ndarray, c: np.ndarray) -> n
     method = check_method(method)
     size = state_size(method)
     flat_k, flat_c = k.ravel(), c.ravel()
-    each = max(1, flat_k.size) if method.evaluations is not None else _SOLVED_TOGETHER
+    each = max(1, flat_k.size) if method.evaluations is not None else _SOLVED_TOGETHER // size
     parts = [_matrices(method, flat_k[i : i + each], flat_c[i : i + each]) for i in range(0, flat_k.size, each)]
     matrices = np.concatenate(parts) if parts else np.empty((0, size, size))
     return matrices.reshape(*k.shape, size, size)
 
 
 def _matrices(method: Method, k: np.ndarray, c: np.ndarray) -> np.ndarray:
-    size = state_size(method)
-    params = np.concatenate([k, c])
-    matrices = np.empty((k.size, size, size))
-    for i in range(size):
-        state = np.zeros((size, k.size))
-        state[i] = 1.0
-        matrices[:, :, i] = step_once(method, _oscillators, params, state).T
-    if k.size > 1 and np.isnan(matrices).any():  # one failed solve ends the step of all
-        return np.concatenate([_matrices(method, k[i : i + 1], c[i : i + 1]) for i in range(k.size)])
+    """The matrices of all oscillators, by one step of them all from every unit state."""
+    size, count = state_size(method), k.size
+    params = np.concatenate([np.tile(k, size), np.tile(c, size)])
+    state = np.repeat(np.eye(size), count, axis=1)
+    matrices = step_once(method, _oscillators, params, state).reshape(size, size, count).transpose(2, 0, 1)
+    if count > 1 and np.isnan(matrices).any():  # one failed solve ends the step of all
+        return np.concatenate([_matrices(method, k[i : i + 1], c[i : i + 1]) for i in range(count)])
     return matrices
 
 

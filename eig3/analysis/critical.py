@@ -22,6 +22,7 @@ from .linear import Linearised, linearise
 
 _COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
 _RIGID = 1e-7  # rates below this fraction of the largest belong to rigid motion: differences of rhs leave that much
+_RIGID_PROJECTED = 1e-6  # the same for a projected system, whose differences have more round-off
 _ROUND_OFF = 1e-8  # round-off in the eigenvalues of the step of one oscillator
 _COUPLED_ROUND_OFF = 1e-6  # round-off in the eigenvalues of the step of many coupled degrees of freedom
 _NEAR = 1e-7  # relative accuracy of the search for the limit of coupled modes
@@ -186,7 +187,9 @@ def _frequency(k: complex, c: complex) -> tuple[float, float]:
 def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
     """k and c of each mode u'' + c u' + k u = 0 that K and C have in common; None where there are no such modes."""
     K, C = system.K, system.C
-    norm_k, norm_c = (np.linalg.norm(x, 2) or 1.0 for x in (K, C))
+    norm_k, norm_c = (float(np.linalg.norm(x, 2)) for x in (K, C))
+    fastest = max(math.sqrt(norm_k), norm_c)
+    norm_k, norm_c = norm_k or 1.0, norm_c or 1.0
     # any weight will do that gives different modes different sums
     shapes = np.linalg.eig(K / norm_k + 0.7310585786 * C / norm_c)[1]
     k, c = (np.einsum("ij,ij->j", shapes.conj(), x @ shapes) for x in (K, C))
@@ -196,8 +199,9 @@ def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
     if max(left_k, left_c, imaginary) > _COMMUTING:
         return None
     k, c = k.real, c.real
-    k[np.abs(k) < _RIGID * norm_k] = 0.0
-    c[np.abs(c) < _RIGID * norm_c] = 0.0
+    rigid = _RIGID if system.is_complete else _RIGID_PROJECTED
+    k[np.abs(k) < rigid * norm_k] = 0.0
+    c[np.abs(c) < rigid * fastest] = 0.0
     return k, c
 
 
