@@ -313,7 +313,7 @@ class Pilot:
         every = max(1, (len(fine.solution.u) - 1) // (len(coarse.solution.u) - 1))
         u_coarse, u_fine = self._motion(coarse.solution), self._motion(fine.solution)
         difference = np.abs(u_coarse - u_fine[::every])
-        size = float(np.abs(u_fine).max())
+        size = self._size(fine.solution)
         errors = difference.reshape(len(difference), -1).max(axis=1) / size
         gain = 2.0**self.method.order
         coarse.error = float(errors.max()) * gain / (gain - 1)
@@ -323,6 +323,9 @@ class Pilot:
     def _motion(self, solution: Solution) -> np.ndarray:
         """The displacements, without the work that the problem of a scene may follow."""
         return solution.u[:, :-1] if self.problem.follows_work else solution.u
+
+    def _size(self, solution: Solution) -> float:
+        return float(np.abs(self._motion(solution)).max())
 
     @property
     def _judged(self) -> list[_Run]:
@@ -393,11 +396,11 @@ class Pilot:
     def _limited_by_stability(self, run: _Run, aim: float) -> Prediction:
         """The first stable run is accurate enough: find the longest stable step, between its step and twice that."""
         low, high = self.unstable or run.n_steps // 2, run.n_steps
-        largest = _UNSTABLE * np.abs(run.solution.u).max()
+        largest = _UNSTABLE * self._size(run.solution)
         for _ in range(_BISECTIONS):
             middle = round(math.sqrt(low * high))
             solution = self._integrate(middle, self.problem.t_span[0] + self.part * self._span)
-            stable = solution.success and np.abs(solution.u).max() < largest
+            stable = solution.success and self._size(solution) < largest
             low, high = (low, middle) if stable else (middle, high)
         if self.part < 1:
             high = self._stable_over_the_span(high, largest)
@@ -416,7 +419,7 @@ class Pilot:
         """
         for _ in range(_LAST_TRIALS):
             solution = self._integrate(round(n_steps / self.part), self.problem.t_span[1])
-            if solution.success and np.abs(solution.u).max() < largest:
+            if solution.success and self._size(solution) < largest:
                 return n_steps
             n_steps = math.ceil(1.2 * n_steps)
         return 0
