@@ -84,7 +84,8 @@ class _Derivative:
         """
         size, product = self.measure(w, scale)
         with np.errstate(over="ignore", invalid="ignore"):
-            mean = sum(self._sides(w, _LENGTHENED * size)) / 2
+            ahead, behind = self._sides(w, _LENGTHENED * size)
+            mean = (ahead + behind) / 2
             smooth = np.abs(mean - product).max() <= _SMOOTH * np.abs(product).max()
         return mean if smooth else product
 
