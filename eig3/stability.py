@@ -1,4 +1,4 @@
-"""Stability and accuracy on the oscillator u'' + 2 xi omega u' + omega^2 u = 0, read off the kernels themselves."""
+"""Stability and accuracy of the compiled kernels on the oscillator u'' + 2 xi omega u' + omega^2 u = 0."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .kernels.fixed import pointer_kernel
 from .kernels.protocol import VECTOR, Run
 from .methods import EIG3, Method
 
-_ROUND_OFF = 1e-11  # of an eigenvalue: its pair is 1e-5 apart where the limit is bisected to 1e-10
-_SIMPLE = 1e-6  # roots nearer to each other count as one
-_SOLVED_TOGETHER = 32  # oscillators of one call of an implicit method, whose matrix grows with them
-_OSCILLATES = 1e-7  # an imaginary part above what round-off gives to a double real root
-_FURTHEST = 100.0  # omega h: what is stable there is taken to be stable for every step
-_TRACKING = 0.01  # omega h between two looks at where the principal root goes
+_ROUND_OFF = 1e-11  # round-off of an eigenvalue: at a limit found to 1e-10 it is 1e-5 from the other of its pair
+_SIMPLE = 1e-6  # roots closer than this count as one multiple root
+_SOLVED_TOGETHER = 32  # unit states of oscillators in one solve of an implicit method: its cost grows with their cube
+_OSCILLATES = 1e-7  # least imaginary part of a complex root: round-off gives less to a double real root
+_FURTHEST = 100.0  # a method that is stable up to this omega h counts as stable at every step
+_TRACKING = 0.01  # increment of omega h with which the principal root is followed
 
 
 def amplification_matrix(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
-    """The matrix of one step on (u, h v, ...), found by stepping the kernel from each unit state.
+    """The matrix of one step on (u, h v, ...). Its columns are one step of the kernel from each unit state.
 
     Parameters
     ----------
@@ -40,34 +40,32 @@ def amplification_matrix(method: str | Method, Omega: ArrayLike, xi: ArrayLike =
     Returns
     -------
     ndarray, shape (..., k, k)
-        For every Omega and xi; k is 2 and the number of past values the method carries. A matrix is NaN where an
-        implicit method's solve fails.
+        One matrix for each Omega and xi. k is 2 plus the number of past values that the method carries. A matrix is NaN
+        if the solve of an implicit method fails.
     """
     Omega, xi = np.broadcast_arrays(np.asarray(Omega, dtype=np.float64), np.asarray(xi, dtype=np.float64))
     return oscillator_matrices(method, Omega * Omega, 2 * xi * Omega)
 
 
 def oscillator_matrices(method: str | Method, k: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """`amplification_matrix` for u'' + c u' + k u = 0 and h = 1, where k and c, of one shape, have any sign."""
+    """`amplification_matrix` for u'' + c u' + k u = 0 and h = 1. k and c have one shape and may be negative."""
     method = check_method(method)
     size = state_size(method)
     flat_k, flat_c = k.ravel(), c.ravel()
-    each = max(1, flat_k.size) if not method.is_implicit else _SOLVED_TOGETHER
+    each = _SOLVED_TOGETHER // size if method.is_implicit else max(1, flat_k.size)
     parts = [_matrices(method, flat_k[i : i + each], flat_c[i : i + each]) for i in range(0, flat_k.size, each)]
     matrices = np.concatenate(parts) if parts else np.empty((0, size, size))
     return matrices.reshape(*k.shape, size, size)
 
 
 def _matrices(method: Method, k: np.ndarray, c: np.ndarray) -> np.ndarray:
-    size = state_size(method)
-    params = np.concatenate([k, c])
-    matrices = np.empty((k.size, size, size))
-    for i in range(size):
-        state = np.zeros((size, k.size))
-        state[i] = 1.0
-        matrices[:, :, i] = step_once(method, _oscillators, params, state).T
-    if k.size > 1 and np.isnan(matrices).any():  # one solve that fails ends the step of all
-        return np.concatenate([_matrices(method, k[i : i + 1], c[i : i + 1]) for i in range(k.size)])
+    """The matrices of all oscillators, by one step of them all from every unit state."""
+    size, count = state_size(method), k.size
+    params = np.concatenate([np.tile(k, size), np.tile(c, size)])
+    state = np.repeat(np.eye(size), count, axis=1)
+    matrices = step_once(method, _oscillators, params, state).reshape(size, size, count).transpose(2, 0, 1)
+    if count > 1 and np.isnan(matrices).any():  # one failed solve ends the step of all
+        return np.concatenate([_matrices(method, k[i : i + 1], c[i : i + 1]) for i in range(count)])
     return matrices
 
 
@@ -79,14 +77,14 @@ def _oscillators(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.nd
 
 
 def state_size(method: Method) -> int:
-    """Values that a method carries from step to step for one degree of freedom: u, v and its past."""
+    """Number of values that a method carries from step to step for one degree of freedom: u, v and past values."""
     return 2 + method.formulas.past
 
 
 def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Take one step of h = 1 with the vector kernel from the rows (u, v, past ...); NaN where a solve fails."""
+    """Take one step of h = 1 with the vector kernel from the rows (u, v, past ...); NaN if a solve fails."""
     method = method.fallback or method
-    if method.jacobian is not None:  # that of another system
+    if method.jacobian is not None:  # it belongs to another system
         method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
     rows, n = state.shape
     formulas = method.formulas
@@ -106,7 +104,7 @@ def characteristic_polynomial(method: str | Method, Omega: ArrayLike, xi: ArrayL
     Returns
     -------
     ndarray, shape (..., k + 1)
-        The coefficients from z^k, which is 1, to the constant one, for every Omega and xi.
+        The coefficients for each Omega and xi, from that of z^k, which is 1, to the constant one.
     """
     A = amplification_matrix(method, Omega, xi)
     size = A.shape[-1]
@@ -120,12 +118,12 @@ def characteristic_polynomial(method: str | Method, Omega: ArrayLike, xi: ArrayL
 
 
 def spectral_radius(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
-    """The largest absolute value of an eigenvalue of the amplification matrix; infinite where a solve fails."""
+    """The largest absolute value of an eigenvalue of the amplification matrix; infinite if a solve fails."""
     return _unwrapped(np.abs(eigenvalues(amplification_matrix(method, Omega, xi))).max(axis=-1))
 
 
 def eigenvalues(matrices: np.ndarray) -> np.ndarray:
-    """The eigenvalues of each matrix of a stack; infinite for one that is not finite."""
+    """The eigenvalues of each matrix of a stack; infinite for a matrix that is not finite."""
     finite = np.isfinite(matrices).all(axis=(-2, -1))
     roots = np.linalg.eigvals(np.where(finite[..., None, None], matrices, 0.0)).astype(complex)
     roots[~finite] = np.inf
@@ -133,7 +131,7 @@ def eigenvalues(matrices: np.ndarray) -> np.ndarray:
 
 
 def is_stable(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
-    """Whether nothing grows on the oscillator: every root within the unit circle, those on it simple.
+    """Whether the method is stable on the oscillator: no root outside the unit circle, and those on it simple.
 
     Parameters
     ----------
@@ -147,17 +145,17 @@ def is_stable(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> An
 
     Notes
     -----
-    Round-off of the roots hides a growth below 1e-11 a step.
+    A growth below 1e-11 per step is not seen, because it is within the round-off of the roots.
     """
     return _unwrapped(_excess(amplification_matrix(method, Omega, xi)) <= _ROUND_OFF)
 
 
 def _excess(matrices: np.ndarray) -> np.ndarray:
-    """By how much the spectral radius is above one; infinite where a root on the unit circle is not simple."""
+    """The spectral radius minus one; infinite if a root on the unit circle is not simple."""
     roots = eigenvalues(matrices)
     finite = np.isfinite(roots).all(axis=-1)
     roots[~finite] = 0.0
-    # Round-off eps parts a double root by sqrt(eps), but leaves the mean of the two where it was.
+    # Round-off eps splits a double root by sqrt(eps), but does not move the mean of the two.
     near = np.abs(roots[..., :, None] - roots[..., None, :]) < _SIMPLE
     multiplicity = near.sum(axis=-1)
     excess = np.abs((near * roots[..., None, :]).sum(axis=-1) / multiplicity) - 1
@@ -166,7 +164,7 @@ def _excess(matrices: np.ndarray) -> np.ndarray:
 
 
 def limit(method: str | Method, xi: float = 0.0) -> float:
-    """The Omega = omega h below which `method` is stable on the oscillator.
+    """The limit of Omega = omega h below which `method` is stable on the oscillator.
 
     Parameters
     ----------
@@ -177,12 +175,13 @@ def limit(method: str | Method, xi: float = 0.0) -> float:
     Returns
     -------
     float
-        To 1e-9; 0.0 where every small step is unstable, infinity where every step up to Omega = 100 is stable.
+        Accurate to 1e-9. It is 0.0 if every small step is unstable, and infinite if every step up to Omega = 100 is
+        stable.
 
     Notes
     -----
-    A step whose implicit solve fails counts as unstable. A limit below 0.01 that only weak damping gives to a method
-    without an undamped one is told as 0.0.
+    A step whose implicit solve fails counts as unstable. A method that is unstable without damping can have a limit
+    below 0.01 with weak damping: this is returned as 0.0.
     """
     return _limit(check_method(method), float(xi))
 
@@ -201,9 +200,9 @@ def first_exit(
     accuracy: float = 1e-10,
     blocks: Sequence[np.ndarray] | None = None,
 ) -> float:
-    """The least x at which ``excess(x)`` passes `tolerance`, looked for at the growing numbers of `blocks`.
+    """The least x at which ``excess(x)`` passes `tolerance`, searched at the growing numbers of `blocks`.
 
-    0.0 where it rises from x = 0 on, infinity where it never does.
+    It is 0.0 if the excess grows from x = 0 on, and infinite if it never passes the tolerance.
     """
     stable = 0.0
     for block in _blocks() if blocks is None else blocks:
@@ -218,8 +217,8 @@ def first_exit(
     while high - low > accuracy * min(1.0, high):
         middle = (low + high) / 2
         low, high = (low, middle) if excess(np.array([middle]))[0] > tolerance else (middle, high)
-    # A limit is left steeply, or what is well before it decays. What grows as a power of x passes the tolerance too,
-    # and hardly more a little further on.
+    # Beyond a limit the excess rises steeply, or it is negative well before the limit. An excess that grows as a power
+    # of x passes the tolerance too, but it is hardly larger a little further on.
     further, before = excess(np.array([high * 1.001, high / 2]))
     is_limit = further > 2 * tolerance or before < -tolerance
     return low if is_limit else 0.0
@@ -236,7 +235,8 @@ def stable_region(Omega: ArrayLike, alpha: ArrayLike = 1.0, beta: ArrayLike = 0.
     Parameters
     ----------
     Omega, alpha, beta, xi : float or array_like
-        Broadcast against each other: ``stable_region(Omega, alpha[:, None])`` is the region over (Omega, alpha).
+        They are broadcast against each other: ``stable_region(Omega, alpha[:, None])`` is the region over
+        (Omega, alpha).
 
     Returns
     -------
@@ -253,7 +253,7 @@ def stable_region(Omega: ArrayLike, alpha: ArrayLike = 1.0, beta: ArrayLike = 0.
 
 
 def damping_ratio(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
-    """The algorithmic damping ratio -ln|z| / arg z of the principal root z; NaN where it does not oscillate.
+    """The algorithmic damping ratio -ln|z| / arg z of the principal root z; NaN if z does not oscillate.
 
     Parameters
     ----------
@@ -267,14 +267,14 @@ def damping_ratio(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -
 
     Notes
     -----
-    The exact solution with physical damping has xi / sqrt(1 - xi^2).
+    The ratio of the exact solution is xi / sqrt(1 - xi^2).
     """
     size, angle = _polar(principal_root(method, Omega, xi))
     return _unwrapped(-np.log(size) / angle)
 
 
 def period_error(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
-    """The relative error (T_h - T) / T of the period; NaN where the principal root does not oscillate.
+    """The relative error (T_h - T) / T of the period; NaN if the principal root does not oscillate.
 
     Parameters
     ----------
@@ -288,21 +288,21 @@ def period_error(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) ->
         Omega sqrt(1 - xi^2) / arg z - 1 for the principal root z.
     """
     _, angle = _polar(principal_root(method, Omega, xi))
-    with np.errstate(invalid="ignore"):  # of xi above 1
+    with np.errstate(invalid="ignore"):  # xi may be above 1
         exact = np.asarray(Omega) * np.sqrt(1 - np.square(xi))
     return _unwrapped(exact / angle - 1)
 
 
 def _polar(root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """|z| and arg z, NaN where z does not oscillate."""
+    """|z| and arg z, NaN if z does not oscillate."""
     oscillates = root.imag > _OSCILLATES
     return np.where(oscillates, np.abs(root), np.nan), np.where(oscillates, np.angle(root), np.nan)
 
 
 def principal_root(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
-    """The eigenvalue that stands for exp((-xi + i sqrt(1 - xi^2)) Omega), followed from Omega = 0.
+    """The eigenvalue that approximates exp((-xi + i sqrt(1 - xi^2)) Omega), followed from Omega = 0.
 
-    Followed, since at large Omega another root may be larger or nearer to that exponential.
+    It has to be followed, because at large Omega another root may be larger or closer to that exponential.
     """
     Omega, xi = np.broadcast_arrays(np.asarray(Omega, dtype=np.float64), np.asarray(xi, dtype=np.float64))
     if not (Omega > 0).all():
@@ -325,19 +325,19 @@ def _follow(method: str | Method, Omega: np.ndarray, xi: float) -> np.ndarray:
         nearest = values[np.argmin(np.abs(values - expected))]
         if np.isfinite(nearest):
             root, before = nearest, here
-        track[i] = nearest if np.isfinite(nearest) else np.nan  # where a solve fails
+        track[i] = nearest if np.isfinite(nearest) else np.nan  # NaN if a solve fails
     return track[np.searchsorted(way, Omega)]
 
 
 def explain(method: str | Method) -> str:
-    """What theory says of a method on the oscillator, in a few lines: order, limits, damping, period."""
+    """The properties of a method on the oscillator, in a few lines of text: order, limits, damping, period."""
     method = check_method(method)
-    free = method.without_velocity()  # the same on an undamped oscillator, for less
+    free = method.without_velocity()  # the same step on an undamped oscillator, without a solve
     undamped, evaluations = limit(free), method.evaluations
     each = (
         f"{evaluations} evaluation{'s' * (evaluations > 1)} a step"
         if evaluations
-        else "a solve where the force reads velocity"
+        else "a solve if the force reads velocity"
     )
     per_evaluation = f", {undamped / evaluations:.4g} per evaluation" if evaluations and 0 < undamped < math.inf else ""
     damped = ", ".join(f"{limit(method, xi):.6g} (xi = {xi:g})" for xi in (0.01, 0.1, 0.5, 1.0))
@@ -361,11 +361,11 @@ def _bound(Omega: float) -> str:
 def _leading_damping(method: Method) -> str:
     term = _leading_term(lambda Omega: damping_ratio(method, Omega), parity=1)
     if term is None:
-        return "Of itself it does not damp."
+        return "It has no numerical damping."
     coefficient, power, shown = term
     if coefficient > 0:
-        return f"Of itself it damps: the algorithmic damping ratio is {shown} + O(Omega^{power + 2})."
-    return f"Of itself it excites: the algorithmic damping ratio is {shown} + O(Omega^{power + 2}), negative."
+        return f"It removes energy numerically: the algorithmic damping ratio is {shown} + O(Omega^{power + 2})."
+    return f"It adds energy numerically: the algorithmic damping ratio is {shown} + O(Omega^{power + 2}), negative."
 
 
 def _leading_period_error(method: Method) -> str:
@@ -379,7 +379,7 @@ def _leading_period_error(method: Method) -> str:
 
 
 def _leading_term(function: Callable[[np.ndarray], np.ndarray], parity: int) -> tuple[float, int, str] | None:
-    """The first term of an odd or even power series in Omega, by a fit; None where all of it is round-off."""
+    """The first term of an odd or even power series in Omega, from a fit; None if all of it is round-off."""
     Omega = np.linspace(0.03, 0.3, 28)
     powers = (1, 3, 5, 7, 9, 11, 13) if parity else (2, 4, 6, 8, 10, 12, 14)
     columns = Omega[:, None] ** np.array(powers)

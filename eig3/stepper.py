@@ -260,7 +260,7 @@ class Stepper:
         return taken
 
     def _fall_back(self, index: int) -> bool:
-        """From a step on, go on with the method's fallback where it has one; both carry the same values from step to step."""
+        """From a step on, go on with the method's fallback if it has one; both carry the same values between steps."""
         fallback = self.method.fallback
         if fallback is None or self.changed_at is not None or not math.isfinite(self.residual):
             return False

@@ -1,3 +1,4 @@
+# ruff: noqa: F821
 """Follow an invariant along rows of states: the least and the largest e(t_i, u_i, v_i, p), a NaN kept once met."""
 
 import functools

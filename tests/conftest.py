@@ -1,7 +1,10 @@
 import importlib
+import os
 import re
 import sys
 from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other on small matrices; before NumPy
 
 import numpy as np
 import pytest
@@ -103,10 +106,17 @@ def method(request):
     return request.param
 
 
+@pytest.fixture(scope="session")
+def users_folder(tmp_path_factory):
+    """Where a user's method is kept: in one place, so that its kernels are compiled once and then loaded from disk."""
+    folder = tmp_path_factory.mktemp("user")
+    (folder / "symplectic_euler.py").write_text(PYTHON[-1])
+    return folder
+
+
 @pytest.fixture
-def symplectic_euler(tmp_path, monkeypatch):
+def symplectic_euler(users_folder, monkeypatch):
     """The method of the README, a user's own."""
-    (tmp_path / "symplectic_euler.py").write_text(PYTHON[-1])
-    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.syspath_prepend(users_folder)
     yield importlib.import_module("symplectic_euler").SymplecticEuler
     del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]

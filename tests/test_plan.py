@@ -1,13 +1,18 @@
 """What eig3.plan predicts, against exact solutions; never a wall-clock time."""
 
 import dataclasses
+import time
+from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 import eig3
 from eig3 import problems
+from eig3.analysis import planner
 from eig3.cli import main
+from eig3.methods import LIBRARY
 
 
 def achieved(prediction, problem):
@@ -20,7 +25,7 @@ def achieved(prediction, problem):
 def test_every_method_reaches_the_accuracy_at_the_step_predicted(accuracy):
     problem = problems.single_dof(xi=0.02, force=1.0, force_omega=3.0, t_end=50.0)
     plan = eig3.plan(problem, accuracy)
-    assert {p.method.name for p in plan.predictions} == set(eig3.METHODS)
+    assert {p.method.name for p in plan.predictions} == {method.name for method in LIBRARY}
     for prediction in plan.predictions:
         assert prediction.reaches, prediction
         if not prediction.note:
@@ -74,8 +79,103 @@ def test_round_off_is_told():
 
 
 def test_a_large_system_is_not_given_newtons_differences():
-    plan = eig3.plan(problems.damped_bar(n=60, t_end=1e-4), 1e-2, methods=["cd"])
-    assert plan.predictions[0].method.solver == "fixed-point"
+    """A difference for each of the 60 degrees of freedom would make it 60 evaluations a step at least."""
+    (prediction,) = eig3.plan(problems.damped_bar(n=60, t_end=1e-4), 1e-2, methods=["cd"]).predictions
+    assert prediction.evaluations < 20 * prediction.n_steps
+
+
+# What the load of a machine may change -------------------------------------------------------------------------------
+
+
+def slow_clock(monkeypatch, factor):
+    """Let every run seem to take `factor` times as long."""
+    clock = SimpleNamespace(perf_counter=lambda: factor * time.perf_counter())
+    monkeypatch.setattr(planner, "time", clock)
+
+
+def verdicts(plan):
+    """What the plan says of the stability of each method."""
+    stable = {p.method for p in plan.predictions if p.reaches or p.note.startswith("the error does not converge")}
+    return {p.method: "has a stable step" if p.method in stable else p.note for p in plan.predictions}
+
+
+def falling_cloth():
+    """Its threads stiffen as they stretch: the critical step at the start is several times too long later on."""
+    return problems.curtain(n=6, t_end=1.0)
+
+
+@eig3.jit
+def running_away(t, u, v, p):
+    return u * u
+
+
+@pytest.mark.parametrize(
+    ("build", "methods", "expected"),
+    [
+        (falling_cloth, ["eig3", "cd", "rk4"], "has a stable step"),
+        (lambda: problems.double_pendulum(t_end=20.0), None, "has a stable step"),
+        (lambda: problems.damped_bar(n=80, t_end=2e-4), None, "has a stable step"),
+        (
+            lambda: eig3.Problem("infinite", running_away, 1.0, 1.0, (), (0.0, 10.0), uses_velocity=False),
+            ["eig3", "rk4"],
+            "unstable at every step tried",
+        ),
+    ],
+    ids=["cloth", "chaos", "bar", "infinite"],
+)
+def test_the_load_of_a_machine_does_not_change_what_is_stable(build, methods, expected, monkeypatch):
+    problem = build()
+    found = []
+    for factor in (1, 50):
+        slow_clock(monkeypatch, factor)
+        found.append(verdicts(eig3.plan(problem, 1e-2, methods=methods)))
+    assert found[0] == found[1]
+    assert set(found[0].values()) == {expected}
+
+
+def test_a_loaded_machine_finds_the_same_step_limited_by_stability(monkeypatch):
+    steps = []
+    for factor in (1, 50):
+        slow_clock(monkeypatch, factor)
+        (prediction,) = eig3.plan(falling_cloth(), 1e-2, methods=["rk4"]).predictions
+        assert prediction.note == "the step is limited by stability"
+        steps.append(prediction.h)
+    assert steps[0] == steps[1]
+
+
+def test_a_fast_decay_is_resolved_also_by_a_method_that_it_does_not_limit():
+    """Central difference is stable at steps far above the time of the decay; two of them agree on a wrong motion."""
+    problem = problems.van_der_pol(t_end=20.0)
+    (prediction,) = eig3.plan(problem, 1e-2, methods=["cd"]).predictions
+    exact = problem.integrate(h=prediction.h / 8, method="rk4", save_every=8)
+    solution = problem.integrate(h=prediction.h, method=prediction.method)
+    assert np.abs(solution.u - exact.u).max() / np.abs(exact.u).max() < 1.5e-2
+
+
+# Which methods -------------------------------------------------------------------------------------------------------
+
+
+def test_a_users_method_breaks_no_plan():
+    try:
+
+        class Broken(eig3.Method):
+            name: ClassVar[str] = "broken"
+            label: ClassVar[str] = "broken"
+            kernel: ClassVar[str] = "no.such.kernel"
+            order: ClassVar[int] = 2
+
+        assert "broken" in eig3.METHODS
+        plan = eig3.plan(problems.single_dof(t_end=10.0), 1e-2)
+    finally:
+        del eig3.METHODS["broken"]
+    assert {p.method.name for p in plan.predictions} == {method.name for method in LIBRARY}
+
+
+def test_a_record_is_shown_where_its_name_stands_for_another():
+    records = [eig3.EIG3(alpha=1.2), "eig3", eig3.CentralDifference(velocity="lagged"), "cd"]
+    plan = eig3.plan(problems.single_dof(t_end=10.0), 1e-1, methods=records)
+    names = [line.split("  ")[1] for line in repr(plan).splitlines()[2:]]
+    assert sorted(names) == ["CD", "CentralDifference(velocity='lagged')", "EIG-3", "EIG3(alpha=1.2, beta=0.5)"]
 
 
 @pytest.mark.parametrize(
@@ -86,7 +186,7 @@ def test_a_large_system_is_not_given_newtons_differences():
         ({"accuracy": "low"}, ValueError, "accuracy must be a number between 0 and 1, not 'low'."),
         ({"metric": "phase"}, ValueError, "metric must be 'trajectory' or 'energy', not 'phase'."),
         ({"methods": ["euler"]}, ValueError, "method must be one of 'eig3'"),
-        ({"methods": []}, ValueError, "methods must name one method at least."),
+        ({"methods": []}, ValueError, "methods must name at least one method."),
     ],
 )
 def test_bad_input_is_told_in_a_sentence(change, error, message):

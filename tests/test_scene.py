@@ -252,9 +252,10 @@ def test_the_balance_of_a_damped_and_driven_scene(method, order):
     assert np.ptp(energy - work) == pytest.approx(drifts[1], rel=1.0)  # of saved states, from their own mean
     assert abs(work[-1]) > 1
     without = scene.problem((0.0, 3.0)).integrate(h=2e-3, method=method)
-    np.testing.assert_array_equal(runs[1].u, without.u)
-    # central difference solves for v with one more unknown, the work's
-    np.testing.assert_allclose(runs[1].v, without.v, rtol=1e-12, atol=1e-15)
+    # central difference solves for v with one more unknown, the work's: to 1e-12 of v in each of 1500 steps
+    tolerance = 1e-10 if method == "cd" else 0.0
+    np.testing.assert_allclose(runs[1].u, without.u, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(runs[1].v, without.v, rtol=0, atol=tolerance)
     assert without.integrals == {}
 
 

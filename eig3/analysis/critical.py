@@ -20,18 +20,22 @@ from ..stability import limit as limit_of
 from ..stepper import Stepper
 from .linear import Linearised, linearise
 
-_COMMUTING = 1e-5  # of K or C: what an eigenvector of both leaves of each, where differences give K and C
-_RIGID = 1e-7  # of the largest: rates below this are those of rigid motion, with the round-off of differences
-_ROUND_OFF = 1e-8  # of the eigenvalues of one oscillator's step
-_COUPLED_ROUND_OFF = 1e-6  # of those of many
-_NEAR = 2e-3  # the accuracy to which the limit of modes that do not decouple is searched
-_SAME = 1e-3  # of an eigenvalue: far above what round-off does to a multiple one, far below what tells methods apart
-_STEPPED = 20  # directions of each kind that modes which do not decouple are looked at on
-_SOLVED = 12  # and by an implicit method, with a solve for each unit state of each step looked at
-_STEADY = ("eig3", "cd", "rk4")  # what to name where a method has no stable step
-_SHORTEST, _LONGEST = 1e-3, 100.0  # steps looked at, in radians of the fastest mode and of the slowest
-_COUPLED_SHORTEST = 0.03
-_FINE, _COARSE = 1.02, 1.3  # from one step looked at to the next
+_COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
+_RIGID = 1e-7  # rates below this fraction of the largest belong to rigid motion: differences of rhs leave that much
+_RIGID_PROJECTED = 1e-6  # the same for a projected system, whose differences have more round-off
+_ROUND_OFF = 1e-8  # round-off in the eigenvalues of the step of one oscillator
+_COUPLED_ROUND_OFF = 1e-6  # round-off in the eigenvalues of the step of many coupled degrees of freedom
+_NEAR = 1e-7  # relative accuracy of the search for the limit of coupled modes
+_NEAR_PROJECTED = 5e-4  # the same for a projected system, where the projection is less accurate than that
+_SAME = 1e-3  # eigenvalues closer than this are equal: round-off is less, the difference of two methods is more
+_STEPPED = 22  # directions of each of three kinds, for an explicit method: all of them up to 64 degrees of freedom
+_SOLVED = 12  # the same for an implicit method, which needs a solve for each unit state
+_SOLVED_TOGETHER = 32  # degrees of freedom in one solve: its cost grows with their cube
+_STEADY = ("eig3", "cd", "rk4")  # methods to suggest where the given one has no stable step
+_SHORTEST, _LONGEST = 1e-3, 100.0  # first and last step of the search, in radians of the fastest and the slowest mode
+_COUPLED_SHORTEST = 0.03  # first step of the search for coupled modes
+_FINE, _COARSE = 1.02, 1.3  # ratio of one step of the search to the one before: for separate and for coupled modes
+_BEYOND = np.array([1.00001, 1.0005, 1.002, 1.01])  # where a short interval of unstable steps may begin at a limit
 
 
 @dataclass(frozen=True)
@@ -43,15 +47,15 @@ class CriticalStep:
     h : float
         The step to take, in the unit of time of rhs: `limit` times the safety factor.
     omega_max : float
-        Undamped angular frequency of the mode that limits the step, in radians by that unit; 0.0 where nothing restores
-        it.
+        Undamped angular frequency of the mode that limits the step, in radians per unit of time; 0.0 if the mode has no
+        restoring force.
     xi : float
-        Its damping ratio, negative where it is excited; infinite where nothing restores it.
+        Damping ratio of that mode: negative if the system excites it, infinite if it has no restoring force.
     evaluations : int
-        Of the right-hand side.
+        Number of evaluations of the right-hand side that the search took.
     limit : float
-        The step beyond which the linearised system is unstable or, with fixed-point iteration, the solve does not
-        converge.
+        The longest stable step. Beyond it the linearised system is unstable or, with fixed-point iteration, the solve
+        does not converge.
     """
 
     h: float
@@ -62,7 +66,7 @@ class CriticalStep:
 
 
 class NoCriticalStepError(ValueError):
-    """There is no such step: every step is stable, or none is."""
+    """There is no longest stable step: every step is stable, or none is."""
 
 
 class NoStableStepError(NoCriticalStepError):
@@ -92,8 +96,8 @@ def critical_step(
     t : float
         The time of the state.
     safety : float
-        What to multiply the limit by: a system that is not linear has other frequencies elsewhere on its way. A stable
-        step is not yet an accurate one: `eig3.plan` looks for that.
+        Factor from `limit` to `h`, above 0 and up to 1. A nonlinear system can have higher frequencies at later states.
+        A stable step is not always an accurate one: `eig3.plan` finds a step for a given accuracy.
 
     Returns
     -------
@@ -102,25 +106,30 @@ def critical_step(
     Raises
     ------
     TypeError, ValueError
-        For arguments `eig3.integrate` would refuse, a rhs that is not finite close to the state, and a method with
-        velocity="none" where rhs reads v.
+        If `eig3.integrate` would refuse the arguments, if rhs is not finite close to the state, or if a method with
+        velocity="none" is given a rhs that reads v.
     NoCriticalStepError
-        A ValueError: where nothing at this state limits the step, and where the method is unstable at every step, as
-        RK2 and AB2 are without damping.
+        A ValueError. It is raised if nothing at this state limits the step, and if the method is unstable at every
+        step, as RK2 and AB2 are without damping.
 
     Notes
     -----
-    K = -df/du and C = -df/dv come from differences of rhs, on the stiffer side of a kink: in full up to 64 degrees of
-    freedom, else on 60 to 90 directions of Arnoldi's iteration, by which the limit is some 0.1 % too long. Where K and
-    C have common modes, each is an oscillator u'' + c u' + k u = 0. Where they do not commute, a Runge-Kutta or Adams
-    method sees the rates of the system's own modes, but EIG-3 and central difference do not: there the method's kernel
-    takes one step of the projected system from each unit state, and the eigenvalues of that matrix tell. Solutions that
-    grow by themselves, as from an unstable position, are allowed to.
+    K = -df/du and C = -df/dv come from differences of rhs. At a kink the stiffer side counts. Up to 64 degrees of
+    freedom K and C are full matrices, and the limit of a smooth rhs is accurate to about 1e-6. For larger systems they
+    are projected on 60 to 90 directions, which Arnoldi's iteration finds, and the limit is up to some 0.1 % too long.
+
+    If K and C have common modes, each mode is an oscillator u'' + c u' + k u = 0. If they have none, the step of a
+    Runge-Kutta or Adams method still depends on the rates of the system's own modes only. The step of EIG-3 and of
+    central difference does not: the kernel then takes one step of the whole system from each unit state, and the limit
+    follows from the eigenvalues of the matrix of these steps. An implicit method takes these steps on the 36 fastest
+    directions at most; with more degrees of freedom than that, its limit is accurate to 5e-4 or so.
+
+    A solution may grow if the system itself grows, as from an unstable position.
     """
     method, t = check_method(method), check_time(t, "t")
     if isinstance(safety, bool) or not (isinstance(safety, numbers.Real) and 0 < safety <= 1):
         raise ValueError(f"safety must be a number above 0 and up to 1, not {safety!r}.")
-    start = Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method="rk4")  # which checks them
+    start = Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method="rk4")  # checks the arguments
     return critical(start.acceleration, t, start.u, start.v, method, float(safety))
 
 
@@ -129,15 +138,14 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
     system = linearise(acceleration, t, u, v)
     if method.ignores_velocity and system.C.any():
         raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
-    rates = system.rates()
-    limit, omega, xi = _limit(method, system, rates) if np.abs(rates).max() > 0 else (math.inf, 0.0, 0.0)
+    limit, omega, xi = longest_stable_step(method, system)
     if math.isinf(limit):
         raise NoCriticalStepError(
-            "nothing that oscillates or decays limits the step at this state: choose h for accuracy, and for the "
-            "states on the way."
+            "nothing that oscillates or decays limits the step at this state; choose h for accuracy, and for the "
+            "states that follow."
         )
     if limit == 0:
-        others = [name for name in _STEADY if _limit(check_method(name), system, rates)[0] > 0]
+        others = [name for name in _STEADY if longest_stable_step(check_method(name), system)[0] > 0]
         such = f", such as {', '.join(map(repr, others))}" if others else ""
         raise NoStableStepError(
             f"{method!r} is unstable at every step for this system, with a mode of omega = {omega:.4g} and xi = "
@@ -146,8 +154,14 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
     return CriticalStep(safety * limit, omega, xi, system.evaluations, limit)
 
 
-def _limit(method: Method, system: Linearised, rates: np.ndarray) -> tuple[float, float, float]:
-    """The limit, and the frequency and damping ratio of the mode that sets it."""
+def longest_stable_step(method: Method, system: Linearised) -> tuple[float, float, float]:
+    """The limit, and the frequency and damping ratio of the mode that sets it.
+
+    The limit is 0 if the method is unstable at every step, and infinite if nothing limits the step.
+    """
+    rates = system.rates()
+    if not rates.any():
+        return math.inf, 0.0, 0.0
     if not system.C.any():
         method = method.without_velocity()  # the same step, without a solve
     modes = _modes(system)
@@ -173,8 +187,10 @@ def _frequency(k: complex, c: complex) -> tuple[float, float]:
 def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
     """k and c of each mode u'' + c u' + k u = 0 that K and C have in common; None where there are no such modes."""
     K, C = system.K, system.C
-    norm_k, norm_c = (np.linalg.norm(x, 2) or 1.0 for x in (K, C))
-    # the weights only have to keep apart modes with the same sum
+    norm_k, norm_c = (float(np.linalg.norm(x, 2)) for x in (K, C))
+    fastest = max(math.sqrt(norm_k), norm_c)
+    norm_k, norm_c = norm_k or 1.0, norm_c or 1.0
+    # any weight will do that gives different modes different sums
     shapes = np.linalg.eig(K / norm_k + 0.7310585786 * C / norm_c)[1]
     k, c = (np.einsum("ij,ij->j", shapes.conj(), x @ shapes) for x in (K, C))
     left_k = np.abs(K @ shapes - k * shapes).max() / norm_k
@@ -183,8 +199,9 @@ def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
     if max(left_k, left_c, imaginary) > _COMMUTING:
         return None
     k, c = k.real, c.real
-    k[np.abs(k) < _RIGID * norm_k] = 0.0
-    c[np.abs(c) < _RIGID * norm_c] = 0.0
+    rigid = _RIGID if system.is_complete else _RIGID_PROJECTED
+    k[np.abs(k) < rigid * norm_k] = 0.0
+    c[np.abs(c) < rigid * fastest] = 0.0
     return k, c
 
 
@@ -215,10 +232,10 @@ def _geometric(first: float, last: float, ratio: float) -> np.ndarray:
 
 
 def _growth(matrices: np.ndarray, h: Any, rates: np.ndarray) -> np.ndarray:
-    """By how much a step's matrix lets something grow that does not grow in the system with these rates.
+    """The numerical growth in one step, beyond what grows in the system with these rates itself.
 
-    As many roots may be outside the unit circle as the system has growing rates, and they not further than at twice the
-    fastest of these.
+    The matrix may have as many roots outside the unit circle as the system has growing rates. These roots may grow at
+    up to twice the fastest of the rates.
     """
     sizes = np.abs(eigenvalues(matrices))
     growing = (rates.real > _RIGID * np.abs(rates).max()).sum(axis=-1)
@@ -231,16 +248,16 @@ def _growth(matrices: np.ndarray, h: Any, rates: np.ndarray) -> np.ndarray:
 
 
 def _oscillators_of(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """k and c of oscillators with these rates: of a conjugate pair, and of a real rate twice."""
+    """k and c of oscillators with these rates: one for each conjugate pair, one with a double root for a real rate."""
     upper = rates[rates.imag >= 0]
     return np.abs(upper) ** 2, -2 * upper.real
 
 
 @functools.cache
 def _sees_rates(method: Method) -> bool:
-    """Whether the method's step depends on the rates of a system only, as that of a method of first-order systems.
+    """Whether the method's step depends on the rates of a system only, as for every method of first-order systems.
 
-    Judged by a system in which stiffness, damping and gyroscopic forces are of one size and have no modes in common.
+    The test system has stiffness, damping and gyroscopic forces of similar size, without common modes.
     """
     system = Linearised(np.array([[1.0, 0.0], [0.0, 0.5]]), np.array([[0.3, 0.5], [-0.4, 0.6]]), 0)
     k, c = _oscillators_of(system.rates())
@@ -250,7 +267,7 @@ def _sees_rates(method: Method) -> bool:
 
 
 def _coupled_limit(method: Method, system: Linearised) -> tuple[float, complex, complex]:
-    """The limit of modes that do not decouple, by the eigenvalues of the method's step of the projected system."""
+    """The limit of modes that do not decouple, from the eigenvalues of the method's step of the whole system."""
     rates = system.rates()
 
     def is_stable(h: float, tolerance: float = _COUPLED_ROUND_OFF) -> bool:
@@ -263,26 +280,38 @@ def _coupled_limit(method: Method, system: Linearised) -> tuple[float, complex, 
         low = high
     else:
         return math.inf, 0.0, 0.0
-    while low > 0 and high > (1 + _NEAR) * low:
+    near = _NEAR if system.is_complete else _NEAR_PROJECTED
+    while low > 0 and high > (1 + near) * low:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if is_stable(middle) else (low, middle)
-    # As in `first_exit`: a growth at every step passes the tolerance too, but not steeply. Two steps are looked at, as
-    # the system may be stable again just beyond a limit.
-    if all(is_stable(h, 2 * _COUPLED_ROUND_OFF) for h in (high, 1.01 * high)):
-        low = 0.0
-    values, vectors = np.linalg.eig(_step_matrix(method, system, 1.01 * high))
-    # what is unstable alternates or oscillates, unlike what grows by itself
-    limiting = np.argmax(np.where(np.abs(values) > 1, np.abs(values - 1), 0.0))
-    shape = vectors[: len(system.K), limiting]
-    k, c = (complex((shape.conj() @ x @ shape) / (shape.conj() @ shape)) for x in (system.K, system.C))
-    return low, k, c
+    # As in `first_exit`: a method that grows at every step passes the tolerance too, but not steeply. Several steps are
+    # tried, because the system can be stable again just beyond a limit.
+    steep = [h for h in (_BEYOND * high).tolist() if not is_stable(h, 2 * _COUPLED_ROUND_OFF)]
+    shape = _limiting_shape(method, system, max(steep, default=high))
+    k, c = (complex(shape.conj() @ x @ shape) for x in (system.K, system.C))
+    return low if steep else 0.0, k, c
+
+
+def _limiting_shape(method: Method, system: Linearised, h: float) -> np.ndarray:
+    """The displacements, of norm 1, of what is unstable at the step h."""
+    matrix = _step_matrix(method, system, h)
+    if np.isfinite(matrix).all():
+        values, vectors = np.linalg.eig(matrix)
+        # an instability alternates or oscillates; what the system itself lets grow does neither
+        limiting = np.argmax(np.where(np.abs(values) > 1, np.abs(values - 1), 0.0))
+        shape = vectors[: len(system.K), limiting]
+    else:  # the solve for v fails, and it is harder the larger h C is
+        values, vectors = np.linalg.eig(system.C)
+        shape = vectors[:, np.argmax(np.abs(values))]
+    return shape / np.linalg.norm(shape)
 
 
 def _steps(method: Method, system: Linearised, fastest: float) -> list[float]:
-    """The steps at which an instability is looked for, from the shortest to the longest.
+    """The steps at which to look for an instability, from the shortest to the longest.
 
-    Gyroscopic forces can stabilise two modes again that central difference, which sees no velocity in what alternates
-    from step to step, loses one by one: hence those just above the undamped limit of the stiffest.
+    They include some just above the undamped limit of the stiffest mode. A solution of central difference that
+    alternates from step to step has zero velocity, so that gyroscopic forces do not act on it: there one mode becomes
+    unstable. At the undamped limit of a second mode, gyroscopic forces can stabilise both again.
     """
     stiffness = np.abs(np.linalg.eigvals(system.K))
     stiffest = math.sqrt(stiffness.max())
@@ -290,18 +319,18 @@ def _steps(method: Method, system: Linearised, fastest: float) -> list[float]:
     slowest = math.sqrt(restored.min()) if restored.size else fastest
     steps = _geometric(_COUPLED_SHORTEST / fastest, _LONGEST / slowest, _COARSE)
     if stiffest > 0:
-        beyond = limit_of(method.without_velocity()) / stiffest * np.array([1.0005, 1.002, 1.01])
+        beyond = limit_of(method.without_velocity()) / stiffest * _BEYOND
         steps = np.concatenate([steps, beyond[(beyond > steps[0]) & (beyond < steps[-1])]])
     return sorted(steps.tolist())
 
 
 def _step_matrix(method: Method, system: Linearised, h: float) -> np.ndarray:
-    """The matrix of one step of the whole system on (u, h v, past ...), from every unit state."""
+    """The matrix of one step of the whole system on (u, h v, past ...), column by column from the unit states."""
     m, rows = len(system.K), state_size(method)
     size = m * rows
     params = np.concatenate([[m], h * h * system.K.ravel(), h * system.C.ravel()])
     units = np.eye(size).reshape(size, rows, m)
-    each = size if not method.is_implicit else 1  # an iteration would couple the copies of one call
+    each = max(1, _SOLVED_TOGETHER // m) if method.is_implicit else size
     columns = []
     for first in range(0, size, each):
         copies = units[first : first + each]

@@ -19,8 +19,8 @@ _BROUGHT_ABOUT = 1e-3  # of h: critical steps shorter than this are those of a b
 _SAME_LIMIT = 0.02  # critical steps closer than this are told once
 _SAFETY = 0.9
 _HALVINGS = 8
-_LEAST_SECONDS = 0.2  # to try shorter steps for
-_PATIENCE = 2.5  # or so many times as long as the run took, where that is longer
+_PATIENCE = 2.5  # steps of all trials together, in units of those that the run took,
+_LEAST_WORK = 3e7  # or, where that is more, this many steps divided by the degrees of freedom and some overhead
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,8 @@ class BlowUp:
     def message(self) -> str:
         last = self.last
         return (
-            f"The motion stayed finite up to t = {last.t:g}, but from t = {self.began:g} on it grew to {self.growth:.2g} "
-            f"times its size, through the step h = {last.h:g}: {self.why}."
+            f"The motion stayed finite up to t = {last.t:g}, but from t = {self.began:g} on it grew to "
+            f"{self.growth:.2g} times its size, through the step h = {last.h:g}: {self.why}."
         )
 
     def explain(self) -> str:
@@ -218,13 +218,12 @@ def _mode(step: CriticalStep) -> str:
 def _remedy(last: Stepper, limits: list[float]) -> str:
     """A step that was tried from the start to where the run failed, or why none is named."""
     end = last.t + last.h
-    seconds = max(_LEAST_SECONDS, _PATIENCE * last.seconds)
-    rate = last.seconds / max(1, last.index)
+    left = max(_PATIENCE * last.index, _LEAST_WORK / (10 + np.size(last.u)))
     tried = last.h
     for h in _candidates(last.h, limits):
         n_steps = math.ceil((end - last.t0) / h)
-        seconds -= n_steps * rate
-        if seconds < 0:
+        left -= n_steps
+        if left < 0:
             return f"h = {h:g} was not tried, which would take long"
         if _holds(last.restarted(h), n_steps):
             return f"h = {h:g} was tried and holds up to then"

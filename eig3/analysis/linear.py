@@ -1,4 +1,4 @@
-"""A system about a state, u'' = -K u - C v, on the few directions in which it is fastest."""
+"""A system linearised at a state, u'' = -K u - C v; for a large one, on the few directions in which it is fastest."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
-_FULL = 64  # degrees of freedom up to which all directions are taken
-_DIRECTIONS = 60
-_VALUES = 2**25  # of all the vectors kept: 256 MB
-_INCREMENT = 2.0**-26  # of u or v, relatively, to begin with: balances truncation against round-off
-_LONGEST_INCREMENT = 2.0**-10
-_TELLING = 2.0**-40  # of the acceleration: a change that its round-off leaves three digits of
-_ROUNDED = 2.0**-51  # a change of u, relatively, that is hardly more than round-off
-_STRAIGHT = 1e-2  # difference of two quotients of a function that is straight enough
-_ROUND_OFF = 1e-6  # of products, where differences give them
-_UNDAMPED = 1e-6  # damping ratio
+_FULL = 64  # degrees of freedom up to which K and C are full matrices
+_DIRECTIONS = 60  # dimension of a Krylov space
+_VALUES = 2**25  # numbers in all the vectors that are kept: 256 MB
+_INCREMENT = 2.0**-26  # first increment of u or v, relative to its size: balances truncation against round-off
+_LONGEST_INCREMENT = 2.0**-10  # longest increment, relative to the size of u or v
+_TELLING = 2.0**-40  # least change of the acceleration, relative to its terms: leaves three digits above round-off
+_ROUNDED = 2.0**-51  # a relative change of u of about its round-off
+_LENGTHENED = 2.0**9  # factor to an increment of 2^-17, the cube root of round-off, for differences over both sides
+_SMOOTH = 1e-6  # largest relative difference between the quotients over the two increments where rhs is smooth
+_STRAIGHT = 1e-2  # largest relative difference between two quotients over an increment where rhs is straight
+_ROUND_OFF = 1e-6  # relative round-off of products that differences give
+_UNDAMPED = 1e-6  # damping ratio below which a system counts as undamped
 
 
 @dataclass(frozen=True)
@@ -28,49 +30,73 @@ class Linearised:
     Attributes
     ----------
     K, C : ndarray, shape (m, m)
-        On m orthonormal directions: all of them in a system of up to 64 degrees of freedom, else those of Krylov
-        spaces, in which the highest frequencies and the strongest dampings of the whole are met to some 0.1 %.
+        On m orthonormal directions. Up to 64 degrees of freedom these are all directions. Above, they span Krylov
+        spaces, which contain the highest frequencies and the strongest dampings to some 0.1 %.
     evaluations : int
-        Of f.
+        Number of evaluations of f.
+    is_complete : bool
+        Whether the directions span the whole system.
     """
 
     K: np.ndarray
     C: np.ndarray
     evaluations: int
+    is_complete: bool = True
 
     def rates(self) -> np.ndarray:
-        """The eigenvalues s of exp(s t), of which a conjugate pair stands for a mode that oscillates."""
+        """The rates s of the solutions exp(s t); a conjugate pair is a mode that oscillates."""
         zero, one = np.zeros_like(self.K), np.eye(len(self.K))
         return np.linalg.eigvals(np.block([[zero, one], [-self.K, -self.C]]))
 
     def fastest(self, count: int) -> Linearised:
-        """The same on the `count` directions in which each of K, C and their combination is largest."""
+        """The system on the `count` directions in which K is largest, as many for C, and for their combination."""
         norm_k, norm_c = (float(np.linalg.norm(x, 2)) for x in (self.K, self.C))
         combined = _combination(norm_k, norm_c, self.K, self.C)
         V = _orthonormal(np.concatenate([np.linalg.svd(x)[2][:count] for x in (self.K, self.C, combined)]))
-        return Linearised(V @ self.K @ V.T, V @ self.C @ V.T, self.evaluations)
+        is_complete = self.is_complete and len(V) == len(self.K)
+        return Linearised(V @ self.K @ V.T, V @ self.C @ V.T, self.evaluations, is_complete)
 
 
 class _Derivative:
-    """Products of -df/dx with vectors, by differences of ``f(x)``, of which `a` is the value in the middle."""
+    """Products of -df/dx with vectors, by differences of ``f(x)``; `a` is f at the state."""
 
     def __init__(self, f: Callable, x: np.ndarray, a: np.ndarray, scale: float, terms: float) -> None:
         self._f, self._x, self._a, self._scale = f, x, a, scale
         self._noise = _TELLING * terms
 
     def __call__(self, w: np.ndarray, increment: float) -> np.ndarray:
-        """The stiffer of the two sides: at a kink, as where a contact begins, they differ."""
-        dx = increment / float(np.abs(w).max())
-        ahead = (self._a - self._f(self._x + dx * w)) / dx
-        behind = (self._f(self._x - dx * w) - self._a) / dx
+        """The product on the stiffer of the two sides, which differ at a kink, as where a contact begins."""
+        ahead, behind = self._sides(w, increment)
         product = np.where(np.abs(ahead) >= np.abs(behind), ahead, behind)
         if not np.isfinite(product).all():
             raise ValueError("rhs is not finite close to this state; give another.")
         return product
 
+    def _sides(self, w: np.ndarray, increment: float) -> tuple[np.ndarray, np.ndarray]:
+        """The products ahead of the state and behind it."""
+        dx = increment / float(np.abs(w).max())
+        return (self._a - self._f(self._x + dx * w)) / dx, (self._f(self._x - dx * w) - self._a) / dx
+
+    def column(self, w: np.ndarray, scale: float) -> np.ndarray:
+        """The product as the mean of both sides over a longer increment, which has less round-off.
+
+        Where f is not smooth over that increment, it is the product that `measure` finds.
+        """
+        size, product = self.measure(w, scale)
+        with np.errstate(over="ignore", invalid="ignore"):
+            ahead, behind = self._sides(w, _LENGTHENED * size)
+            mean = (ahead + behind) / 2
+            smooth = np.abs(mean - product).max() <= _SMOOTH * np.abs(product).max()
+        return mean if smooth else product
+
     def measure(self, w: np.ndarray, scale: float = 0.0) -> tuple[float, np.ndarray]:
-        """A change of x along w, by its largest entry, short for f to be straight and telling for its digits; with it,
-        the product.
+        """Find an increment along w that is short enough for f to be straight, and long enough against its round-off.
+
+        Returns
+        -------
+        increment : float
+            Of the largest entry of x along w.
+        product : ndarray
         """
         size, longest = _INCREMENT * (scale or self._scale), _LONGEST_INCREMENT * self._scale
         largest = float(np.abs(w).max())
@@ -80,20 +106,20 @@ class _Derivative:
             product = self(w, size)
         for _ in range(20):
             finer = self(w, size / 16)
-            told = float(np.abs(finer).max()) * size / 16 / largest
-            if told <= self._noise or np.abs(finer - product).max() <= _STRAIGHT * np.abs(product).max():
+            change = float(np.abs(finer).max()) * size / 16 / largest
+            if change <= self._noise or np.abs(finer - product).max() <= _STRAIGHT * np.abs(product).max():
                 break
             size, product = size / 16, finer
         return size, product
 
 
 def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
-    """Linearise ``f(t, u, v)`` at a state, without ever holding a matrix of its size.
+    """Linearise ``f(t, u, v)`` at a state. No n x n matrix is held for more than 64 degrees of freedom.
 
     Raises
     ------
     ValueError
-        Where f is not finite close to the state.
+        If f is not finite close to the state.
     """
     scalar, evaluations = np.ndim(u) == 0, 0
     u, v = np.atleast_1d(u), np.atleast_1d(v)
@@ -106,17 +132,17 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     a = evaluate(u, v)
     u_size, v_size = (float(np.abs(x).max()) for x in (u, v))
     terms = max(float(np.abs(a).max()), _cancelled(lambda x: evaluate(x, v), u, a))
-    natural = math.sqrt(terms) * math.sqrt(u_size)  # the velocity of a motion that turns at u, and rests there now
+    natural = math.sqrt(terms) * math.sqrt(u_size)  # the velocity that a motion at rest in u can reach
     by_u = _Derivative(lambda x: evaluate(x, v), u, a, u_size or 1.0, terms)
     by_v = _Derivative(lambda x: evaluate(u, x), v, a, max(v_size, natural) or 1.0, terms)
     K, C = _all_directions(by_u, by_v, u, v) if u.size <= _FULL else _fast_directions(by_u, by_v, u.size)
     if np.linalg.norm(C, 2) <= _UNDAMPED * math.sqrt(np.linalg.norm(K, 2)):
-        C = np.zeros_like(K)  # differences see a damping where f has the square of a velocity that is zero here
-    return Linearised(K, C, evaluations)
+        C = np.zeros_like(K)  # a force of the square of a velocity that is zero here leaves a damping in differences
+    return Linearised(K, C, evaluations, u.size <= _FULL)
 
 
 def _cancelled(f: Callable, u: np.ndarray, a: np.ndarray) -> float:
-    """The size of the terms that cancel in a = f(u), as in an equilibrium: by what the round-off of u makes of them."""
+    """The size of the terms that cancel in a = f(u), as in an equilibrium, from the effect of round-off of u on a."""
     signs = np.random.default_rng(3).choice((-1.0, 1.0), u.size)
     change = np.abs(f(u * (1 + _ROUNDED * signs)) - a).max() / _ROUNDED
     return float(change) if math.isfinite(change) else 0.0
@@ -125,17 +151,16 @@ def _cancelled(f: Callable, u: np.ndarray, a: np.ndarray) -> float:
 def _all_directions(
     by_u: _Derivative, by_v: _Derivative, u: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Both matrices in full, every column with an increment of its own: u may hold metres beside radians."""
+    """Both full matrices. Each column has its own increment, because u may hold metres beside radians."""
     units = np.eye(u.size)
     K, C = (
-        np.transpose([d.measure(w, abs(float(x[j])))[1] for j, w in enumerate(units)])
-        for d, x in ((by_u, u), (by_v, v))
+        np.transpose([d.column(w, abs(float(x[j]))) for j, w in enumerate(units)]) for d, x in ((by_u, u), (by_v, v))
     )
     return K, C
 
 
 def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Both matrices on directions in which K and C are largest, and so is the combination that limits the step."""
+    """Both matrices on the directions in which K, C and the combination that limits the step are largest."""
     w = np.random.default_rng(2).standard_normal(n)
     (du, _), (dv, cw) = by_u.measure(w), by_v.measure(w)
 
@@ -149,7 +174,7 @@ def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.n
     if not cw.any():
         return H, np.zeros_like(H)
     CV = np.array([c(w) for w in stiff])
-    # Damping proportional to mass and stiffness stays within the space, but for the last direction, which leads out.
+    # With damping proportional to mass and stiffness, only the last direction leads out of the space.
     if np.linalg.norm(CV[:-1] - (CV[:-1] @ stiff.T) @ stiff) <= _ROUND_OFF * np.linalg.norm(CV):
         m = max(1, len(stiff) - 1)
         return H[:m, :m], stiff[:m] @ CV[:m].T
@@ -165,10 +190,10 @@ def _largest(H: np.ndarray) -> float:
 
 
 def _combination(k: float, c: float, K: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """h^2 K + 3 h C for the step h with h^2 k + 3 h c = 4, near the stability limit.
+    """h^2 K + 3 h C for the step h with h^2 k + 3 h c = 4, which is near the stability limit.
 
-    EIG-3's limit is set by the largest eigenvalue of such a sum with 4 in the place of 3, that of central difference
-    with 0, or 2 where the velocity is lagged.
+    The largest eigenvalue of such a sum sets the limit: with the factor 4 instead of 3 for EIG-3, with 0 for central
+    difference, with 2 for central difference with a lagged velocity.
     """
     root = 3 * c + math.sqrt(9 * c * c + 16 * k)
     h = 8 / root if root > 0 else 1.0
@@ -176,9 +201,9 @@ def _combination(k: float, c: float, K: np.ndarray, C: np.ndarray) -> np.ndarray
 
 
 def _krylov_space(apply: Callable, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """An orthonormal basis by Arnoldi's iteration, and the operator there.
+    """An orthonormal basis by Arnoldi's iteration, and the operator on it.
 
-    Where memory allows but few vectors, the iteration starts again from the best of what it found.
+    If memory allows few vectors only, the iteration restarts from the best vector found.
     """
     most = max(8, min(_DIRECTIONS, _VALUES // (3 * n)))
     w = np.random.default_rng(1).standard_normal(n)
@@ -196,7 +221,7 @@ def _arnoldi(apply: Callable, w: np.ndarray, most: int) -> tuple[np.ndarray, np.
     for j in range(most):
         w = apply(V[j])
         before = np.linalg.norm(w)
-        for _ in range(2):  # the second time for the sake of round-off
+        for _ in range(2):  # the second pass removes what round-off leaves
             along = V[: j + 1] @ w
             H[: j + 1, j] += along
             w = w - along @ V[: j + 1]
@@ -209,7 +234,7 @@ def _arnoldi(apply: Callable, w: np.ndarray, most: int) -> tuple[np.ndarray, np.
 
 
 def _orthonormal(W: np.ndarray) -> np.ndarray:
-    """An orthonormal basis of the space that the rows span, without what is there by round-off only."""
+    """An orthonormal basis of the space that the rows span, without directions that only round-off adds."""
     Q, R = np.linalg.qr(W.T)
     left, sizes, _ = np.linalg.svd(R)
     return (Q @ left[:, sizes > _ROUND_OFF * sizes[0]]).T

@@ -10,44 +10,54 @@ from typing import Any
 
 import numpy as np
 
-from ..methods import METHODS, CentralDifference, Method
+from ..checks import check_method
+from ..methods import LIBRARY, Method
 from ..problem import Problem
 from ..solution import Solution, Status
-from .linear import linearise
+from .critical import longest_stable_step
+from .linear import Linearised, linearise
 
-PILOT_SECONDS = 1.0  # of all pilot runs together
-_VALUES = 2**18  # of the states at which two runs are compared
-_LARGE = 50  # degrees of freedom, with which differences for Newton's method cost more than they can win
-_FIRST_STEPS = 64
-_SAFETY = 0.7  # of the accuracy asked for is aimed at
-_ORDER_TOLERANCE = 0.4  # between the order of a method and that seen, where its error is taken to follow the order
-_UNSTABLE = 5.0  # a relative error that is that of an unstable run
-_CONVERGING = 0.2  # relative errors above this say nothing of those at smaller steps
-_NEAR = 10  # times the accuracy: from there an error is extrapolated without looking further
-_LAST_TRIALS = 12
-_PARTS = (1, 1 / 8, 1 / 64)  # of the span
-_FURTHEST = 1e4  # times smaller than a pilot's step: what its error is extrapolated to at most
-_TIMED_SECONDS = 0.02  # of each of three runs that tell the time of a step
-_ROUND_OFF = 1e-13  # a relative error no step goes below for certain
+PILOT_SECONDS = 1.0  # for all pilot runs together, once each method has stable runs
+_VALUES = 2**18  # most numbers in the states at which two runs are compared
+_FIRST_STEPS = 64  # fewest steps of a pilot run
+_BELOW_CRITICAL = 0.95  # first step of the pilot runs, as a fraction of the critical step
+_LONGEST = 4.0  # longest first step in radians of the fastest mode: beyond the stability limit of every explicit method
+_PROJECTED = 8  # directions of each of three kinds on which a critical step is accurate enough to start from
+_REFINED = 64  # times as many steps as at first that are tried until a run is stable
+_EVALUATED = 2**24  # or steps with as many evaluations of one degree of freedom, where those are more
+_LEAST_EVALUATED = 2**20  # evaluations of one degree of freedom that the runs of a method may make in any case
+_SOLVED = 4  # evaluations of a step, as estimated for an implicit method
+_MOST_EVALUATED = 2**25  # evaluations of one degree of freedom in the first run above which a part of the span is taken
+_SAFETY = 0.7  # aim for this fraction of the requested accuracy
+_ORDER_TOLERANCE = 0.4  # largest difference between the observed and the known order where the error follows the order
+_UNSTABLE = 5.0  # a relative error above this means that the run is unstable
+_CONVERGING = 0.2  # a relative error above this does not tell the error at a smaller step
+_NEAR = 10  # an error below this multiple of the accuracy is extrapolated to the accuracy
+_BISECTIONS = 3  # of the longest stable step, which is known to a factor of 2: to 2^(1/8) = 1.09
+_LAST_TRIALS = 12  # runs of the whole span, each with 1.2 times as many steps as the one before
+_PARTS = (1, 1 / 8, 1 / 64)  # parts of the span to run
+_FURTHEST = 1e4  # largest ratio of the step of a pilot run to the step that is extrapolated from it
+_TIMED_SECONDS = 0.02  # length of each of three runs that measure the time of a step
+_ROUND_OFF = 1e-13  # a relative error that round-off may prevent
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What one method needs.
+    """The step at which one method reaches the accuracy, and its cost.
 
     Attributes
     ----------
     method : Method
     h : float
-        The step; NaN where no step is predicted to reach the accuracy.
+        The step; NaN if no step is predicted to reach the accuracy.
     n_steps, evaluations : int
-        Of the whole span.
+        Their numbers over the whole span.
     seconds : float
-        In the kernel, over the whole span.
+        Time in the kernel over the whole span.
     error : float
         The error expected at h.
     note : str
-        Why the accuracy is not reached, or why the error is well below it; else empty.
+        Why the accuracy is not reached, or why the error is well below it; otherwise empty.
     """
 
     method: Method
@@ -66,7 +76,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Plan:
-    """Predictions for every method, the fastest first.
+    """Predictions for several methods, the fastest first.
 
     Attributes
     ----------
@@ -75,7 +85,7 @@ class Plan:
     metric : {"trajectory", "energy"}
     predictions : tuple of Prediction
     pilot_seconds : float
-        What the pilot runs took, without compiling.
+        Time that the pilot runs took, without compilation.
     """
 
     problem: Problem
@@ -86,12 +96,12 @@ class Plan:
 
     @property
     def best(self) -> Prediction:
-        """The fastest.
+        """The prediction of the fastest method.
 
         Raises
         ------
         ValueError
-            Where no method is predicted to reach the accuracy.
+            If no method is predicted to reach the accuracy.
         """
         if not self.predictions[0].reaches:
             reasons = "; ".join(f"{p.method.label}: {p.note}" for p in self.predictions)
@@ -99,10 +109,10 @@ class Plan:
         return self.predictions[0]
 
     def run(self, **options: Any) -> Solution:
-        """Integrate as `best` says.
+        """Integrate with the method and the step of `best`.
 
-        `options` are those of `Problem.integrate`. If they do not say else, some 2000 states are kept, fewer of large
-        systems, and the energy is followed only where it is the metric.
+        `options` are those of `Problem.integrate`. By default about 2000 states are kept, fewer for a large system, and
+        the energy is computed only if it is the metric.
         """
         best = self.best
         options.setdefault("save_every", _every(self.problem, best.n_steps))
@@ -111,17 +121,19 @@ class Plan:
         return self.problem.integrate(h=best.h, method=best.method, **options)
 
     def __repr__(self) -> str:
+        names = [_name(p.method) for p in self.predictions]
+        width = max(14, *map(len, names))
         lines = [
             f"Plan for {self.problem.name}: {self.metric} error {self.accuracy:g} up to t = "
             f"{self.problem.t_span[1]:g} (pilot runs: {self.pilot_seconds:.2g} s)",
-            f"  {'method':<14} {'h':>9} {'steps':>9} {'evaluations':>12} {'seconds':>9} {'error':>8}",
+            f"  {'method':<{width}} {'h':>9} {'steps':>9} {'evaluations':>12} {'seconds':>9} {'error':>8}",
         ]
-        for p in self.predictions:
+        for name, p in zip(names, self.predictions, strict=True):
             if p.reaches:
                 numbers = f"{p.h:>9.3g} {p.n_steps:>9.3g} {p.evaluations:>12.3g} {p.seconds:>9.3g} {p.error:>8.1e}"
-                lines.append(f"  {_name(p.method):<14} {numbers}" + f"  {p.note}" * bool(p.note))
+                lines.append(f"  {name:<{width}} {numbers}" + f"  {p.note}" * bool(p.note))
             else:
-                lines.append(f"  {_name(p.method):<14} not reached: {p.note}")
+                lines.append(f"  {name:<{width}} not reached: {p.note}")
         return "\n".join(lines)
 
 
@@ -132,17 +144,17 @@ def plan(
     metric: str = "trajectory",
     methods: Sequence[str | Method] | None = None,
 ) -> Plan:
-    """Find the step at which each method reaches an accuracy over the whole span, and what it will take.
+    """Find the step at which each method reaches an accuracy over the whole span, and the time that it takes.
 
     Parameters
     ----------
     problem : Problem
     accuracy : float
-        The relative error to reach: max |u - u(t)| / max |u| over all degrees of freedom (scale mixed units), or
-        max |E - E0| / |E0|.
+        The relative error to reach: max |u - u(t)| / max |u| over all degrees of freedom, which should have one unit or
+        be scaled, or max |E - E0| / |E0|.
     metric : {"trajectory", "energy"}
     methods : sequence of str or Method, optional
-        All by name if None. On a large system "cd" by name solves by fixed-point iteration.
+        All methods of the library if None. For a large system "cd" by name uses fixed-point iteration.
 
     Returns
     -------
@@ -155,9 +167,14 @@ def plan(
 
     Notes
     -----
-    Each method is run with its step halved until two runs of the whole span differ as its order says, or its share of
-    a second is spent; then of a part of the span, with the error continued as it grew in the part. The error of a run
-    is that from the run at half its step, times 2^p / (2^p - 1) for the order p (Richardson).
+    The pilot runs of a method start just below its critical step at the start of the span. Where it has none they start
+    at a step that is too long for every method. The step is halved until a run is stable, however long that takes, up
+    to a number of steps. So the load of the machine does not decide which methods are stable.
+
+    Then the step is halved until two runs of the whole span differ as the order of the method predicts. If the method's
+    share of one second does not allow that, the runs are repeated over a part of the span, and the error is
+    extrapolated to the whole span by its growth in the part. The error of a run is its difference from the run at half
+    its step, times 2^p / (2^p - 1) for the order p (Richardson).
     """
     if not isinstance(problem, Problem):
         raise TypeError(f"problem must be an eig3.Problem, not {type(problem).__name__}.")
@@ -167,12 +184,15 @@ def plan(
         raise ValueError(f"metric must be 'trajectory' or 'energy', not {metric!r}.")
     if metric == "energy" and problem.energy is None:
         raise ValueError(f"metric 'energy' needs a problem with an energy, and {problem.name} has none.")
-    records = [_record(problem, method) for method in (METHODS if methods is None else methods)]
+    given = [method.name for method in LIBRARY] if methods is None else methods
+    records = [check_method(method) for method in given]
     if not records:
-        raise ValueError("methods must name one method at least.")
-    predictions, spent, omega = [], 0.0, _fastest(problem)
+        raise ValueError("methods must name at least one method.")
+    predictions, spent, system = [], 0.0, _linearised(problem)
     for i, method in enumerate(records):
-        pilot = Pilot(problem, method, metric, omega, (PILOT_SECONDS - spent) / (len(records) - i))
+        longest = _longest_step(system, method)
+        budget = max(PILOT_SECONDS / len(records), (PILOT_SECONDS - spent) / (len(records) - i))
+        pilot = Pilot(problem, method, metric, longest, budget)
         predictions.append(pilot.predict(accuracy))
         spent += pilot.spent
     predictions.sort(key=lambda p: (not p.reaches, p.seconds))
@@ -181,60 +201,88 @@ def plan(
 
 @dataclass
 class _Run:
-    """A pilot run: its steps over the part of the span, and its error once a run of half the step is known."""
+    """A pilot run over a part of the span, and its error once the run at half its step is known."""
 
     n_steps: int
     solution: Solution
     error: float = math.nan
-    growth: float = 1.0  # of the error: as this power of time
+    growth: float = 1.0  # the error grows as this power of time
 
 
 @dataclass
 class Pilot:
-    """The pilot runs of one method, within `budget` seconds."""
+    """The pilot runs of one method, from the step `longest` down.
+
+    `budget` is in seconds. It limits how far the step is halved after the first stable run. A few evaluations are made
+    in any case, which take some milliseconds of an idle machine.
+    """
 
     problem: Problem
     method: Method
     metric: str
-    omega: float
+    longest: float
     budget: float
     spent: float = 0.0
+    evaluated: int = 0  # evaluations of one degree of freedom
     part: float = 1.0
     unstable: int = 0  # the most steps over the part with which a run diverged
     runs: list[_Run] = field(default_factory=list)
 
     def predict(self, accuracy: float) -> Prediction:
-        self._integrate(1, self.problem.t_span[0] + self._span * 1e-9)  # compiles, unless that has been done
-        self.spent = 0.0
-        share = self.budget / len(_PARTS)
-        for i, part in enumerate(_PARTS):
+        self._integrate(1, self.problem.t_span[0] + self._span * 1e-9)  # compiles
+        self.spent, self.evaluated = 0.0, 0
+        for part in _PARTS:
             self.part, self.unstable, self.runs = part, 0, []
-            if self._halve(accuracy, (i + 1) * share if i < len(_PARTS) - 1 else self.budget):
+            if part != _PARTS[-1] and self._first_steps() * self._evaluations > _MOST_EVALUATED:
+                continue
+            if self._halve(accuracy) or not self._judged:
                 break
+            self.longest = self.runs[0].solution.h
         return self._conclude(accuracy)
 
     @property
     def _span(self) -> float:
         return self.problem.t_span[1] - self.problem.t_span[0]
 
-    def _halve(self, accuracy: float, until: float) -> bool:
-        """Run at halved steps until the error follows the order or is small enough; whether one of the two came."""
-        radians = self.omega * self.part * self._span  # a step of four is unstable with every method
-        n_steps = _FIRST_STEPS * 2 ** max(0, math.ceil(math.log2(max(radians / 4, 1.0) / _FIRST_STEPS)))
-        while True:
+    @property
+    def _evaluations(self) -> int:
+        """Evaluations of one degree of freedom in a step."""
+        return (self.method.evaluations or _SOLVED) * int(np.size(self.problem.u0))
+
+    def _first_steps(self) -> int:
+        """Steps of the first run, a multiple of a power of 2 so that the states kept end at the end of the part."""
+        needed = max(float(_FIRST_STEPS), self.part * self._span / self.longest)
+        unit = 2 ** math.floor(math.log2(needed / _FIRST_STEPS))
+        return unit * math.ceil(needed / unit)
+
+    def _halve(self, accuracy: float) -> bool:
+        """Halve the step until the error is small or follows the order; whether it does.
+
+        Only the number of steps is limited until the error of a stable run is known. Then the time is limited.
+        """
+        n_steps = self._first_steps()
+        most = max(_REFINED * n_steps, _EVALUATED // self._evaluations)
+        while not self._judged:
+            if n_steps > most:
+                return False
             begin = self.spent
             self._run(n_steps)
+            n_steps *= 2
+        until = self.spent + self.budget / len(_PARTS)
+        while True:
             conclusive = self._is_conclusive(accuracy)
             if conclusive and self._whole(self._judged[-1]) <= _NEAR * accuracy:
                 return True
-            if self.spent + 2.2 * (self.spent - begin) > until:
+            if self.evaluated > _LEAST_EVALUATED and self.spent + 2.2 * (self.spent - begin) > until:
                 return conclusive
+            begin = self.spent
+            self._run(n_steps)
+            if not self._judged:  # a shorter step diverged
+                return False
             n_steps *= 2
 
     def _run(self, n_steps: int) -> None:
         solution = self._integrate(n_steps, self.problem.t_span[0] + self.part * self._span)
-        if solution.status is Status.INTERRUPTED:
-            raise KeyboardInterrupt
         if not solution.success:
             self.unstable = max(self.unstable, n_steps)
             self.runs = []
@@ -244,7 +292,7 @@ class Pilot:
             run.error = solution.drift["energy"] / abs(self.problem.energy_of(self.problem.u0, self.problem.v0))
         elif self.runs:
             self._judge(self.runs[-1], run)
-            if not self.runs[-1].error < _UNSTABLE:  # on its way to infinity, which it did not reach in time
+            if not self.runs[-1].error < _UNSTABLE:  # it was still finite at the end
                 self.unstable = self.runs[-1].n_steps
                 self.runs = []
         self.runs.append(run)
@@ -255,26 +303,32 @@ class Pilot:
         h = (t_end - self.problem.t_span[0]) / n_steps
         watched: dict[str, Any] = {"invariants": {}} if self.metric == "trajectory" else {}
         solution = self.problem.integrate(h=h, method=self.method, t_end=t_end, save_every=every, **watched)
+        if solution.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
         self.spent += time.perf_counter() - begin
+        self.evaluated += solution.n_rhs * np.size(self.problem.u0)
         return solution
 
     def _judge(self, coarse: _Run, fine: _Run) -> None:
         every = max(1, (len(fine.solution.u) - 1) // (len(coarse.solution.u) - 1))
         u_coarse, u_fine = coarse.solution.u, fine.solution.u
         difference = np.abs(u_coarse - u_fine[::every])
-        size = float(np.abs(u_fine).max())
+        size = self._size(fine.solution)
         errors = difference.reshape(len(difference), -1).max(axis=1) / size
         gain = 2.0**self.method.order
         coarse.error = float(errors.max()) * gain / (gain - 1)
         half = float(errors[: len(errors) // 2 + 1].max())
         coarse.growth = min(2.0, max(0.0, math.log2(errors.max() / half))) if half > 0 else 1.0
 
+    def _size(self, solution: Solution) -> float:
+        return float(np.abs(solution.u).max())
+
     @property
     def _judged(self) -> list[_Run]:
         return [run for run in self.runs if math.isfinite(run.error)]
 
     def _order(self) -> float:
-        """The order that the last two errors show; NaN without two, 0 where the error no longer falls."""
+        """The order of convergence over the last two runs; NaN if there are not two, 0 if the error does not fall."""
         if len(self._judged) < 2:
             return math.nan
         before, last = (run.error for run in self._judged[-2:])
@@ -286,11 +340,11 @@ class Pilot:
             return False
         excess = self._order() - self._order_of_metric()
         if self._whole(judged[-1]) <= _SAFETY * accuracy:
-            return not excess > 3 * _ORDER_TOLERANCE  # an error that falls faster passes through zero, and comes back
+            return not excess > 3 * _ORDER_TOLERANCE  # an error that falls faster changes sign, and grows again
         return abs(excess) < _ORDER_TOLERANCE
 
     def _order_of_metric(self) -> float:
-        # the energy error of a Runge-Kutta method of odd order, or of even order by dissipation, is one order better
+        # the energy error of a Runge-Kutta method can be one order higher, as for odd orders and through dissipation
         order = self._order()
         return float(self.method.order) if self.metric == "trajectory" else max(float(self.method.order), order)
 
@@ -301,7 +355,7 @@ class Pilot:
     def _conclude(self, accuracy: float) -> Prediction:
         judged = self._judged
         if not judged:
-            return self._failure("unstable at every step tried" if self.unstable else "no step tried in a second tells")
+            return self._failure("unstable at every step tried")
         if not self._is_conclusive(accuracy):
             stalled = judged[-1].error < 1e-6 and self._order() < 0.5
             return self._failure(
@@ -321,7 +375,7 @@ class Pilot:
         return self._at(self._between(judged[i - 1], fine, aim), aim)
 
     def _between(self, coarse: _Run, fine: _Run, aim: float) -> float:
-        if self._whole(coarse) > _CONVERGING:  # no power of h between the two
+        if self._whole(coarse) > _CONVERGING:  # the error is no power of h between the two
             fraction = 1 - math.log2(aim / self._whole(fine)) / self.method.order
         else:
             fraction = math.log(self._whole(coarse) / aim) / math.log(self._whole(coarse) / self._whole(fine))
@@ -329,23 +383,25 @@ class Pilot:
 
     def _extrapolated(self, run: _Run, aim: float) -> Prediction:
         if aim < _ROUND_OFF:
-            return self._failure("it is below round-off")
+            return self._failure("the accuracy is below round-off")
         smaller = (self._whole(run) / aim) ** (1 / self._order())
         if smaller > _FURTHEST:
-            return self._failure(f"it needs a step more than {_FURTHEST:g} times below that of the pilot runs")
+            return self._failure(f"it needs a step more than {_FURTHEST:g} times shorter than that of the pilot runs")
         return self._at(run.n_steps * smaller, aim)
 
     def _limited_by_stability(self, run: _Run, aim: float) -> Prediction:
-        """The longest step that ran is accurate enough: look between it and twice it for the longest that is stable."""
+        """The first stable run is accurate enough: find the longest stable step, between its step and twice that."""
         low, high = self.unstable or run.n_steps // 2, run.n_steps
-        largest = _UNSTABLE * np.abs(run.solution.u).max()
-        while high / low > 1.1 and self.spent < self.budget:
+        largest = _UNSTABLE * self._size(run.solution)
+        for _ in range(_BISECTIONS):
             middle = round(math.sqrt(low * high))
             solution = self._integrate(middle, self.problem.t_span[0] + self.part * self._span)
-            stable = solution.success and np.abs(solution.u).max() < largest
+            stable = solution.success and self._size(solution) < largest
             low, high = (low, middle) if stable else (middle, high)
         if self.part < 1:
             high = self._stable_over_the_span(high, largest)
+            if high == 0:
+                return self._failure("unstable over the whole span at every step tried")
         error = self._whole(run) * (run.n_steps / high) ** self.method.order
         needed = run.n_steps * (self._whole(run) / aim) ** (1 / self.method.order)
         if needed >= high:
@@ -353,16 +409,19 @@ class Pilot:
         return self._at(1.02 * high, error, "the step is limited by stability")
 
     def _stable_over_the_span(self, n_steps: int, largest: float) -> int:
-        """The growth of RK2 and AB2 may not show in a part of the span: try the whole, with steps ever shorter."""
+        """Steps over the part with which the whole span is stable; 0 if no number tried is enough.
+
+        The growth of RK2 and AB2 may be too small to be seen in a part of the span.
+        """
         for _ in range(_LAST_TRIALS):
             solution = self._integrate(round(n_steps / self.part), self.problem.t_span[1])
-            if solution.success and np.abs(solution.u).max() < largest:
-                break
+            if solution.success and self._size(solution) < largest:
+                return n_steps
             n_steps = math.ceil(1.2 * n_steps)
-        return n_steps
+        return 0
 
     def _at(self, n_steps: float, error: float, note: str = "") -> Prediction:
-        """The prediction for so many steps over the part."""
+        """The prediction for a number of steps over the part."""
         total = math.ceil(n_steps / self.part)
         seconds, evaluations = self._cost_of_a_step(total)
         return Prediction(
@@ -376,10 +435,10 @@ class Pilot:
         )
 
     def _cost_of_a_step(self, total: int) -> tuple[float, float]:
-        """Seconds, the least of three runs at the step of the whole run, and evaluations."""
+        """Seconds and evaluations of a step: the fastest of three short runs at the step of the whole run."""
         last = self.runs[-1].solution
         count = min(total, max(1, int(_TIMED_SECONDS * last.n_steps / last.kernel_seconds)))
-        every = _every(self.problem, total)  # as the run will keep them
+        every = _every(self.problem, total)  # the run keeps as many
         h = self._span / total
         runs = [self._integrate(count, self.problem.t_span[0] + count * h, every) for _ in range(3)]
         seconds = min(run.kernel_seconds / run.n_steps for run in runs)
@@ -390,29 +449,34 @@ class Pilot:
 
 
 def _every(problem: Problem, n_steps: int) -> int:
-    """Keep so many states that two runs can be compared without the comparison taking longer than they do."""
+    """The `save_every` with which comparing two runs takes less time than the runs.
+
+    It is a power of 2, so that a run with twice the steps keeps the states at the same times.
+    """
     most = min(2048, max(64, _VALUES // np.size(problem.u0)))
-    return 2 ** max(0, (n_steps // most).bit_length() - 1)  # the states of runs with twice the steps then coincide
+    return 2 ** max(0, (n_steps // most).bit_length() - 1)
 
 
-def _fastest(problem: Problem) -> float:
-    """The highest rate of vibration or decay at the start, in rad by unit of time."""
+def _linearised(problem: Problem) -> Linearised | None:
+    """The problem linearised at its start, on few directions; None if rhs is not finite close to it."""
     stepper = problem.stepper(h=1.0, method="rk4")
     try:
         system = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
-    except ValueError:  # rhs is not finite on one side of the start: no more than where to begin is lost
-        return 0.0
-    return float(np.abs(system.rates()).max())
+    except ValueError:
+        return None
+    return system if len(system.K) <= 3 * _PROJECTED else system.fastest(_PROJECTED)
 
 
-def _record(problem: Problem, method: str | Method) -> Method:
-    record = problem.method(method)
-    large = problem.uses_velocity and np.size(problem.u0) > _LARGE
-    if large and isinstance(method, str) and isinstance(record, CentralDifference):
-        return CentralDifference(solver="fixed-point")
-    return record
+def _longest_step(system: Linearised | None, method: Method) -> float:
+    """The step of the first pilot run; infinite if nothing limits it."""
+    if system is None:
+        return math.inf
+    fastest = float(np.abs(system.rates()).max())
+    longest = _LONGEST / fastest if fastest > 0 else math.inf
+    limit, _, _ = longest_stable_step(method, system)
+    return min(_BELOW_CRITICAL * limit, longest) if limit > 0 else longest
 
 
 def _name(method: Method) -> str:
-    solver = getattr(method, "solver", None)
-    return f"{method.label}, {solver}" if solver == "fixed-point" else method.label
+    """The label of a method, or its record if it is not the one that its name stands for."""
+    return method.label if method == check_method(method.name) else repr(method)
