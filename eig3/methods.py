@@ -1,8 +1,6 @@
 """The methods as records: what each is called, costs and promises, and which kernel runs it."""
 
 import dataclasses
-import functools
-import importlib
 import math
 import numbers
 from collections.abc import Callable
@@ -76,12 +74,7 @@ class Method:
     @property
     def formulas(self) -> Formulas:
         """The formulas of the kernel, read when first asked for."""
-        return _formulas(self.kernel)
-
-
-@functools.cache
-def _formulas(kernel: str) -> Formulas:
-    return formulas(importlib.import_module(kernel))
+        return formulas(self.kernel)
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -
     run = Run(1.0, 0.0, params, formulas.start_steps, 1, 2**62, nowhere, nowhere)
     settings = np.array(method.settings, dtype=np.float64)
     callbacks = check_callback(rhs, "rhs", VECTOR).address, None
-    taken = pointer_kernel(formulas.module, VECTOR)(callbacks, whole, settings, np.zeros(4), run)
+    taken = pointer_kernel(formulas, VECTOR)(callbacks, whole, settings, np.zeros(4), run)
     return whole[:rows] if taken else np.full_like(state, np.nan)
 
 

@@ -250,7 +250,7 @@ class Stepper:
             self._kernel = _inline(self._rhs, self._callback, running, self.form, n)
         else:
             self._callbacks = (self._callback.address, jacobian and jacobian.address)
-            self._kernel = pointer_kernel(running.formulas.module, self.form, jacobian is not None)
+            self._kernel = pointer_kernel(running.formulas, self.form, jacobian is not None)
 
     def _call(self, first: int, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray) -> int:
         run = Run(self.h, self.t0, self.params, first, count, every, u_rows, v_rows)
@@ -325,11 +325,11 @@ _inlined: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Callable]]] = WeakKeyDic
 def _inline(rhs: Any, callback: Callback, method: Method, form: Form, n: int) -> Callable:
     """The kernel of a method with the callbacks compiled into it."""
     stacked = n if form is VECTOR and n * method.formulas.rows <= STACKED_VALUES else 0
-    key = method.formulas.module, form.name, stacked, method.jacobian
+    key = method.formulas, form.name, stacked, method.jacobian
     known, compiled = _inlined.setdefault(rhs, {}), callback.compiled
     if key not in known or known[key][0] is not compiled:  # the user may have compiled rhs anew
         for callback, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
             if callback is not None:
                 compile_for_own_arrays(callback, kind, form)
-        known[key] = compiled, inline_kernel(method.formulas.module, form, rhs, method.jacobian, stacked)
+        known[key] = compiled, inline_kernel(method.formulas, form, rhs, method.jacobian, stacked)
     return known[key][1]

@@ -146,7 +146,7 @@ class Formulas:
         self.matrix: bool = getattr(module, "MATRIX", False)
         self.start: Callable = getattr(module, "start", self._zeros)
         starter = getattr(module, "START", None)
-        self.starter = formulas(importlib.import_module(f".{starter}", __package__)) if starter else None
+        self.starter = formulas(f"{__package__}.{starter}") if starter else None
         self.start_steps: int = getattr(module, "START_STEPS", 0)
         if bool(self.starter) != (self.start_steps > 0):
             raise TypeError(f"kernel {module.__name__!r} must define START and START_STEPS together or neither.")
@@ -193,24 +193,31 @@ class Formulas:
         return files + (self.starter.sources if self.starter else ())
 
 
-formulas = functools.cache(Formulas)
+def formulas(name: str) -> Formulas:
+    """Read a method's file, given by the name of its module; a module that is loaded anew is read anew."""
+    module = importlib.import_module(name)
+    return _formulas(module, getattr(module, "step_scalar", None), getattr(module, "step_vector", None))
 
 
 @functools.cache
-def pointer_kernel(module: ModuleType, form: Form, takes_jacobian: bool = False) -> Any:
+def _formulas(module: ModuleType, *steps: Any) -> Formulas:
+    return Formulas(module)
+
+
+@functools.cache
+def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False) -> Any:
     """Compile the kernel of a method, or load it from the disk, for callbacks given as addresses.
 
     The kernel is called as ``kernel((rhs, jacobian or None), state, settings, tally, run)`` and returns how many of the
     `run.count` steps it took.
     """
-    method = formulas(module)
     rhs_at, jacobian_at = function_at(form.rhs), function_at(form.jacobian)
     names = method.names(form)
     names["RHS"] = element(lambda callbacks: rhs_at(callbacks[0]))
     names["JACOBIAN"] = element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian)
     callbacks = Tuple((int64, int64 if takes_jacobian else none))
     signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
-    label = f"{module.__name__}{'_jacobian' * takes_jacobian}"
+    label = f"{method.module.__name__}{'_jacobian' * takes_jacobian}"
     kernel = compile_kernel(scalar if form is SCALAR else vector, names, signature, label, method.sources)
     return kernel.overloads[signature.args].entry_point
 
@@ -219,12 +226,12 @@ def no_jacobian(callbacks):
     return None
 
 
-def inline_kernel(module: ModuleType, form: Form, rhs: Any, jacobian: Any, n: int) -> Any:
+def inline_kernel(method: Formulas, form: Form, rhs: Any, jacobian: Any, n: int) -> Any:
     """Compile the same kernel for one right-hand side, which is inlined; it takes no addresses: ``kernel((), ...)``.
 
     With `n` other than 0 it is also specialised for n degrees of freedom, whose rows lie on the stack.
     """
-    names = {**formulas(module).names(form), "N": n}
+    names = {**method.names(form), "N": n}
     names["RHS"] = element(lambda callbacks: rhs)
     names["JACOBIAN"] = element((lambda callbacks: jacobian) if jacobian else no_jacobian)
     if n:

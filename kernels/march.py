@@ -4,8 +4,13 @@
 t0 + i h from the step index i. A sum of steps would drift, and a chunk could not start in the middle.
 """
 
+import numba
+
 from .jit import element
 from .protocol import At, row_index
+
+#: Whether a wrong order of rows is looked for.
+CHECKED = bool(numba.config.BOUNDSCHECK)
 
 
 @element
@@ -56,6 +61,11 @@ def write(complete, y, c, n, run, row):
 @element
 def settle(y, state, n):
     """Move the contents of the rows so that y[k] lies in row k of the state again."""
+    if CHECKED:
+        for k in range(len(y)):
+            for other in range(k):
+                if row_index(y[k], state) == row_index(y[other], state):
+                    raise IndexError("a step must return each of its rows once.")
     for k in range(len(y)):
         place = row_index(y[k], state)
         while place < k:  # an earlier exchange moved this content on

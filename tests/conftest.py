@@ -15,6 +15,8 @@ ROOT = Path(__file__).parent.parent
 #: The README's fenced blocks, as (language, text).
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
 PYTHON = [code for language, code in BLOCKS if language == "python"]
+#: The method of one's own in the kernels' README.
+OWN_METHOD = re.search(r"```python\n(.*?)```", (ROOT / "kernels/README.md").read_text(), flags=re.DOTALL)[1]
 
 ALL_METHODS = [
     eig3.EIG3(),
@@ -110,13 +112,13 @@ def method(request):
 def users_folder(tmp_path_factory):
     """Where a user's method is kept: in one place, so that its kernels are compiled once and then loaded from disk."""
     folder = tmp_path_factory.mktemp("user")
-    (folder / "symplectic_euler.py").write_text(PYTHON[-1])
+    (folder / "symplectic_euler.py").write_text(OWN_METHOD)
     return folder
 
 
 @pytest.fixture
 def symplectic_euler(users_folder, monkeypatch):
-    """The method of the README, a user's own."""
+    """The method in the README of the kernels, a user's own."""
     monkeypatch.syspath_prepend(users_folder)
     yield importlib.import_module("symplectic_euler").SymplecticEuler
     del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]

@@ -77,9 +77,7 @@ def test_without_a_place_for_the_cache_kernels_are_compiled(monkeypatch):
 
     njit = eig3.kernels.jit.numba.njit
     monkeypatch.setattr(eig3.kernels.jit.numba, "njit", nowhere)
-    from eig3.kernels import rk4
-
-    kernel = eig3.kernels.fixed.pointer_kernel.__wrapped__(rk4, eig3.kernels.protocol.SCALAR)
+    kernel = eig3.kernels.fixed.pointer_kernel.__wrapped__(eig3.RK4().formulas, eig3.kernels.protocol.SCALAR)
     assert callable(kernel)
 
 

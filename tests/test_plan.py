@@ -116,7 +116,7 @@ def running_away(t, u, v, p):
         (lambda: problems.double_pendulum(t_end=20.0), None, "has a stable step"),
         (lambda: problems.damped_bar(n=80, t_end=2e-4), None, "has a stable step"),
         (
-            lambda: eig3.Problem("infinite", running_away, 1.0, 1.0, (), (0.0, 10.0), uses_velocity=False),
+            lambda: eig3.Problem("infinite", running_away, 1.0, 1.0, (), (0.0, 10.0)),
             ["eig3", "rk4"],
             "unstable at every step tried",
         ),
