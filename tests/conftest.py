@@ -12,11 +12,15 @@ import pytest
 import eig3
 
 ROOT = Path(__file__).parent.parent
-#: The README's fenced blocks, as (language, text).
-BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
-PYTHON = [code for language, code in BLOCKS if language == "python"]
-#: The method of one's own in the kernels' README.
-OWN_METHOD = re.search(r"```python\n(.*?)```", (ROOT / "kernels/README.md").read_text(), flags=re.DOTALL)[1]
+README_FILES = ("README.md", "bench/README.md", "eig3/analysis/README.md", "eig3/scene/README.md")
+README_FILES += ("kernels/README.md", "problems/README.md")
+#: The fenced blocks of each README, as (language, text).
+BLOCKS = {
+    name: re.findall(r"^```(\w+)\n(.*?)^```$", (ROOT / name).read_text(), flags=re.MULTILINE | re.DOTALL)
+    for name in README_FILES
+}
+#: The method in the kernels' README: the whole file of a user's own.
+OWN_METHOD = next(text for language, text in BLOCKS["kernels/README.md"] if language == "python")
 
 ALL_METHODS = [
     eig3.EIG3(),
