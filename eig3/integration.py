@@ -222,7 +222,7 @@ class _Run:
             self._end(Status.DIVERGED, divergence.message, divergence.explain)
             return
         remedies = ["a smaller h", "more max_iterations", "a larger tol"]
-        if stepper.running.kernel.endswith("fixed_point"):
+        if not stepper.running.formulas.matrix:
             remedies.append("solver='newton'")
         self._end(
             Status.NOT_CONVERGED,
