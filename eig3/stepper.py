@@ -84,7 +84,6 @@ class Stepper:
         self.start = u, v
         self._nowhere = np.empty((0,) if self.form is SCALAR else (0, u.size))
         self._tally = np.zeros(4)
-        self._before: _Position | None = None
         self.first_acceleration = a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
         running = self.method.for_force(self._callback.reads_velocity, np.size(u))
         self._prepare(running)
@@ -93,7 +92,7 @@ class Stepper:
             past = running.formulas.start(u, v, a, self.h)
         for k, values in enumerate((u, v, *past)):
             self._state[k] = values
-        self._save()
+        self._before = self._position()
 
     @property
     def t(self) -> float:
@@ -198,8 +197,7 @@ class Stepper:
         other = copy.copy(self)
         other._state, other._tally = aligned(self._state.shape), self._tally.copy()
         np.copyto(other._state, self._state)
-        other._before = None
-        other._save()
+        other._before = other._position()
         return other
 
     def before(self) -> Stepper:
@@ -273,12 +271,15 @@ class Stepper:
 
     def _save(self) -> None:
         before = self._before
-        if before is None or before.running is not self.running:
-            self._before = _Position(self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy())
+        if before.running is not self.running:
+            self._before = self._position()
             return
         np.copyto(before.state, self._state)
         np.copyto(before.tally, self._tally)
         before.index, before.changed_at = self.index, self.changed_at
+
+    def _position(self) -> _Position:
+        return _Position(self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy())
 
     def _component(self, row: int) -> Any:
         return float(self._state[row]) if self.form is SCALAR else self._state[row].copy()
@@ -325,8 +326,8 @@ def _inline(rhs: Any, callback: Callback, method: Method, form: Form, n: int) ->
     key = method.formulas, form.name, stacked, method.jacobian
     known, compiled = _inlined.setdefault(rhs, {}), callback.compiled
     if key not in known or known[key][0] is not compiled:  # the user may have compiled rhs anew
-        for callback, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
-            if callback is not None:
-                compile_for_own_arrays(callback, kind, form)
+        for function, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
+            if function is not None:
+                compile_for_own_arrays(function, kind, form)
         known[key] = compiled, inline_kernel(method.formulas, form, rhs, method.jacobian, stacked)
     return known[key][1]
