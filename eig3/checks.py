@@ -16,6 +16,8 @@ from .methods import METHODS, Method
 
 def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
     """Return u0 and v0 as two floats or two new arrays, and the form of right-hand side that belongs to them."""
+    if type(u0) is float and type(v0) is float and math.isfinite(u0) and math.isfinite(v0):
+        return u0, v0, SCALAR
     u, v = reals(u0, "u0"), reals(v0, "v0")
     if u.ndim > 1:
         raise ValueError(f"u0 must be a number or a 1-D array, not an array of shape {u.shape}.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from .stepper import Stepper
 
 _CHUNK_SECONDS = 0.1  # between two looks at Ctrl-C and for divergence
 _CHUNK_GROWTH = 16
+_SHORT_SECONDS = 1e-3
 _FAST_GROWTH = 1e3  # of an invariant: more than this is no slow instability
 
 
@@ -151,7 +153,7 @@ class _Run:
     def solution(self) -> Solution:
         """Run to the end, or to what ends it before."""
         try:
-            with deferred_interrupt() as interrupt:
+            with self._interrupt() as interrupt:
                 self._march(interrupt)
         except Exception as error:
             self._end(
@@ -165,6 +167,11 @@ class _Run:
         if self.status is Status.COMPLETED:
             self._judge_growth()
         return self._result()
+
+    def _interrupt(self) -> AbstractContextManager[Flag]:
+        """Defer Ctrl-C, but not in a run so short that it would be lost in a loop of many such runs."""
+        pace = self.stepper.pace
+        return nullcontext(Flag()) if pace and pace * self.n_steps < _SHORT_SECONDS else deferred_interrupt()
 
     def _march(self, interrupt: Flag) -> None:
         stepper, failing = self.stepper, False
@@ -215,7 +222,7 @@ class _Run:
             self._end(Status.DIVERGED, divergence.message, divergence.explain)
             return
         remedies = ["a smaller h", "more max_iterations", "a larger tol"]
-        if stepper.running.kernel.endswith("fixed_point"):
+        if not stepper.running.formulas.matrix:
             remedies.append("solver='newton'")
         self._end(
             Status.NOT_CONVERGED,

@@ -84,16 +84,15 @@ class Stepper:
         self.start = u, v
         self._nowhere = np.empty((0,) if self.form is SCALAR else (0, u.size))
         self._tally = np.zeros(4)
-        self._before: _Position | None = None
         self.first_acceleration = a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
         running = self.method.for_force(self._callback.reads_velocity, np.size(u))
         self._prepare(running)
+        self._check_velocity(a)
         with np.errstate(over="ignore"):  # what overflows here shows in the first step
-            self._check_velocity(a)
             past = running.formulas.start(u, v, a, self.h)
         for k, values in enumerate((u, v, *past)):
             self._state[k] = values
-        self._save()
+        self._before = self._position()
 
     @property
     def t(self) -> float:
@@ -198,8 +197,7 @@ class Stepper:
         other = copy.copy(self)
         other._state, other._tally = aligned(self._state.shape), self._tally.copy()
         np.copyto(other._state, self._state)
-        other._before = None
-        other._save()
+        other._before = other._position()
         return other
 
     def before(self) -> Stepper:
@@ -232,25 +230,21 @@ class Stepper:
         if self.index:
             self._callback.pace[self._pace_key] = self.seconds / self.index
 
-    @property
-    def _pace_key(self) -> tuple:
-        return self.running.kernel, np.size(self.start[0])
-
     def _prepare(self, running: Method) -> None:
         """Make the kernel of a record ready, and a state of its size."""
-        self.running = running
+        self.running, formulas = running, running.formulas
         n = np.size(self.start[0])
-        rows = running.formulas.state_rows(n)
         check_workspace(running, n)
+        self._pace_key = formulas, n, self.inline
         self._settings = np.array(running.settings, dtype=np.float64)
-        self._state = np.zeros(2 + running.formulas.past) if self.form is SCALAR else aligned((rows, n))
+        self._state = np.zeros(2 + formulas.past) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
         jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", self.form)
         if self.inline:
             self._callbacks: tuple = ()
             self._kernel = _inline(self._rhs, self._callback, running, self.form, n)
         else:
             self._callbacks = (self._callback.address, jacobian and jacobian.address)
-            self._kernel = pointer_kernel(running.formulas, self.form, jacobian is not None)
+            self._kernel = pointer_kernel(formulas, self.form, jacobian is not None)
 
     def _call(self, first: int, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray) -> int:
         run = Run(self.h, self.t0, self.params, first, count, every, u_rows, v_rows)
@@ -277,12 +271,15 @@ class Stepper:
 
     def _save(self) -> None:
         before = self._before
-        if before is None or before.running is not self.running:
-            self._before = _Position(self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy())
+        if before.running is not self.running:
+            self._before = self._position()
             return
         np.copyto(before.state, self._state)
         np.copyto(before.tally, self._tally)
         before.index, before.changed_at = self.index, self.changed_at
+
+    def _position(self) -> _Position:
+        return _Position(self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy())
 
     def _component(self, row: int) -> Any:
         return float(self._state[row]) if self.form is SCALAR else self._state[row].copy()
@@ -302,7 +299,8 @@ class Stepper:
         if not self.method.ignores_velocity:
             return
         u, v = self.start
-        other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, and by as much as u gives
+        with np.errstate(over="ignore"):
+            other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, and by as much as u gives
         if np.any(self.acceleration(self.t0, u, other) != a):
             raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
 
@@ -328,8 +326,8 @@ def _inline(rhs: Any, callback: Callback, method: Method, form: Form, n: int) ->
     key = method.formulas, form.name, stacked, method.jacobian
     known, compiled = _inlined.setdefault(rhs, {}), callback.compiled
     if key not in known or known[key][0] is not compiled:  # the user may have compiled rhs anew
-        for callback, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
-            if callback is not None:
-                compile_for_own_arrays(callback, kind, form)
+        for function, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
+            if function is not None:
+                compile_for_own_arrays(function, kind, form)
         known[key] = compiled, inline_kernel(method.formulas, form, rhs, method.jacobian, stacked)
     return known[key][1]
