@@ -30,7 +30,7 @@ def test_version_and_help(capsys):
         (["bench", "paper", "--table", "6"], "invalid choice"),
         (["bench", "paper", "--repeats", "0"], "must be a whole number of at least 1"),
         (["bench", "paper", "--repeats", "x"], "must be a whole number of at least 1"),
-        (["bench", "paper", "--out", "/dev/null/x"], "cannot be made"),
+        (["bench", "paper", "--out", "/dev/null/x"], "cannot create the folder"),
     ],
 )
 def test_wrong_usage_is_refused(arguments, message, capsys):

@@ -27,7 +27,7 @@ def said(pattern, text):
 
 def tried_step_holds(run, rhs, u0, v0, params):
     """Run with the step that the message names to where the run failed, and return that step and the largest |u|."""
-    h = said(r"; h = ([\d.e+-]+) was tried and holds up to then\.$", run.explain())
+    h = said(r"; h = ([\d.e+-]+) was tried and is stable up to then\.$", run.explain())
     n_steps = math.ceil((run.t[-1] + run.h) / h)
     again = integrate(rhs, (0, n_steps * h), u0, v0, h=h * (1 + 1e-9), params=params, method=run.method)
     assert again.success
@@ -156,7 +156,7 @@ def test_a_solution_that_is_unbounded_itself_is_told_as_such(method):
     assert run.t[-1] == pytest.approx(1, abs=0.05)
     assert "were tried and fail too: the solution itself may be unbounded." in run.explain()
     assert said(r"shorter steps down to h = ([\d.e-]+) were tried", run.explain()) < 1e-3 / 50
-    assert "holds up to then" not in run.explain()
+    assert "is stable up to then" not in run.explain()
 
 
 def test_cubic_repulsion_is_unbounded():
@@ -196,14 +196,14 @@ def test_a_system_that_stiffens_on_its_way_is_told_the_step_for_the_end():
     run = integrate(stiffens, (0, 1e4), 1.0, 0.0, h=1.0, save_every=None)
     assert said(r"is ([\d.]+) at t = 0 ", run.explain()) == pytest.approx(2, rel=1e-3)
     assert said(r"and ([\d.e-]+) at t = 5", run.explain()) == pytest.approx(0.002, rel=1e-2)
-    assert said(r"h = ([\d.e-]+) was tried and holds", run.explain()) <= 0.0018
+    assert said(r"h = ([\d.e-]+) was tried and is stable", run.explain()) <= 0.0018
 
 
 def test_a_long_run_is_given_the_time_to_try():
     chain = problems.hardening_chain(2000, hardening=0.0, t_end=200.0)
     run = chain.integrate(h=0.0102, save_every=None, invariants={})
     assert run.status is eig3.Status.DIVERGED
-    assert "was tried and holds" in run.explain()
+    assert "was tried and is stable" in run.explain()
 
 
 # Growth that is noted ------------------------------------------------------------------------------------------------
@@ -385,4 +385,4 @@ def test_the_step_that_is_named_is_shorter_than_the_one_that_failed():
     run = problem.integrate(h=1e-3)
     assert run.status is eig3.Status.DIVERGED
     assert problem.critical_step().limit > 1e-2
-    assert said(r"; h = ([\d.e-]+) was tried and holds", run.explain()) < 1e-3
+    assert said(r"; h = ([\d.e-]+) was tried and is stable", run.explain()) < 1e-3

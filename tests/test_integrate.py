@@ -148,7 +148,7 @@ def test_divergence_keeps_the_finite_part(save_every):
     assert run.t[-1] == pytest.approx(run.n_steps * run.h)
     for word in ("non-finite at t =", "h = 0.7", "explain()"):
         assert word in run.message
-    for word in ("non-finite at t =", "h = 0.7", "is 0.6667", "(omega = 3, xi = 0)", "h = 0.6 was tried and holds"):
+    for word in ("non-finite at t =", "h = 0.7", "is 0.6667", "(omega = 3, xi = 0)", "h = 0.6 was tried and is stable"):
         assert word in run.explain()
     step = eig3.Stepper(oscillator, 1.0, 0.0, h=run.h, params=PARAMS)
     step.advance(run.n_steps)
@@ -188,7 +188,7 @@ def raises_between_seconds(t, u, v, p):
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "remedy"), [(9.0, "shorter steps"), (1e200, "was not tried, which would take long")]
+    ("stiffness", "remedy"), [(9.0, "shorter steps"), (1e200, "was not tried, because that would take long")]
 )
 def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_it(stiffness, remedy):
     run = integrate(raises_between_seconds, (0, 2000), 1.0, 0.0, h=1.0, params=stiffness)
@@ -525,7 +525,7 @@ GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "pa
         (
             {"rhs": in_another_order},
             TypeError,
-            "rhs names its first arguments u, v, t, p, but gets them as (t, u, v, p)",
+            "rhs takes u, v, t, p as its first arguments, but must have the form (t, u, v, p)",
         ),
         ({"rhs": not_finite, "u0": 0.0}, ValueError, "rhs gives nan for degree of freedom 0 at the start"),
         ({"rhs": explicit}, TypeError, "its decorator must not list signatures"),
@@ -575,7 +575,7 @@ GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "pa
         ),
     ],
 )
-def test_bad_input_is_told_in_a_sentence(change, error, message):
+def test_bad_input_gives_an_error_of_one_sentence(change, error, message):
     with pytest.raises(error) as caught:
         integrate(**{**GOOD, **change})
     text = str(caught.value)
@@ -620,7 +620,7 @@ def test_history_that_does_not_fit_is_refused_with_the_save_every_that_would(mon
     assert 24 * len(run.t) <= 24e6
 
 
-def test_memory_available_is_told():
+def test_memory_available_is_found():
     assert 1e6 < memory.available_memory() < 1e15
 
 

@@ -1,4 +1,4 @@
-"""The problems that `eig3 run` and `eig3 plan` know by name."""
+"""The argument PROBLEM of `eig3 run` and `eig3 plan`."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from ..problem import Problem
 
 
 def builder(name: str, command: str) -> Callable[..., Problem]:
-    """The function of `eig3.problems` that builds a problem.
+    """Return the function of `eig3.problems` that builds the problem `name`; `command` is named in the error.
 
     Raises
     ------
     SystemExit
-        If there is no problem of this name. The message lists the names.
+        If there is no such problem. The message lists the names of all problems.
     """
     from .. import problems
 
