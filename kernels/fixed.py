@@ -120,10 +120,6 @@ def nothing(y, c, h, n):
     pass
 
 
-def no_past(u, v, a, h):
-    return ()
-
-
 class Formulas:
     """What a method's file declares, with the defaults of what it leaves out.
 
