@@ -629,7 +629,7 @@ GOOD = {"rhs": oscillator, "u0": 1.0, "v0": 0.0, "params": (2.0, 0.0)}
         ({"method": "euler"}, ValueError, "method must be one of 'eig3', 'cd'"),
         ({"params": "k"}, TypeError, "params must be made of real numbers, not 'k'."),
         ({"rhs": undefined}, ValueError, "rhs gives nan for degree of freedom 0 at the start"),
-        ({"rhs": lonely, "u0": 0.0}, ValueError, "rhs is not finite close to this state; give another."),
+        ({"rhs": lonely, "u0": 0.0}, ValueError, "rhs is not finite close to this state; give another state."),
     ],
 )
 def test_bad_input_is_told_in_a_sentence(change, error, message):

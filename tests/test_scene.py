@@ -948,7 +948,7 @@ BAD = {
     "reserved": (lambda: on_two(Pulling(3.0), 0, 1), TypeError, "decorate it with @eig3.jit, and the name is not for"),
     "undirected": (lambda: with_fixed(Undirected(1.0)), TypeError, "Undirected must have a field direction, and vec"),
     "strings": (lambda: on_two(Stringy((1.0, 2.0))), TypeError, "vectors of Stringy must be a tuple of names"),
-    "one point": (lambda: len(two()[1][0]), TypeError, "one point has no length"),
+    "one point": (lambda: len(two()[1][0]), TypeError, "a single point has no length"),
     "strangers": (strangers, ValueError, "LinearSpring was given points of another scene."),
     "one end": (lambda: on_two(LinearSpring(1.0), 0), TypeError, "LinearSpring takes 2 arguments of points, not 1."),
     "no handle": (
@@ -975,7 +975,7 @@ BAD = {
     "longer": (lambda: Longer(3.0, extra=1.0), TypeError, "Longer must be a dataclass: decorate it with @dataclass"),
     "cutoff": (lambda: on_two(NoField(1.0), 0, 1), TypeError, "cutoff of NoField must be the name of a field"),
     "negative cutoff": (lambda: on_two(Wall(1.0, -1.0), 0, 1), ValueError, "range of Wall must not be negative"),
-    "taken name": (lambda: on_two(Timed(1.0)), TypeError, "Timed must not call a field t, which is what force is"),
+    "taken name": (lambda: on_two(Timed(1.0)), TypeError, "Timed must rename its field t: force has an argument"),
     "vector": (lambda: on_two(Forced(pushed, (1.0, 2.0, 3.0)), 0), ValueError, "name it in the class's vectors"),
     "class": (lambda: Scene(1).add(Gravity), TypeError, "effect must be an effect with parameters.* not Gravity."),
     "gravity of a post": (lambda: with_fixed(QuadraticDrag(1.0)), ValueError, "QuadraticDrag acts on masses"),
@@ -1013,7 +1013,7 @@ BAD = {
     "curious": (
         lambda: on_two(Curious()),
         TypeError,
-        "Curious names weather, but can be given only t, x, v, m",
+        "Curious has the argument weather, but can take only t, x, v, m",
     ),
     "shapes": (
         lambda: (lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2)))))(*two()),
