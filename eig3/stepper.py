@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from .callbacks import Callback, check_callback, compile_for_own_arrays
 from .checks import check_h, check_method, check_params, check_state, check_time
 from .guard import first_acceleration, guarded
-from .kernels.fixed import STACKED_VALUES, inline_kernel, pointer_kernel
+from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
 from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Form, Run
 from .memory import aligned, check_workspace
 from .methods import Method
@@ -322,7 +322,7 @@ _inlined: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Callable]]] = WeakKeyDic
 
 def _inline(rhs: Any, callback: Callback, method: Method, form: Form, n: int) -> Callable:
     """The kernel of a method with the callbacks compiled into it."""
-    stacked = n if form is VECTOR and n * method.formulas.rows <= STACKED_VALUES else 0
+    stacked = n if form is VECTOR and n <= STACKED_DEGREES else 0
     key = method.formulas, form.name, stacked, method.jacobian
     known, compiled = _inlined.setdefault(rhs, {}), callback.compiled
     if key not in known or known[key][0] is not compiled:  # the user may have compiled rhs anew
