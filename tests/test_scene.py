@@ -1,4 +1,4 @@
-"""Scenes: the compiled problem is what was described and nothing else, and bad scenes are refused."""
+"""Scenes: the compiled problem contains exactly the effects of the scene, and bad scenes are refused."""
 
 import inspect
 import math
@@ -461,7 +461,7 @@ def test_a_link_with_a_cutoff_and_one_without_between_the_same_points():
     assert a.of(acceleration(problem, problem.u0, problem.v0)).tolist() == [4.0, 0.0]
 
 
-# Only what is named
+# No code for effects that a scene does not have
 
 
 def test_the_code_of_a_scene_names_its_effects_only():
@@ -610,7 +610,7 @@ def test_coinciding_ends_without_a_length_give_no_nan():
     assert problem.integrate(h=1e-3).success
 
 
-# An effect of one's own
+# An effect that a user defines
 
 
 @dataclass(frozen=True, eq=False)
@@ -945,7 +945,7 @@ BAD = {
         "LinearSpring was given ends of shapes .2, 1. and .2,.; give one shape, or one point for all",
     ),
     "complex": (lambda: on_two(Pulling(imaginary), 0, 1), TypeError, "tension of Pulling must return a number here"),
-    "reserved": (lambda: on_two(Pulling(3.0), 0, 1), TypeError, "decorate it with @eig3.jit, and the name is not for"),
+    "reserved": (lambda: on_two(Pulling(3.0), 0, 1), TypeError, "decorate it with @eig3.jit, and no field may"),
     "undirected": (lambda: with_fixed(Undirected(1.0)), TypeError, "Undirected must have a field direction, and vec"),
     "strings": (lambda: on_two(Stringy((1.0, 2.0))), TypeError, "vectors of Stringy must be a tuple of names"),
     "one point": (lambda: len(two()[1][0]), TypeError, "a single point has no length"),
