@@ -27,7 +27,6 @@ from .stepper import Stepper
 _CHUNK_SECONDS = 0.1  # between two looks at Ctrl-C and for divergence
 _CHUNK_GROWTH = 16
 _SHORT_SECONDS = 1e-3
-_FAST_GROWTH = 1e3  # of an invariant: more than this is no slow instability
 
 
 class IntegrationError(RuntimeError):
@@ -253,46 +252,17 @@ class _Run:
             kernel_seconds=stepper.seconds,
             method=stepper.method,
             drift={watch.name: watch.drift for watch in self.watches},
-            notes=(*self._growth_notes(), *solver_notes(stepper)),
+            notes=(*self._notes(), *stepper.notes),
             reason=self.reason,
         )
 
-    def _growth_notes(self) -> Iterator[str]:
+    def _notes(self) -> Iterator[str]:
         for watch in self.watches if self.status is Status.COMPLETED else ():
             if watch.growth:
-                yield _growth_note(watch.name, watch.growth, self.stepper.method)
+                yield watch.note(self.stepper.method)
 
 
 def _next_count(count: int, seconds: float) -> int:
     if seconds * _CHUNK_GROWTH <= _CHUNK_SECONDS:
         return count * _CHUNK_GROWTH
     return max(1, int(count * _CHUNK_SECONDS / seconds))
-
-
-def _growth_note(name: str, growth: float, method: Method) -> str:
-    amount = f"by {100 * growth:.2g} %" if growth < 1 else f"to {1 + growth:.3g} times its size"
-    amount = amount if math.isfinite(growth) else "beyond the largest number there is,"
-    unstable = "slowly unstable" if growth < _FAST_GROWTH else "unstable"
-    return (
-        f"{name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is "
-        f"{unstable} here: take a smaller h, or a method that is stable for this system."
-    )
-
-
-def solver_notes(stepper: Stepper) -> Iterator[str]:
-    """What the user should know of how an implicit method solved for the velocity."""
-    if stepper.changed_at is not None:
-        yield (
-            f"From t = {stepper.changed_at:g} on, {stepper.method.label} solves for the velocity by Newton's method, "
-            "because fixed-point iteration took too long or did not converge."
-        )
-    n = np.size(stepper.u)
-    if (
-        stepper.running.formulas.matrix
-        and stepper.running.jacobian is None
-        and n * stepper.n_iterations > stepper.n_rhs / 2
-    ):
-        yield (
-            f"Most of the {stepper.n_rhs} evaluations are differences of rhs for Newton's method, {n} in each "
-            "iteration: give a jacobian, or take solver='fixed-point' or another method."
-        )

@@ -212,6 +212,23 @@ class Stepper:
         options: dict[str, Any] = {"t0": self.t0, "params": self.params, "method": self.method, "inline": self.inline}
         return Stepper(self._rhs, *self.start, h=h, **options)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on how an implicit method solved for the velocity, where the user may want another way."""
+        notes = []
+        if self.changed_at is not None:
+            notes.append(
+                f"From t = {self.changed_at:g} on, {self.method.label} solves for the velocity by Newton's method, "
+                "because fixed-point iteration took too long or did not converge."
+            )
+        n, running = np.size(self.start[0]), self.running
+        if running.formulas.matrix and running.jacobian is None and n * self.n_iterations > self.n_rhs / 2:
+            notes.append(
+                f"Most of the {self.n_rhs} evaluations are differences of rhs for Newton's method, {n} in each "
+                "iteration: give a jacobian, or take solver='fixed-point' or another method."
+            )
+        return tuple(notes)
+
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
         """f(t, u, v): a float, or a new array of shape (n,)."""
         if self.form is SCALAR:

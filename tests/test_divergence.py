@@ -357,7 +357,7 @@ def test_an_invariant_that_overflows_is_noted_and_its_drift_infinite():
     assert run.success
     assert run.drift["energy"] == math.inf
     (note,) = run.notes
-    assert note.startswith("energy grows steadily, beyond the largest number there is, over the run")
+    assert note.startswith("energy grows steadily, beyond the largest floating-point number, over the run")
 
 
 def test_an_invariant_that_is_not_a_number_is_not_noted():

@@ -8,12 +8,14 @@ import numpy as np
 
 from ..callbacks import check_callback
 from ..kernels.invariant import invariant_kernel
+from ..methods import Method
 from ..stepper import Stepper
 from .chunk import Chunk
 
 _PARTS = 16  # number of parts of a run; a growth is steady if the invariant grows from each part to the next
 _NOTABLE = 1e-6  # least growth over the run that is noted, relative to the invariant
 _VISIBLE = 0.1  # least growth over the run that is noted, relative to the oscillation of the invariant in a part
+_FAST = 1e3  # a growth that is larger than this is no slow instability
 
 
 class Watch:
@@ -79,6 +81,17 @@ class Watch:
             # The middles leave out half of the first and of the last part, which matters in so fast a growth.
             growth = float(self._high[-1] - self._start)
         return growth / size if growth > max(_NOTABLE * size, _VISIBLE * np.median(width)) else 0.0
+
+    def note(self, method: Method) -> str:
+        """A sentence on the steady growth."""
+        growth = self.growth
+        amount = f"by {100 * growth:.2g} %" if growth < 1 else f"to {1 + growth:.3g} times its size"
+        amount = amount if math.isfinite(growth) else "beyond the largest floating-point number,"
+        unstable = "slowly unstable" if growth < _FAST else "unstable"
+        return (
+            f"{self.name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is "
+            f"{unstable} here: take a smaller h, or a method that is stable for this system."
+        )
 
 
 def watches_of(invariants: Mapping[str, Any] | None, stepper: Stepper, n_steps: int) -> list[Watch]:
