@@ -101,7 +101,7 @@ def test_damped_systems_do_not_grow_below_the_limit(system, method):
 @settings(deadline=None, max_examples=30)
 @given(system=linear_systems(damped=True))
 def test_central_difference_dissipates_with_damping(system):
-    """With implicit velocity, the quantity that leapfrog conserves falls by h v C v per step: the bound of C = 0 holds."""
+    """With implicit velocity, the quantity of leapfrog falls by h v C v per step: the bound of C = 0 holds."""
     K, C, u0, v0 = system
     h = 0.95 * 2 / math.sqrt(np.linalg.eigvalsh(K)[-1])
     run = integrate(structure, (0, 1000 * h), u0, v0, h=h, params=params_of(K, C), method="cd")
