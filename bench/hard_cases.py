@@ -1,4 +1,4 @@
-"""The hard cases: runs at the edge, each with the result that theory or an independent solution predicts."""
+"""The hard cases: difficult runs, each with the result that theory or an independent solution predicts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from eig3.stability import limit, spectral_radius
 from .article import TABLES
 from .options import METHOD_NAMES
 
-_ROWS = 2**18  # of a chunk
+_ROWS = 2**18  # states in a chunk
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""eig3.integrate: what is saved, followed, told and refused."""
+"""`eig3.integrate`: saved states, invariants, the end of a run, and errors."""
 
 import contextlib
 import os
@@ -43,7 +43,7 @@ def first_position(t, u, v, p):
     return u[0]
 
 
-# What is saved -------------------------------------------------------------------------------------------------------
+# Saved states ------------------------------------------------------------------------------------------------------
 
 
 @settings(deadline=None)
@@ -91,7 +91,7 @@ def test_step_is_shrunk_to_land_on_the_end():
     assert run.t.tolist() == [0, 0.25, 0.5, 0.75, 1]
 
 
-# What is followed ----------------------------------------------------------------------------------------------------
+# Invariants -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("save_every", [1, 7, 100000, None])
@@ -118,7 +118,7 @@ def undefined_later(t, u, v, p):
     return np.nan if 1 < t < 2 else 0.0
 
 
-def test_invariant_that_is_not_a_number_is_told():
+def test_invariant_that_becomes_nan_has_a_drift_of_nan():
     assert np.isnan(oscillate(invariants={"e": undefined_later}, save_every=3).drift["e"])
 
 
@@ -197,7 +197,7 @@ def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_i
     assert remedy in run.explain()
 
 
-def test_a_right_hand_side_that_gives_nan_is_told_from_instability():
+def test_a_right_hand_side_that_gives_nan_is_distinguished_from_instability():
     @eig3.jit
     def undefined(t, u, v, p):
         return np.sqrt(0.5 - t)
@@ -333,7 +333,7 @@ def test_exceptions_leak_no_history(method):
         for _ in range(3):
             with contextlib.suppress(ValueError):  # pytest.raises would keep the traceback, and so the rows
                 stepper.advance(1000, 1, *rows)
-        after = sys.getrefcount(rows[0])  # not in an assertion, where pytest keeps references of its own
+        after = sys.getrefcount(rows[0])  # not in an assertion, because pytest keeps references there
         assert after == references
         assert stepper.index == 0
 
@@ -418,7 +418,7 @@ def test_repr_is_a_summary():
     assert "iterations" in repr(oscillate(method=eig3.CentralDifference()))
 
 
-# What is refused -----------------------------------------------------------------------------------------------------
+# Errors ------------------------------------------------------------------------------------------------------------
 
 
 def plain(t, u, v, p):
