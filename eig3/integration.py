@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from .stepper import Stepper
 
 _CHUNK_SECONDS = 0.1  # between two looks at Ctrl-C and for divergence
 _CHUNK_GROWTH = 16
-_FAST_GROWTH = 1e3  # of an invariant: more than this is no slow instability
+_SHORT_SECONDS = 1e-3
 
 
 class IntegrationError(RuntimeError):
@@ -151,7 +152,7 @@ class _Run:
     def solution(self) -> Solution:
         """Run to the end, or to what ends it before."""
         try:
-            with deferred_interrupt() as interrupt:
+            with self._interrupt() as interrupt:
                 self._march(interrupt)
         except Exception as error:
             self._end(
@@ -165,6 +166,11 @@ class _Run:
         if self.status is Status.COMPLETED:
             self._judge_growth()
         return self._result()
+
+    def _interrupt(self) -> AbstractContextManager[Flag]:
+        """Defer Ctrl-C, but not in a run so short that it would be lost in a loop of many such runs."""
+        pace = self.stepper.pace
+        return nullcontext(Flag()) if pace and pace * self.n_steps < _SHORT_SECONDS else deferred_interrupt()
 
     def _march(self, interrupt: Flag) -> None:
         stepper, failing = self.stepper, False
@@ -215,7 +221,7 @@ class _Run:
             self._end(Status.DIVERGED, divergence.message, divergence.explain)
             return
         remedies = ["a smaller h", "more max_iterations", "a larger tol"]
-        if stepper.running.kernel.endswith("fixed_point"):
+        if not stepper.running.formulas.matrix:
             remedies.append("solver='newton'")
         self._end(
             Status.NOT_CONVERGED,
@@ -246,46 +252,17 @@ class _Run:
             kernel_seconds=stepper.seconds,
             method=stepper.method,
             drift={watch.name: watch.drift for watch in self.watches},
-            notes=(*self._growth_notes(), *solver_notes(stepper)),
+            notes=(*self._notes(), *stepper.notes),
             reason=self.reason,
         )
 
-    def _growth_notes(self) -> Iterator[str]:
+    def _notes(self) -> Iterator[str]:
         for watch in self.watches if self.status is Status.COMPLETED else ():
             if watch.growth:
-                yield _growth_note(watch.name, watch.growth, self.stepper.method)
+                yield watch.note(self.stepper.method)
 
 
 def _next_count(count: int, seconds: float) -> int:
     if seconds * _CHUNK_GROWTH <= _CHUNK_SECONDS:
         return count * _CHUNK_GROWTH
     return max(1, int(count * _CHUNK_SECONDS / seconds))
-
-
-def _growth_note(name: str, growth: float, method: Method) -> str:
-    amount = f"by {100 * growth:.2g} %" if growth < 1 else f"to {1 + growth:.3g} times its size"
-    amount = amount if math.isfinite(growth) else "beyond the largest number there is,"
-    unstable = "slowly unstable" if growth < _FAST_GROWTH else "unstable"
-    return (
-        f"{name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is "
-        f"{unstable} here: take a smaller h, or a method that is stable for this system."
-    )
-
-
-def solver_notes(stepper: Stepper) -> Iterator[str]:
-    """What the user should know of how an implicit method solved for the velocity."""
-    if stepper.changed_at is not None:
-        yield (
-            f"From t = {stepper.changed_at:g} on, {stepper.method.label} solves for the velocity by Newton's method, "
-            "because fixed-point iteration took too long or did not converge."
-        )
-    n = np.size(stepper.u)
-    if (
-        stepper.running.formulas.matrix
-        and stepper.running.jacobian is None
-        and n * stepper.n_iterations > stepper.n_rhs / 2
-    ):
-        yield (
-            f"Most of the {stepper.n_rhs} evaluations are differences of rhs for Newton's method, {n} in each "
-            "iteration: give a jacobian, or take solver='fixed-point' or another method."
-        )

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from .callbacks import Callback, check_callback, compile_for_own_arrays
 from .checks import check_h, check_method, check_params, check_state, check_time
 from .guard import first_acceleration, guarded
-from .kernels.fixed import STACKED_VALUES, inline_kernel, pointer_kernel
+from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
 from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Form, Run
 from .memory import aligned, check_workspace
 from .methods import Method
@@ -84,16 +84,15 @@ class Stepper:
         self.start = u, v
         self._nowhere = np.empty((0,) if self.form is SCALAR else (0, u.size))
         self._tally = np.zeros(4)
-        self._before: _Position | None = None
         self.first_acceleration = a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
         running = self.method.for_force(self._callback.reads_velocity, np.size(u))
         self._prepare(running)
+        self._check_velocity(a)
         with np.errstate(over="ignore"):  # what overflows here shows in the first step
-            self._check_velocity(a)
             past = running.formulas.start(u, v, a, self.h)
         for k, values in enumerate((u, v, *past)):
             self._state[k] = values
-        self._save()
+        self._before = self._position()
 
     @property
     def t(self) -> float:
@@ -198,8 +197,7 @@ class Stepper:
         other = copy.copy(self)
         other._state, other._tally = aligned(self._state.shape), self._tally.copy()
         np.copyto(other._state, self._state)
-        other._before = None
-        other._save()
+        other._before = other._position()
         return other
 
     def before(self) -> Stepper:
@@ -214,10 +212,37 @@ class Stepper:
         options: dict[str, Any] = {"t0": self.t0, "params": self.params, "method": self.method, "inline": self.inline}
         return Stepper(self._rhs, *self.start, h=h, **options)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on how an implicit method solved for the velocity, where the user may want another way."""
+        notes = []
+        if self.changed_at is not None:
+            notes.append(
+                f"From t = {self.changed_at:g} on, {self.method.label} solves for the velocity by Newton's method, "
+                "because fixed-point iteration took too long or did not converge."
+            )
+        n, running = np.size(self.start[0]), self.running
+        if running.formulas.matrix and running.jacobian is None and n * self.n_iterations > self.n_rhs / 2:
+            notes.append(
+                f"Most of the {self.n_rhs} evaluations are differences of rhs for Newton's method, {n} in each "
+                "iteration: give a jacobian, or take solver='fixed-point' or another method."
+            )
+        return tuple(notes)
+
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
-        """f(t, u, v): a float, or a new array of shape (n,)."""
+        """f(t, u, v): a float, or a new array of shape (n,).
+
+        Raises
+        ------
+        ValueError
+            If u or v has another shape than u0.
+        """
+        # The compiled function would read any other array as if it were a contiguous one of this size.
+        u, v = (np.ascontiguousarray(x, dtype=np.float64).reshape(np.shape(x)) for x in (u, v))
+        if not u.shape == v.shape == np.shape(self.start[0]):
+            raise ValueError(f"u and v must have the shape of u0, {np.shape(self.start[0])}, not {u.shape}, {v.shape}.")
         if self.form is SCALAR:
-            return self._callback.call(t, u, v, self.params)
+            return self._callback.call(float(t), float(u), float(v), self.params)
         a = np.full(u.size, np.nan)  # an entry that rhs forgets to write shows as not finite
         self._callback.call(t, u, v, self.params, a)
         return a
@@ -232,25 +257,21 @@ class Stepper:
         if self.index:
             self._callback.pace[self._pace_key] = self.seconds / self.index
 
-    @property
-    def _pace_key(self) -> tuple:
-        return self.running.kernel, np.size(self.start[0])
-
     def _prepare(self, running: Method) -> None:
         """Make the kernel of a record ready, and a state of its size."""
-        self.running = running
+        self.running, formulas = running, running.formulas
         n = np.size(self.start[0])
-        rows = running.formulas.state_rows(n)
         check_workspace(running, n)
+        self._pace_key = formulas, n, self.inline
         self._settings = np.array(running.settings, dtype=np.float64)
-        self._state = np.zeros(2 + running.formulas.past) if self.form is SCALAR else aligned((rows, n))
+        self._state = np.zeros(2 + formulas.past) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
         jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", self.form)
         if self.inline:
             self._callbacks: tuple = ()
             self._kernel = _inline(self._rhs, self._callback, running, self.form, n)
         else:
             self._callbacks = (self._callback.address, jacobian and jacobian.address)
-            self._kernel = pointer_kernel(running.formulas, self.form, jacobian is not None)
+            self._kernel = pointer_kernel(formulas, self.form, jacobian is not None)
 
     def _call(self, first: int, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray) -> int:
         run = Run(self.h, self.t0, self.params, first, count, every, u_rows, v_rows)
@@ -277,12 +298,15 @@ class Stepper:
 
     def _save(self) -> None:
         before = self._before
-        if before is None or before.running is not self.running:
-            self._before = _Position(self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy())
+        if before.running is not self.running:
+            self._before = self._position()
             return
         np.copyto(before.state, self._state)
         np.copyto(before.tally, self._tally)
         before.index, before.changed_at = self.index, self.changed_at
+
+    def _position(self) -> _Position:
+        return _Position(self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy())
 
     def _component(self, row: int) -> Any:
         return float(self._state[row]) if self.form is SCALAR else self._state[row].copy()
@@ -302,7 +326,8 @@ class Stepper:
         if not self.method.ignores_velocity:
             return
         u, v = self.start
-        other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, and by as much as u gives
+        with np.errstate(over="ignore"):
+            other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, and by as much as u gives
         if np.any(self.acceleration(self.t0, u, other) != a):
             raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
 
@@ -324,12 +349,12 @@ _inlined: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Callable]]] = WeakKeyDic
 
 def _inline(rhs: Any, callback: Callback, method: Method, form: Form, n: int) -> Callable:
     """The kernel of a method with the callbacks compiled into it."""
-    stacked = n if form is VECTOR and n * method.formulas.rows <= STACKED_VALUES else 0
+    stacked = n if form is VECTOR and n <= STACKED_DEGREES else 0
     key = method.formulas, form.name, stacked, method.jacobian
     known, compiled = _inlined.setdefault(rhs, {}), callback.compiled
     if key not in known or known[key][0] is not compiled:  # the user may have compiled rhs anew
-        for callback, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
-            if callback is not None:
-                compile_for_own_arrays(callback, kind, form)
+        for function, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
+            if function is not None:
+                compile_for_own_arrays(function, kind, form)
         known[key] = compiled, inline_kernel(method.formulas, form, rhs, method.jacobian, stacked)
     return known[key][1]

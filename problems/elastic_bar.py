@@ -50,7 +50,7 @@ def elastic_bar(
     length : float
         Length of the bar, m.
     wave_speed : float
-        sqrt(E / rho), m/s. The default is that of steel.
+        sqrt(E / rho), m/s. The default is the value of steel.
     centre, width : float
         Centre and width of the pulse as fractions of the length: u = exp(-((x / length - centre) / width)^2 / 2).
     t_end : float

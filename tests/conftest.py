@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 import eig3
+from eig3.kernels.fixed import pointer_kernel
+from eig3.kernels.invariant import invariant_kernel
+from eig3.kernels.protocol import SCALAR, VECTOR
 
 ROOT = Path(__file__).parent.parent
 README_FILES = ("README.md", "bench/README.md", "eig3/analysis/README.md", "eig3/scene/README.md")
@@ -36,6 +39,32 @@ ALL_METHODS = [
 ]
 
 WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity="none")]
+
+
+def compile_kernels(shift=0.0):
+    """Compile every kernel of the library in pointer mode, or load it from disk, from a part of the list onwards."""
+    formulas = dict.fromkeys(method.formulas for method in ALL_METHODS + WITHOUT_VELOCITY)
+    newton = eig3.CentralDifference(solver="newton").formulas
+    kernels = [(each, form) for each in formulas for form in (SCALAR, VECTOR)]
+    kernels += [(newton, form, True) for form in (SCALAR, VECTOR)]
+    first = round(shift * len(kernels))
+    for kernel in kernels[first:] + kernels[:first]:
+        pointer_kernel(*kernel)
+    for form in (SCALAR, VECTOR):
+        invariant_kernel(form)
+
+
+def pytest_sessionstart(session):
+    """Let each worker of pytest-xdist compile its share of the kernels and load the others, which would all be busy
+    with the same kernels if the disk cache is empty."""
+    worker = getattr(session.config, "workerinput", None)
+    if worker:
+        compile_kernels(int(worker["workerid"].removeprefix("gw")) / worker["workercount"])
+
+
+@pytest.fixture(scope="session")
+def compiled_kernels():
+    compile_kernels()
 
 
 @eig3.jit
@@ -73,7 +102,7 @@ def structure(t, u, v, p, a):
 
 @eig3.jit
 def coupled(t, u, v, p, a):
-    """Three masses in a row between walls, with dampers and a force: linear, not symmetric in any trivial way."""
+    """Three masses in a row between walls, with dampers and a force: linear, with different masses and springs."""
     for j in range(3):
         left = u[j - 1] if j > 0 else 0.0
         right = u[j + 1] if j < 2 else 0.0
@@ -101,7 +130,7 @@ def shaken(t):
 
 
 def acceleration(problem, u, v, t=0.0):
-    """What a problem's right-hand side of n degrees of freedom writes; NaN where it writes nothing."""
+    """The accelerations that a problem's right-hand side writes; an entry that it does not write is NaN."""
     a = np.full(np.size(problem.u0), np.nan)
     problem.rhs(t, u, v, np.asarray(problem.params), a)
     return a
@@ -114,7 +143,7 @@ def method(request):
 
 @pytest.fixture(scope="session")
 def users_folder(tmp_path_factory):
-    """Where a user's method is kept: in one place, so that its kernels are compiled once and then loaded from disk."""
+    """The folder of a user's method. All tests share it, so that its kernels are compiled only once."""
     folder = tmp_path_factory.mktemp("user")
     (folder / "symplectic_euler.py").write_text(OWN_METHOD)
     return folder
@@ -122,7 +151,7 @@ def users_folder(tmp_path_factory):
 
 @pytest.fixture
 def symplectic_euler(users_folder, monkeypatch):
-    """The method in the README of the kernels, a user's own."""
+    """The method that the README of the kernels defines."""
     monkeypatch.syspath_prepend(users_folder)
     yield importlib.import_module("symplectic_euler").SymplecticEuler
     del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]

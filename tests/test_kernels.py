@@ -1,4 +1,4 @@
-"""What each kernel computes, against its definition and against its other forms."""
+"""Each kernel, compared with the definition of its method and with its other forms."""
 
 import ctypes
 
@@ -204,13 +204,13 @@ def test_evaluations_a_step_are_those_of_the_record(method):
 
 
 def test_n_rhs_counts_the_calls():
-    """The count the kernels keep is that of calls that really happen, told from inside to Python."""
+    """The kernels count exactly the calls of the right-hand side, which the function reports to Python."""
     calls = []
-    tell = ctypes.CFUNCTYPE(None, ctypes.c_double)(calls.append)
+    report = ctypes.CFUNCTYPE(None, ctypes.c_double)(calls.append)
 
     @eig3.jit
     def counting(t, u, v, p, a):
-        tell(t)
+        report(t)
         a[0] = -u[0] - 0.1 * v[0]
         a[1] = -4 * u[1] - 0.1 * v[0] * v[1]
 
