@@ -102,7 +102,7 @@ class EIG3(Method):
     velocity : {"auto", "explicit", "none"}
         "explicit" allows any force. "none" is for a force that does not depend on the velocity: the set (1, 1/2) then
         computes the same u and v, but reads and writes fewer arrays. A force whose value at the start depends on the
-        velocity is refused. "auto" chooses "none" if the code of the right-hand side never reads its argument v, and
+        velocity is refused. "auto" chooses "none" if the code of the right-hand side never uses its argument v, and
         "explicit" otherwise.
 
     Raises
@@ -158,7 +158,7 @@ class CentralDifference(Method):
         "implicit" solves v = w + h/2 f(t, u, v) at every step, where w is the velocity half a step earlier. It has
         second order for every force. "none" is for a force that does not depend on the velocity: it takes one
         evaluation per step and no solve. A force whose value at the start depends on the velocity is refused. "auto"
-        chooses "none" if the code of the right-hand side never reads its argument v, and "implicit" otherwise.
+        chooses "none" if the code of the right-hand side never uses its argument v, and "implicit" otherwise.
         "lagged" passes w to f in place of v: it is explicit, but only of first order. Use it for comparisons only.
     solver : {"auto", "newton", "fixed-point"}
         How "implicit" solves for v. Newton's method also converges if h df/dv is large. Fixed-point iteration is
