@@ -121,10 +121,6 @@ def nothing(y, c, h, n):
     pass
 
 
-def no_past(u, v, a, h):
-    return ()
-
-
 class Formulas:
     """The names that a method's file defines, with defaults for those that it leaves out.
 

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 import eig3
+from eig3.kernels.fixed import pointer_kernel
+from eig3.kernels.invariant import invariant_kernel
+from eig3.kernels.protocol import SCALAR, VECTOR
 
 ROOT = Path(__file__).parent.parent
 #: The README's fenced blocks, as (language, text).
@@ -32,6 +35,32 @@ ALL_METHODS = [
 ]
 
 WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity="none")]
+
+
+def compile_kernels(shift=0.0):
+    """Compile every kernel of the library in pointer mode, or load it from disk, from a part of the list onwards."""
+    formulas = dict.fromkeys(method.formulas for method in ALL_METHODS + WITHOUT_VELOCITY)
+    newton = eig3.CentralDifference(solver="newton").formulas
+    kernels = [(each, form) for each in formulas for form in (SCALAR, VECTOR)]
+    kernels += [(newton, form, True) for form in (SCALAR, VECTOR)]
+    first = round(shift * len(kernels))
+    for kernel in kernels[first:] + kernels[:first]:
+        pointer_kernel(*kernel)
+    for form in (SCALAR, VECTOR):
+        invariant_kernel(form)
+
+
+def pytest_sessionstart(session):
+    """Let each worker of pytest-xdist compile its share of the kernels and load the others, which would all be busy
+    with the same kernels if the disk cache is empty."""
+    worker = getattr(session.config, "workerinput", None)
+    if worker:
+        compile_kernels(int(worker["workerid"].removeprefix("gw")) / worker["workercount"])
+
+
+@pytest.fixture(scope="session")
+def compiled_kernels():
+    compile_kernels()
 
 
 @eig3.jit

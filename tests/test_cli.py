@@ -45,6 +45,14 @@ def test_the_command_is_installed():
     assert result.stdout == f"eig3 {eig3.__version__}\n"
 
 
+@pytest.mark.parametrize("command", ["run", "plan"])
+def test_help_lists_the_problems(command, capsys):
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    printed = "".join(capsys.readouterr().out.split())
+    assert ",".join(eig3.problems.__all__) in printed
+
+
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_every_benchmark_is_listed_and_describes_itself(name, capsys):
     for arguments, expected in ((["bench", "--help"], f"\n    {name} "), (["bench", name, "--help"], "options:")):

@@ -35,7 +35,25 @@ def test_every_effect_is_there():
         assert {type(effect) for effect in scene_pairs.catalogue(3, strength)} == known
 
 
+@pytest.mark.parametrize("pair", scene_pairs.SCENE_PAIRS, ids=lambda pair: pair.title)
+def test_another_effect_in_the_catalogue_changes_no_instruction(pair, monkeypatch):
+    monkeypatch.setattr(scenes, "SCENE_PAIRS", (pair,))
+    ((_, by_hand, before, after, same),) = scenes.instructions()
+    assert int(by_hand) > 20
+    assert int(before) == int(after) > 20
+    assert same == "yes"
+
+
 def test_the_command(tmp_path, monkeypatch):
+    """With one scene, and three effects in the catalogue: each is compiled for every table that it is in."""
+
+    def few(dimension, strength):
+        chosen = (effects.Gravity, effects.LinearSpring, effects.SofteningSpring)
+        return (effect for effect in catalogue(dimension, strength) if isinstance(effect, chosen))
+
+    catalogue = scene_pairs.catalogue
+    monkeypatch.setattr(scene_pairs, "catalogue", few)
+    monkeypatch.setattr(scenes, "SCENE_PAIRS", scene_pairs.SCENE_PAIRS[:1])
     monkeypatch.setattr(scenes, "_SECONDS", 1e-4)
     lines = []
     scenes.benchmark(repeats=1, out=tmp_path, write=lines.append)

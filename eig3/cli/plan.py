@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 
 from ..options import add_methods
-from .problem import builder
+from .problem import add_problem, builder
 
 SUMMARY = "predict which method reaches a given accuracy fastest"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("problem", help="a problem of eig3.problems, such as spring_pendulum")
+    add_problem(parser)
     parser.add_argument("--accuracy", type=float, required=True, help="the largest relative error, such as 1e-4")
     parser.add_argument(
         "--metric",

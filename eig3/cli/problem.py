@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 
 from ..problem import Problem
+
+
+def add_problem(parser: argparse.ArgumentParser) -> None:
+    """Add the argument, with the names of all problems in its help."""
+    from .. import problems
+
+    parser.add_argument("problem", metavar="PROBLEM", help=f"one of {', '.join(problems.__all__)}")
 
 
 def builder(name: str, command: str) -> Callable[..., Problem]:

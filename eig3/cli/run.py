@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 
 from ..options import add_out
-from .problem import builder
+from .problem import add_problem, builder
 
 SUMMARY = "integrate a problem; report its energy balance, write its history and a picture"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("problem", help="a problem of eig3.problems, such as quarter_car")
+    add_problem(parser)
     parser.add_argument(
         "--h", type=float, help="the step, s (default: the problem's own, or else at most a tenth of the critical step)"
     )
