@@ -98,7 +98,7 @@ class EIG3(Method):
         Weights of a_n - a_{n-1} in the displacement and in the velocity. The order is 2 if beta is 1/2, and 1
         otherwise. For an undamped oscillator of frequency omega, the set (1, 1/2) has no numerical damping and, of all
         second-order sets, the largest stable step, h < 2 / omega. With beta = 1/2, a larger alpha damps the high
-        frequencies numerically, and a smaller alpha makes every step unstable unless the system has damping of its own.
+        frequencies numerically, and a smaller alpha makes every step unstable unless the system itself is damped.
     velocity : {"auto", "explicit", "none"}
         "explicit" allows any force. "none" is for a force that does not depend on the velocity: the set (1, 1/2) then
         computes the same u and v, but reads and writes fewer arrays. A force whose value at the start depends on the
