@@ -37,7 +37,8 @@ class At(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arguments of a method that solves equations: the jacobian or None, the tally, and an n x n matrix or None."""
+    """Arguments of a method that solves equations: the jacobian or None, the tally, and, for n degrees of freedom, an
+    n x n matrix."""
 
     jacobian: Any
     tally: Any
