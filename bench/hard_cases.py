@@ -19,9 +19,7 @@ from .article import TABLES
 from .options import METHOD_NAMES
 
 _ROWS = 2**18  # of a chunk
-_DECAYED = (
-    1e-100  # no round-off is left from which an unstable mode could grow; subnormal numbers take 100 times longer
-)
+_DECAYED = 1e-100  # no round-off is left that could grow, and steps of subnormal numbers take 100 times longer
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def test_hardening_stiffens_with_the_state():
         assert found.limit == pytest.approx(2 / found.omega_max, rel=1e-6)
 
 
-def test_time_of_the_state_is_told_to_rhs():
+def test_rhs_gets_the_time_of_the_state():
     @eig3.jit
     def aging(t, u, v, p):
         return -(1 + t) * u
@@ -506,7 +506,7 @@ def test_a_beam_in_metres_and_radians(inertia, mass, stiffness):
         assert found.limit == pytest.approx(limit(method, mass + stiffness) / highest, rel=5e-3)
 
 
-def test_the_mode_told_is_the_one_that_limits():
+def test_the_reported_mode_is_the_one_that_limits_the_step():
     """Central difference is limited by the stiff mode, not by the fast decay of the other."""
     K, C = np.diag([1.0, 100.0]), np.array([[30.0, 0.1], [0.1, 0.0]])
     found = critical(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(2), np.zeros(2), eig3.CentralDifference())
@@ -632,7 +632,7 @@ GOOD = {"rhs": oscillator, "u0": 1.0, "v0": 0.0, "params": (2.0, 0.0)}
         ({"rhs": lonely, "u0": 0.0}, ValueError, "rhs is not finite close to this state; give another."),
     ],
 )
-def test_bad_input_is_told_in_a_sentence(change, error, message):
+def test_bad_input_raises_one_sentence(change, error, message):
     with pytest.raises(error) as caught:
         critical_step(**{**GOOD, **change})
     text = str(caught.value)
@@ -647,7 +647,7 @@ def test_no_critical_step_is_a_value_error():
 
 @pytest.mark.parametrize("method", ["eig3", "rk4"])
 def test_an_equilibrium_of_large_forces_has_the_step_of_the_states_beside_it(method):
-    """What is left of forces that cancel is round-off, and tells nothing of their size."""
+    """What is left of forces that cancel is round-off, and says nothing about their size."""
     car = problems.quarter_car()
     at_rest = car.critical_step(method=method).limit
     beside = critical_step(car.rhs, car.u0 + 1e-3, car.v0, car.params, method=method).limit

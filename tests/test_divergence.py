@@ -56,7 +56,7 @@ def tried_step_holds(run, rhs, u0, v0, params):
     ],
     ids=lambda value: repr(value).partition(", jacobian")[0],
 )
-def test_a_linear_run_is_told_its_limit_and_a_step_that_holds(rhs, u0, method, xi, h):
+def test_a_linear_run_reports_its_limit_and_a_stable_step(rhs, u0, method, xi, h):
     v0 = np.zeros_like(u0)
     run = integrate(rhs, (0, 1e5 * h), u0, v0, h=h, params=(OMEGA, xi), method=method)
     assert run.status is eig3.Status.DIVERGED
@@ -64,13 +64,13 @@ def test_a_linear_run_is_told_its_limit_and_a_step_that_holds(rhs, u0, method, x
     assert run.explain().startswith(f"The run became non-finite at t = {run.t[-1] + run.h:g}")
     assert ("in degree of freedom" in run.explain()) == (np.ndim(u0) == 1)
     assert f", with h = {run.h:g}: the critical step of {method!r} is " in run.explain()
-    told = said(r" is ([\d.]+) from t = 0 to ", run.explain())
-    assert told == pytest.approx(limit(method, xi) / OMEGA, rel=1e-3)  # four digits of it
+    reported = said(r" is ([\d.]+) from t = 0 to ", run.explain())
+    assert reported == pytest.approx(limit(method, xi) / OMEGA, rel=1e-3)  # four digits of it
     assert said(r"\(omega = ([\d.]+), xi", run.explain()) == pytest.approx(OMEGA, rel=1e-3)
     assert said(r", xi = ([\d.e+-]+)\)", run.explain()) == pytest.approx(xi, abs=1e-6)
     step, largest = tried_step_holds(run, rhs, u0, v0, (OMEGA, xi))
     # rounded down to three digits
-    assert 0.99 * 0.9 * min(told, run.h) <= step <= 0.9 * min(told, run.h) * 1.001
+    assert 0.99 * 0.9 * min(reported, run.h) <= step <= 0.9 * min(reported, run.h) * 1.001
     # at 0.9 of the limit the principal pair of CD, 1/sqrt(1 - 0.81) = 2.3, is the most that an undamped motion comes to
     assert largest < 3 * np.max(u0)
 
@@ -101,7 +101,7 @@ def test_a_method_without_a_stable_step_says_so(method):
     run = integrate(oscillator, (0, 1e4), 1.0, 0.0, h=0.5, params=(OMEGA, 0.0), method=method)
     assert run.status is eig3.Status.DIVERGED
     assert f"{run.method!r} is unstable at every step for this system, with a mode of omega = 3 and xi" in run.explain()
-    assert run.explain().endswith("such as 'eig3', 'cd', 'rk4'.")  # and no step is told to hold
+    assert run.explain().endswith("such as 'eig3', 'cd', 'rk4'.")  # and no step is called stable
     # the growth of the roots, from one to the largest number there is
     radius = spectral_radius(method, OMEGA * run.h)
     assert run.n_steps == pytest.approx(math.log(sys.float_info.max) / math.log(radius), rel=0.01)
@@ -118,7 +118,7 @@ def test_eig3_on_a_gyroscope_is_sent_to_others():
 
 
 @pytest.mark.parametrize("method", ["eig3", "cd", "rk4", "ab3"])
-def test_hardening_is_told_at_both_ends(method):
+def test_hardening_reports_the_limit_at_both_ends(method):
     """At the start omega^2 = 9 (1 + 3 u^2); once the step was too long it is larger."""
     run = integrate(hardening, (0, 1e3), 3.0, 0.0, h=0.4, params=9.0, method=method)
     assert run.status is eig3.Status.DIVERGED
@@ -144,7 +144,7 @@ def test_a_run_that_grows_into_instability_holds_with_the_step_named():
 
 
 @pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
-def test_a_solution_that_is_unbounded_itself_is_told_as_such(method):
+def test_a_solution_that_is_itself_unbounded_is_reported_as_such(method):
     """u'' = 6 u^2 from 1 and 2: u = 1 / (1 - t)^2 is infinite at t = 1."""
 
     @eig3.jit
@@ -188,7 +188,7 @@ def test_a_force_that_leaves_its_domain_does_not_hide_a_step_that_is_too_long(li
     tried_step_holds(run, rhs, 1e-3, 0.0, ())
 
 
-def test_a_system_that_stiffens_on_its_way_is_told_the_step_for_the_end():
+def test_a_system_that_stiffens_during_the_run_reports_the_step_for_the_end():
     @eig3.jit
     def stiffens(t, u, v, p):
         return -u * (1 + 1e6 * (t > 50))
@@ -242,7 +242,7 @@ def test_slow_growth_is_noted_with_its_size(method, rate, h, save_every):
 
 
 def test_small_growth_is_noted_down_to_its_threshold():
-    """RK2 adds N Omega^4/4 to the energy, of which 1e-6 is told."""
+    """RK2 adds N Omega^4/4 to the energy, and a growth of 1e-6 is reported."""
     for h, noted in ((0.0003, True), (0.0002, False)):
         growth = (4 * h) ** 4 / 4 * 1000 / h
         assert (growth > 1e-6) is noted
@@ -267,7 +267,7 @@ def test_eig3_on_a_gyroscope_is_noted():
 def test_growth_on_the_softening_spring_is_noted(method):
     run = problems.softening_spring().integrate(h=1e-3, method=method, save_every=None)
     finer = problems.softening_spring().integrate(h=5e-4, method=method, save_every=None)
-    # of third order in h, as a rate of h^4 a step; the energy is 331, the growth is 1e-4 of it, told in two digits
+    # of third order in h, as a rate of h^4 a step; the energy is 331, the growth is 1e-4 of it, reported to two digits
     assert noted_growth(run) / noted_growth(finer) == pytest.approx(8, rel=0.1)
 
 
@@ -370,7 +370,7 @@ def test_an_invariant_that_is_not_a_number_is_not_noted():
     assert run.notes == ()
 
 
-def test_a_run_that_fails_is_told_by_its_message_only():
+def test_a_failed_run_is_reported_by_its_message_only():
     run = problems.single_dof().integrate(h=0.5, method="rk2")
     assert run.status is eig3.Status.DIVERGED
     assert run.notes == ()

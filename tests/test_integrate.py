@@ -1,4 +1,4 @@
-"""eig3.integrate: what is saved, followed, told and refused."""
+"""eig3.integrate: what is saved, followed, reported and refused."""
 
 import contextlib
 import os
@@ -118,7 +118,7 @@ def undefined_later(t, u, v, p):
     return np.nan if 1 < t < 2 else 0.0
 
 
-def test_invariant_that_is_not_a_number_is_told():
+def test_invariant_that_becomes_nan_has_a_drift_of_nan():
     assert np.isnan(oscillate(invariants={"e": undefined_later}, save_every=3).drift["e"])
 
 
@@ -197,7 +197,7 @@ def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_i
     assert remedy in run.explain()
 
 
-def test_a_right_hand_side_that_gives_nan_is_told_from_instability():
+def test_a_nan_of_the_right_hand_side_is_distinguished_from_instability():
     @eig3.jit
     def undefined(t, u, v, p):
         return np.sqrt(0.5 - t)
@@ -569,7 +569,7 @@ GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "pa
         ),
     ],
 )
-def test_bad_input_is_told_in_a_sentence(change, error, message):
+def test_bad_input_raises_one_sentence(change, error, message):
     with pytest.raises(error) as caught:
         integrate(**{**GOOD, **change})
     text = str(caught.value)
@@ -614,7 +614,7 @@ def test_history_that_does_not_fit_is_refused_with_the_save_every_that_would(mon
     assert 24 * len(run.t) <= 24e6
 
 
-def test_memory_available_is_told():
+def test_available_memory_is_known():
     assert 1e6 < memory.available_memory() < 1e15
 
 

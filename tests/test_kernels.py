@@ -204,13 +204,13 @@ def test_evaluations_a_step_are_those_of_the_record(method):
 
 
 def test_n_rhs_counts_the_calls():
-    """The count the kernels keep is that of calls that really happen, told from inside to Python."""
+    """The kernels' count equals the number of calls, which the right-hand side itself reports to Python."""
     calls = []
-    tell = ctypes.CFUNCTYPE(None, ctypes.c_double)(calls.append)
+    report = ctypes.CFUNCTYPE(None, ctypes.c_double)(calls.append)
 
     @eig3.jit
     def counting(t, u, v, p, a):
-        tell(t)
+        report(t)
         a[0] = -u[0] - 0.1 * v[0]
         a[1] = -4 * u[1] - 0.1 * v[0] * v[1]
 

@@ -30,7 +30,7 @@ def test_a_name_is_not_taken_twice():
     assert eig3.METHODS["rk2"] is eig3.RK2
 
 
-def test_a_kernel_file_that_lacks_something_is_told():
+def test_an_incomplete_kernel_file_is_refused():
     @dataclass(frozen=True)
     class Incomplete(eig3.Method):
         kernel: ClassVar[str] = "eig3.kernels.march"
@@ -39,7 +39,7 @@ def test_a_kernel_file_that_lacks_something_is_told():
         _ = Incomplete().formulas
 
 
-def test_every_record_is_hashable_and_tells_what_it_is():
+def test_every_record_is_hashable_and_describes_itself():
     for record in eig3.METHODS.values():
         method = record()
         assert hash(method) == hash(record())

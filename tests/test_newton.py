@@ -48,7 +48,7 @@ def test_ldu_needs_both_permutations():
 
 
 @pytest.mark.parametrize("matrix", [np.zeros((2, 2)), np.ones((3, 3)), np.diag([1.0, 0.0, 2.0])])
-def test_ldu_tells_a_singular_matrix(matrix):
+def test_ldu_detects_a_singular_matrix(matrix):
     assert not solve(matrix.copy(), np.ones(len(matrix)))
 
 
@@ -93,7 +93,7 @@ def test_jacobian_gives_the_same_run_for_fewer_evaluations(rhs, jacobian, u0, v0
 
 
 def test_newton_holds_where_fixed_point_fails():
-    """h xi omega = 5: the fixed point repels, Newton does not mind."""
+    """h xi omega = 5: the fixed-point iteration diverges, Newton's method converges."""
     options = {"h": 0.1, "params": (1.0, 50.0)}
     newton = eig3.integrate(oscillator, (0, 10), 1.0, 0.0, method=eig3.CentralDifference(), **options)
     assert newton.success
@@ -108,7 +108,7 @@ def rough(t, u, v, p):
     return 0.0 if t < 1 else 1e6 * np.sin(1e9 * v)
 
 
-def test_not_converged_tells_time_and_residual():
+def test_not_converged_reports_time_and_residual():
     method = eig3.CentralDifference(max_iterations=5)
     run = eig3.integrate(rough, (0, 2), 1.0, 1.0, h=0.01, method=method)
     assert run.status is eig3.Status.NOT_CONVERGED
@@ -126,7 +126,7 @@ def singular_jacobian(t, u, v, p, J):
     J[0, 0] = J[1, 1] = 256.0  # I - h/2 J is exactly 0 for h = 1/128
 
 
-def test_singular_jacobian_is_told():
+def test_singular_jacobian_is_reported():
     method = eig3.CentralDifference(jacobian=singular_jacobian)
     run = eig3.integrate(drag, (0, 1), [1.0, 0.0], [0.0, 1.0], h=1 / 128, params=1.0, method=method)
     assert run.status is eig3.Status.NOT_CONVERGED

@@ -57,7 +57,7 @@ def test_energy_is_a_metric():
     assert "energy" in plan.run().drift
 
 
-def test_a_step_limited_by_stability_is_told_and_stable():
+def test_a_step_limited_by_stability_is_reported_and_stable():
     problem = problems.elastic_bar(n=100, width=0.2, t_end=1e-3)
     (prediction,) = eig3.plan(problem, 0.1, methods=["rk4"]).predictions
     assert prediction.note == "the step is limited by stability"
@@ -65,7 +65,7 @@ def test_a_step_limited_by_stability_is_told_and_stable():
     assert achieved(prediction, problem) < 0.1
 
 
-def test_chaos_is_told():
+def test_a_chaotic_motion_does_not_reach_the_accuracy():
     plan = eig3.plan(problems.spring_pendulum(r0=1.5, theta0=2.5, t_end=3e4), 1e-6, methods=["eig3"])
     assert not plan.predictions[0].reaches
     with pytest.raises(ValueError, match=r"accuracy 1e-06 is not reached by any method of this plan \(EIG-3: "):
@@ -73,7 +73,7 @@ def test_chaos_is_told():
     assert "not reached: " in repr(plan)
 
 
-def test_round_off_is_told():
+def test_an_accuracy_below_round_off_is_not_reached():
     plan = eig3.plan(problems.single_dof(t_end=100.0), 1e-14, methods=["rk4"])
     assert not plan.predictions[0].reaches
 
@@ -189,7 +189,7 @@ def test_a_record_is_shown_where_its_name_stands_for_another():
         ({"methods": []}, ValueError, "methods must name at least one method."),
     ],
 )
-def test_bad_input_is_told_in_a_sentence(change, error, message):
+def test_bad_input_raises_one_sentence(change, error, message):
     arguments = {"problem": problems.single_dof(), "accuracy": 1e-3, **change}
     with pytest.raises(error) as caught:
         eig3.plan(arguments.pop("problem"), arguments.pop("accuracy"), **arguments)

@@ -235,7 +235,7 @@ def test_motions_that_are_not_linear_go_back_to_their_start(method):
 
 
 def test_runge_kutta_does_not_go_back():
-    """The property above tells reversible methods from others."""
+    """The property above distinguishes reversible methods from others."""
     spring = problems.hardening_spring(t_end=15.0)
     run = spring.integrate(h=1e-3, method="rk2")
     back = integrate(spring.rhs, (0, 15.0), run.u[-1], -run.v[-1], h=1e-3, params=spring.params, method="rk2")

@@ -103,7 +103,7 @@ def test_rows_of_masses_show_their_field(name):
         assert image.colorbar.ax.get_ylabel().startswith(quantity)
 
 
-def test_a_long_run_shows_periods_that_can_be_told_apart():
+def test_a_long_run_shows_periods_that_can_be_distinguished():
     figure, _ = drawn(problems.single_dof(), h=0.01, save_every=10)
     low, high = drawing.time_panels(figure)[0].get_xlim()
     assert (high - low) * 4.0 / (2 * np.pi) == pytest.approx(25, abs=1)  # omega = 4 rad/s

@@ -1,4 +1,4 @@
-"""What eig3.stability tells of each method, against closed forms and against runs."""
+"""What eig3.stability finds for each method, against closed forms and against runs."""
 
 import math
 import re
@@ -193,9 +193,9 @@ def margins(Omega, alpha, beta):
 
 
 def test_stable_region_of_eig3_is_that_of_its_inequalities():
-    """Of 12 000 points, all but those too near to a boundary to tell.
+    """12 000 points, without those that are too close to a boundary to decide.
 
-    A point is told wrongly where a root z is as near to the unit circle as the 1e-11 that is_stable allows. Then one of
+    A point is judged wrongly where a root z is as near to the unit circle as the 1e-11 that is_stable allows. Then one of
     the margins, which are products of factors 1 - z_i z_j and 1 + z_i (over s >= 0.01 in the third), is below
     2e-11 (1 + R^2)^2 / s for roots up to R. Here R < 40, and 1e-2 is more than that.
     """
@@ -204,14 +204,14 @@ def test_stable_region_of_eig3_is_that_of_its_inequalities():
     alpha[::4], beta[::4] = random.uniform(1, 2.5, 100), random.uniform(0.5, 0.9, 100)  # where most of it is stable
     Omega = np.sqrt(random.uniform(0.01, 6, (30, 1)))
     quantities = margins(Omega, alpha, beta)
-    told = (np.abs(quantities) > 1e-2).all(axis=0)
+    decided = (np.abs(quantities) > 1e-2).all(axis=0)
     expected = (quantities > 0).all(axis=0)
     region = stable_region(Omega, alpha, beta)
     assert region.shape == (30, 400)
-    assert told.mean() > 0.95
+    assert decided.mean() > 0.95
     assert 0.1 < expected.mean() < 0.9
-    assert (quantities[:, told] <= 0).any(axis=1).all()  # each inequality is violated somewhere
-    np.testing.assert_array_equal(region[told], expected[told])
+    assert (quantities[:, decided] <= 0).any(axis=1).all()  # each inequality is violated somewhere
+    np.testing.assert_array_equal(region[decided], expected[decided])
     assert max(spectral_radius(eig3.EIG3(a, b), Omega).max() for a, b in zip(alpha[:40], beta[:40], strict=True)) < 40
 
 
@@ -506,7 +506,7 @@ def test_omega_must_be_positive(function, Omega):
         lambda: damping_ratio("euler", 1.0),
     ],
 )
-def test_an_unknown_method_is_told(call):
+def test_an_unknown_method_is_refused(call):
     with pytest.raises(ValueError, match="method must be one of 'eig3', 'cd', 'rk2'"):
         call()
 
@@ -558,7 +558,7 @@ def check_words(method):
     assert [float(xi) for _, xi in limits] == [0.01, 0.1, 0.5, 1.0]
     for value, xi in limits:
         assert float(value) == pytest.approx(limit(method, float(xi)), rel=1e-5)  # of six digits printed
-    # a term is told to four digits or as a fraction; at 0.01 the next one is 1e-4 of it, times ten
+    # a term is given to four digits or as a fraction; at 0.01 the next one is 1e-4 of it, times ten
     if "no numerical damping" in damping:
         assert abs(damping_ratio(free, 0.3)) < 1e-9
     else:
@@ -577,16 +577,16 @@ def check_words(method):
     return text
 
 
-def test_every_method_is_told_in_words(method):
+def test_every_method_is_explained_in_words(method):
     check_words(method)
 
 
 @pytest.mark.parametrize(("alpha", "beta"), SETS)
-def test_every_set_of_eig3_is_told_in_words(alpha, beta):
+def test_every_set_of_eig3_is_explained_in_words(alpha, beta):
     check_words(eig3.EIG3(alpha, beta))
 
 
-def test_leading_terms_are_told_as_fractions():
+def test_leading_terms_are_given_as_fractions():
     for method, *terms in LEADING:
         text = explain(method)
         for one in filter(None, terms):
@@ -597,7 +597,7 @@ def test_leading_terms_are_told_as_fractions():
             )
 
 
-def test_a_users_method_is_told_in_words(symplectic_euler):
+def test_a_users_method_is_explained_in_words(symplectic_euler):
     """Symplectic Euler has leapfrog's roots undamped, and lagged central difference's limit damped."""
     text = check_words(symplectic_euler())
     assert check_words("symplectic-euler") == text
