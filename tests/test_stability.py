@@ -195,8 +195,8 @@ def margins(Omega, alpha, beta):
 def test_stable_region_of_eig3_is_that_of_its_inequalities():
     """12 000 points, without those that are too close to a boundary to decide.
 
-    A point is judged wrongly where a root z is as near to the unit circle as the 1e-11 that is_stable allows. Then one of
-    the margins, which are products of factors 1 - z_i z_j and 1 + z_i (over s >= 0.01 in the third), is below
+    A point is judged wrongly where a root z is as near to the unit circle as the 1e-11 that is_stable allows. Then one
+    of the margins, which are products of factors 1 - z_i z_j and 1 + z_i (over s >= 0.01 in the third), is below
     2e-11 (1 + R^2)^2 / s for roots up to R. Here R < 40, and 1e-2 is more than that.
     """
     random = np.random.default_rng(7)
