@@ -98,11 +98,11 @@ class EIG3(Method):
         Weights of a_n - a_{n-1} in the displacement and in the velocity. The order is 2 if beta is 1/2, and 1
         otherwise. For an undamped oscillator of frequency omega, the set (1, 1/2) has no numerical damping and, of all
         second-order sets, the largest stable step, h < 2 / omega. With beta = 1/2, a larger alpha damps the high
-        frequencies numerically, and a smaller alpha makes every step unstable unless the system has damping of its own.
+        frequencies numerically, and a smaller alpha makes every step unstable unless the system itself is damped.
     velocity : {"auto", "explicit", "none"}
         "explicit" allows any force. "none" is for a force that does not depend on the velocity: the set (1, 1/2) then
         computes the same u and v, but reads and writes fewer arrays. A force whose value at the start depends on the
-        velocity is refused. "auto" chooses "none" if the code of the right-hand side never reads its argument v, and
+        velocity is refused. "auto" chooses "none" if the code of the right-hand side never uses its argument v, and
         "explicit" otherwise.
 
     Raises
@@ -158,7 +158,7 @@ class CentralDifference(Method):
         "implicit" solves v = w + h/2 f(t, u, v) at every step, where w is the velocity half a step earlier. It has
         second order for every force. "none" is for a force that does not depend on the velocity: it takes one
         evaluation per step and no solve. A force whose value at the start depends on the velocity is refused. "auto"
-        chooses "none" if the code of the right-hand side never reads its argument v, and "implicit" otherwise.
+        chooses "none" if the code of the right-hand side never uses its argument v, and "implicit" otherwise.
         "lagged" passes w to f in place of v: it is explicit, but only of first order. Use it for comparisons only.
     solver : {"auto", "newton", "fixed-point"}
         How "implicit" solves for v. Newton's method also converges if h df/dv is large. Fixed-point iteration is

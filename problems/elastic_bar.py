@@ -80,7 +80,7 @@ def elastic_bar(
         energy_unit="1/s^2",
         exact=standing_waves(u0, lumped_frequencies(n, length, wave_speed), np.zeros(n)),
         continuum=travelling_waves(x * length, length, wave_speed, centre, width),
-        source="d'Alembert; the lumped frequencies are those of Lagrange's loaded string",
+        source="d'Alembert; the lumped frequencies are from Lagrange's loaded string",
         draw=drawing_of_bar(x * length),
     )
 

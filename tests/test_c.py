@@ -39,9 +39,10 @@ def test_a_method_that_is_not_in_c_is_refused():
 @needs_compiler
 def test_table_has_every_ratio(capsys, monkeypatch):
     monkeypatch.setattr(loops, "N_STEPS", 1000)
+    monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[::3])  # one number, and a pair of numbers
     assert main(["bench", "c", "--method", "eig3", "--repeats", "1"]) == 0
     rows = [line for line in capsys.readouterr().out.splitlines() if "EIG-3" in line]
-    assert len(rows) == 4
+    assert len(rows) == 2
     assert all(" - " not in row for row in rows)
 
 

@@ -39,7 +39,7 @@ def test_a_kernel_file_that_lacks_a_name_is_refused():
         _ = Incomplete().formulas
 
 
-def test_every_record_is_hashable_and_tells_what_it_is():
+def test_every_record_is_hashable_and_describes_itself():
     for record in eig3.METHODS.values():
         method = record()
         assert hash(method) == hash(record())

@@ -48,7 +48,7 @@ def test_ldu_needs_both_permutations():
 
 
 @pytest.mark.parametrize("matrix", [np.zeros((2, 2)), np.ones((3, 3)), np.diag([1.0, 0.0, 2.0])])
-def test_ldu_tells_a_singular_matrix(matrix):
+def test_ldu_detects_a_singular_matrix(matrix):
     assert not solve(matrix.copy(), np.ones(len(matrix)))
 
 
@@ -108,7 +108,7 @@ def rough(t, u, v, p):
     return 0.0 if t < 1 else 1e6 * np.sin(1e9 * v)
 
 
-def test_not_converged_tells_time_and_residual():
+def test_not_converged_reports_time_and_residual():
     method = eig3.CentralDifference(max_iterations=5)
     run = eig3.integrate(rough, (0, 2), 1.0, 1.0, h=0.01, method=method)
     assert run.status is eig3.Status.NOT_CONVERGED

@@ -8,7 +8,7 @@ import pytest
 
 import eig3
 from eig3 import problems
-from eig3.bench import loops, paper, plan, precision, report, rivals
+from eig3.bench import loops, paper, plan, precision, report, rivals, sweep
 from eig3.bench.article import TABLES
 from eig3.bench.precision import reach
 from eig3.bench.problem_set import PROBLEM_SET, BenchmarkProblem
@@ -160,7 +160,10 @@ def test_a_miss_says_what_is_outside_its_range():
 
 @pytest.mark.usefixtures("small")
 def test_report_is_one_page_that_holds_its_pictures(tmp_path, monkeypatch):
+    """With one rival and one problem beside C: others would add rows, and seconds of compiling."""
+    monkeypatch.setattr(sweep, "RIVALS", {"scipy rk45": rivals.RIVALS["scipy rk45"]})
     monkeypatch.setattr(loops, "N_STEPS", 500)
+    monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[:1])
     monkeypatch.setattr(paper, "TABLES", [table for table in TABLES if table.number == 4])
     monkeypatch.setattr(paper, "steps_of", lambda table, quick: table.steps[:2])
     options = ["--method", "eig3", "--method", "rk4", "--repeats", "1", "--problem", "elastic_bar"]

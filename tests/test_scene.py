@@ -83,9 +83,21 @@ def topologies(draw):
     return dimension, is_fixed, pairs, draw(st.booleans()), draw(st.booleans()), rng
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(topologies())
 def test_a_scene_is_the_sum_of_its_effects(topology):
+    check_sum(topology, lambda problem: problem.rhs)
+
+
+@settings(max_examples=60, deadline=None)
+@given(topologies())
+def test_the_code_of_a_scene_is_the_sum_of_its_effects(topology):
+    """As Python runs it, which takes no time to compile: more scenes than above."""
+    check_sum(topology, lambda problem: problem.rhs.py_func)
+
+
+def check_sum(topology, rhs_of):
+    """Compare a right-hand side with the forces of each pair of points, added one by one."""
     dimension, is_fixed, pairs, same_masses, same_springs, rng = topology
     n = is_fixed.size
     masses = np.ones(n) * 1.7 if same_masses else rng.uniform(0.5, 2, n)
@@ -120,7 +132,8 @@ def test_a_scene_is_the_sum_of_its_effects(topology):
     field = np.arange(1.0, dimension + 1)
     scene.add(Gravity(field))
     problem = scene.problem((0.0, 1.0))
-    found = acceleration(problem, problem.u0, problem.v0, t=0.25)
+    found = np.full(problem.u0.size, np.nan)
+    rhs_of(problem)(0.25, problem.u0, problem.v0, problem.params, found)
     expected = (total.force / masses[:, None] + field)[~is_fixed].T.ravel()
     # sums of up to some 80 terms of size 10, in another order
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)

@@ -15,7 +15,7 @@ from .chunk import Chunk
 _PARTS = 16  # number of parts of a run; a growth is steady if the invariant grows from each part to the next
 _NOTABLE = 1e-6  # least growth over the run that is noted, relative to the invariant
 _VISIBLE = 0.1  # least growth over the run that is noted, relative to the oscillation of the invariant in a part
-_FAST = 1e3  # a growth that is larger than this is no slow instability
+_FAST = 1e3  # a growth above this is not called slow
 
 
 class Watch:
@@ -83,7 +83,7 @@ class Watch:
         return growth / size if growth > max(_NOTABLE * size, _VISIBLE * np.median(width)) else 0.0
 
     def note(self, method: Method) -> str:
-        """A sentence on the steady growth."""
+        """Return a sentence about the steady growth."""
         growth = self.growth
         amount = f"by {100 * growth:.2g} %" if growth < 1 else f"to {1 + growth:.3g} times its size"
         amount = amount if math.isfinite(growth) else "beyond the largest floating-point number,"
