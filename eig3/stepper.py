@@ -242,9 +242,19 @@ class Stepper:
         return tuple(notes)
 
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
-        """Evaluate f(t, u, v): a float, or a new array of shape (n,)."""
+        """Evaluate f(t, u, v): a float, or a new array of shape (n,).
+
+        Raises
+        ------
+        ValueError
+            If u or v has another shape than u0.
+        """
+        # The compiled function would read any other array as if it were a contiguous one of this size.
+        u, v = (np.ascontiguousarray(x, dtype=np.float64).reshape(np.shape(x)) for x in (u, v))
+        if not u.shape == v.shape == np.shape(self.start[0]):
+            raise ValueError(f"u and v must have the shape of u0, {np.shape(self.start[0])}, not {u.shape}, {v.shape}.")
         if self.form is SCALAR:
-            return self._callback.call(t, u, v, self.params)
+            return self._callback.call(float(t), float(u), float(v), self.params)
         a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
         self._callback.call(t, u, v, self.params, a)
         return a

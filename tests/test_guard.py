@@ -87,3 +87,12 @@ def test_a_negative_index_counts_from_the_end_as_in_python():
     assert run.success
     with pytest.raises(ValueError, match=r"beyond the end of v"):
         integrate(before_v, (0, 1), h=0.1, params=-1.0, **PAIR)
+
+
+def test_an_acceleration_takes_any_array_of_the_right_shape():
+    stepper = eig3.Stepper(stiff_vector, h=0.1, params=2.0, **PAIR)
+    np.testing.assert_array_equal(stepper.acceleration(0, np.arange(4.0)[::2], [0, 0]), [0.0, -4.0])
+    np.testing.assert_array_equal(stepper.acceleration(0.0, np.array([1, 2]), np.zeros(2)), [-2.0, -4.0])
+    with pytest.raises(ValueError, match=r"must have the shape of u0, \(2,\), not \(3,\)"):
+        stepper.acceleration(0.0, np.zeros(3), np.zeros(2))
+    assert eig3.Stepper(stiff, 1.0, 0.0, h=0.1, params=2.0).acceleration(0, 3, 1) == -6.0
