@@ -242,7 +242,7 @@ class Stepper:
         return tuple(notes)
 
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
-        """f(t, u, v): a float, or a new array of shape (n,).
+        """Evaluate f(t, u, v): a float, or a new array of shape (n,).
 
         Raises
         ------
@@ -255,7 +255,7 @@ class Stepper:
             raise ValueError(f"u and v must have the shape of u0, {np.shape(self.start[0])}, not {u.shape}, {v.shape}.")
         if self.form is SCALAR:
             return self._callback.call(float(t), float(u), float(v), self.params)
-        a = np.full(u.size, np.nan)  # an entry that rhs forgets to write shows as not finite
+        a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
         self._callback.call(t, u, v, self.params, a)
         return a
 
