@@ -9,6 +9,9 @@ from typing import Any, ClassVar
 
 from .kernels.fixed import Formulas, formulas
 
+#: Degrees of freedom up to which "auto" changes to Newton's method. An iteration takes n + 1 evaluations there.
+_MOST_DIFFERENCES = 64
+
 #: The record class of every method, by its short name. A class is added here when it is defined.
 METHODS: dict[str, Any] = {}
 
@@ -73,9 +76,8 @@ class Method:
         """Return the record that takes the steps for n degrees of freedom, with every option "auto" decided."""
         return self
 
-    @property
-    def fallback(self) -> "Method | None":
-        """The record that takes over from the first step whose solve does not converge; None if there is none."""
+    def fallback(self, n: int) -> "Method | None":
+        """Return the record that takes over where the solve of a step does not converge; None if there is none."""
         return None
 
     def without_velocity(self) -> "Method":
@@ -164,7 +166,8 @@ class CentralDifference(Method):
         How "implicit" solves for v. Newton's method also converges if h df/dv is large. Fixed-point iteration is
         cheaper if h df/dv is small. "auto" uses Newton's method if there is a jacobian. Otherwise it starts with
         fixed-point iteration, and changes to Newton's method for the rest of the run at the first step in which the
-        iteration does not converge, or needs more evaluations than Newton's method would.
+        iteration does not converge, or needs more evaluations than Newton's method would. With more than 64 degrees of
+        freedom it does not change.
     jacobian : jitted function, optional
         df/dv for Newton's method. For n degrees of freedom, ``jacobian(t, u, v, p, J)`` writes the entries of the
         n x n array J that are not zero; J is set to zero before each call. For one degree of freedom,
@@ -231,16 +234,18 @@ class CentralDifference(Method):
     def for_force(self, reads_velocity: bool, n: int) -> Method:
         if self.velocity == "auto" and not reads_velocity:
             return self.without_velocity()
-        if self.fallback is None:
+        if not self._solver_is_open:
             return self
         # A step by Newton's method with differences takes some 2 n + 3 evaluations. Fixed-point iteration takes one
         # evaluation per iteration, so it stops paying at about twice this number.
         return dataclasses.replace(self, solver="fixed-point", max_iterations=min(self.max_iterations, 8 + 4 * n))
 
+    def fallback(self, n: int) -> Method | None:
+        return dataclasses.replace(self, solver="newton") if self._solver_is_open and n <= _MOST_DIFFERENCES else None
+
     @property
-    def fallback(self) -> Method | None:
-        iterates_first = self.is_implicit and self.solver == "auto" and self.jacobian is None
-        return dataclasses.replace(self, solver="newton") if iterates_first else None
+    def _solver_is_open(self) -> bool:
+        return self.is_implicit and self.solver == "auto" and self.jacobian is None
 
     def without_velocity(self) -> Method:
         return dataclasses.replace(self, velocity="none", jacobian=None)

@@ -143,3 +143,11 @@ def assigns_v_only(t, u, v, p):
 )
 def test_bytecode_tells_whether_a_function_may_read_v(rhs, reads):
     assert eig3.callbacks.reads_velocity(rhs) is reads
+
+
+def test_a_large_system_does_not_change_to_newtons_method():
+    """65 degrees of freedom: the iteration fails at t = 1, and the run ends there at once."""
+    run = integrate(stiffening_damper, (0, 4), np.ones(65), np.zeros(65), h=0.01, params=1000.0, method="cd")
+    assert run.status is eig3.Status.NOT_CONVERGED
+    assert run.n_rhs < 60 * 100
+    assert "solver='newton'" in run.message
