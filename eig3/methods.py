@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 
 from .kernels.fixed import Formulas, formulas
 
-#: Degrees of freedom up to which "auto" changes to Newton's method. An iteration takes n + 1 evaluations there.
+#: Largest number of degrees of freedom n for which "auto" changes to Newton's method, whose differences take n + 1
+#: evaluations in each iteration.
 _MOST_DIFFERENCES = 64
 
 #: The record class of every method, by its short name. A class is added here when it is defined.
@@ -77,7 +78,7 @@ class Method:
         return self
 
     def fallback(self, n: int) -> "Method | None":
-        """Return the record that takes over where the solve of a step does not converge; None if there is none."""
+        """Return the record that takes over when the solve of a step does not converge; None if there is none."""
         return None
 
     def without_velocity(self) -> "Method":

@@ -289,7 +289,7 @@ def _coupled_limit(method: Method, system: Linearised) -> tuple[float, complex, 
     steep = [h for h in (_BEYOND * high).tolist() if not is_stable(h, 2 * _COUPLED_ROUND_OFF)]
     shape = _limiting_shape(method, system, max(steep, default=high))
     k, c = (complex(shape.conj() @ x @ shape) for x in (system.K, system.C))
-    # Weak damping makes a limit that is not left steeply either, but at half the step nothing grows.
+    # With weak damping, the growth beyond a limit is not steep either. But then nothing grows at half the step.
     grows_at_every_step = not steep and not is_stable(high / 2, _COUPLED_ROUND_OFF / 100)
     return 0.0 if grows_at_every_step else low, k, c
 
