@@ -1,4 +1,4 @@
-"""Time a step (ns) of the kernels in both modes, beside the article's algorithms in C99.
+"""Measure the time per step (ns) of the kernels in both modes, and of the article's algorithms in C99.
 
 The system's compiler builds the C code during the benchmark, and its loops run in the same process.
 """
@@ -24,7 +24,7 @@ from .environment import in_words
 from .options import add_repeats, choose
 from .timing import Storage, medians
 
-SUMMARY = "ns/step beside the article's algorithms in C"
+SUMMARY = "ns/step of every method, compared with the article's algorithms in C"
 SOURCE = Path(__file__).parent / "c_sources" / "baseline.c"
 METHODS_IN_C = ("eig3", "cd", "rk2", "rk3", "ab2", "ab3")
 FLAGS = {"-O3": ["-O3"], "-O3 native": ["-O3", "-march=native"]}
@@ -99,7 +99,7 @@ def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: 
     write(f"Machine: {in_words()}")
     write(f"C: {version or 'no compiler (cc) here, so its columns are empty'}")
     write(f"ns/step, every state stored: medians of {repeats} interleaved runs of {loops.N_STEPS} steps.")
-    write("C in the article's order of operations; / C is over C -O3 with the right-hand side through a pointer.\n")
+    write("C has the article's order of operations. / C is the ratio to C -O3, with the rhs through a pointer.\n")
     with tempfile.TemporaryDirectory() as folder:
         libraries = {name: build(flags, Path(folder)) for name, flags in FLAGS.items()} if version else {}
         rows = [compare(make(), h, name, libraries, repeats) for make, h in loops.ARTICLE_PROBLEMS for name in chosen]

@@ -1,4 +1,4 @@
-"""What the suites of `pytest bench --benchmark-only` share."""
+"""Fixtures that the suites of `pytest bench --benchmark-only` share."""
 
 import math
 

@@ -10,7 +10,7 @@ from eig3.options import count
 from . import text
 from .hard_cases import HARD_CASES
 
-SUMMARY = "hard cases, each with what is expected"
+SUMMARY = "hard cases, each compared with its expected result"
 HEADER = ["method", "what", "expected", "measured", "verdict"]
 
 

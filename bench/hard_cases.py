@@ -1,4 +1,4 @@
-"""The hard cases: runs at the edge, each with the result that theory or an independent solution predicts."""
+"""The hard cases: difficult runs, each with the result that theory or an independent solution predicts."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from eig3.stability import limit, spectral_radius
 from .article import TABLES
 from .options import METHOD_NAMES
 
-_ROWS = 2**18  # of a chunk
-_DECAYED = 1e-100  # no round-off is left that could grow, and steps of subnormal numbers take 100 times longer
+_ROWS = 2**18  # states in a chunk
+_DECAYED = 1e-100  # size below which no round-off is left that could grow; subnormal numbers take 100 times longer
 
 
 @dataclass(frozen=True)

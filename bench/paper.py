@@ -1,4 +1,4 @@
-"""Run the article's five tables, and print them beside the printed values."""
+"""Run the article's five tables, and print the results next to the article's values."""
 
 import argparse
 import dataclasses
@@ -31,7 +31,7 @@ def add_options(parser: argparse.ArgumentParser, quick: bool = False) -> None:
         default=quick,
         help="fewer repeats, without the smallest steps of Tables 1-3 and 5",
     )
-    add_out(parser, "write results.json, tables.md and pictures there")
+    add_out(parser, "folder for results.json, tables.md and pictures")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -19,7 +19,7 @@ SUMMARY = "how well eig3.plan predicts"
 ACCURACIES = (1e-2, 1e-4, 1e-6)
 ERROR_RANGE = (0.1, 1.5)  # relative to the requested accuracy
 TIME_FACTOR = 1.5
-_LONGEST = 3.0  # s: a run with a longer predicted time is left out
+_LONGEST = 3.0  # a run with a longer predicted time is left out, s
 HEADER = ["problem", "accuracy", "fastest", "h", "achieved / asked", "time / predicted", "hits of all methods"]
 
 
@@ -41,7 +41,7 @@ class Outcome:
 
     @property
     def misses(self) -> list[str]:
-        """What is outside its range. A smaller error is no miss if stability limits the step."""
+        """The quantities outside their ranges. A smaller error is not a miss if stability limits the step."""
         found = []
         limited = self.error < ERROR_RANGE[0] and self.prediction.note
         if not limited and not ERROR_RANGE[0] <= self.error <= ERROR_RANGE[1]:

@@ -38,7 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"halve the steps until a run takes this time ({LONGEST})",
     )
     parser.add_argument("--no-rivals", dest="rivals", action="store_false", help="leave out SciPy, heyoka and CyRK")
-    add_out(parser, "write precision.json, precision.md and pictures there")
+    add_out(parser, "folder for precision.json, precision.md and pictures")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -38,7 +38,7 @@ class Rival:
     package: str
     prepare: Callable[[Problem, np.ndarray], Callable[[float], Callable[[], Answer]]]
     tolerances: Sequence[float] = tuple(10.0**-k for k in range(3, 14, 2))
-    most_degrees: int = 10_000  # of freedom; a larger problem takes it too long
+    most_degrees: int = 10_000  # with more degrees of freedom the solver takes too long
 
     @property
     def is_installed(self) -> bool:
@@ -157,7 +157,7 @@ def _heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[
 
 
 def absolute(tolerance: float, problem: Problem) -> float:
-    """The absolute tolerance: so small, beside the size of the initial state, that the relative tolerance decides."""
+    """The absolute tolerance: so small, compared with the initial state, that the relative tolerance decides."""
     size = max(np.abs(problem.u0).max(), np.abs(problem.v0).max())
     return float(1e-2 * tolerance * size)
 

@@ -1,4 +1,4 @@
-"""Time a step (ns) of scenes beside the same systems by hand; what unused effects add; time against their number."""
+"""Measure the time per step (ns) of scenes and of the same systems by hand, and what each further effect costs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .timing import kernel_run, medians
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SUMMARY = "what the code of a scene costs, beside code by hand"
+SUMMARY = "ns/step of scenes, compared with code by hand"
 _SECONDS = 0.05  # of a timed run
 
 
@@ -46,7 +46,7 @@ def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str
     """Print the four tables; draw the last one in `out`."""
     write(f"Machine: {in_words()}")
     write(f"ns/step of EIG-3, no states stored: medians of {repeats} interleaved runs.\n")
-    write("## A scene beside the same system by hand\n")
+    write("## A scene and the same system by hand\n")
     write(text.table(["scene", "pointer", "by hand", "ratio", "inline", "by hand", "ratio"], by_hand(repeats)))
     write("\n## What an effect that is not named adds\n")
     write("Instructions of the compiled right-hand side, before and after the catalogue gets another effect.\n")
@@ -63,7 +63,7 @@ def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str
 
 
 def by_hand(repeats: int) -> list[list[str]]:
-    """The rows of scenes beside the same systems by hand."""
+    """The rows of scenes and of the same systems by hand."""
     rows = []
     for pair in SCENE_PAIRS:
         scene, hand = pair.problems()

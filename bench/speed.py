@@ -1,4 +1,4 @@
-"""Time a step (ns) of every method on the article's problems in both modes, beside the same loop written by hand."""
+"""Measure the time per step (ns) of every method on the article's problems in both modes, and of loops by hand."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from .environment import in_words
 from .options import METHOD_NAMES, add_repeats, choose
 from .timing import Storage, medians
 
-SUMMARY = "ns/step beside loops written by hand"
+SUMMARY = "ns/step of every method, compared with loops written by hand"
 HEADER = ["problem, method", "pointer", "by hand", "ratio", "inline", "by hand", "ratio"]
 
 

@@ -19,14 +19,14 @@ from .stability_sets import DAMPED, GROWING, UNDAMPED, MethodLimit
 SUMMARY = "stability limits, and the article's figures"
 DAMPING = (0.01, 0.1, 0.5, 1.0)
 GROWTH_AT = (0.1, 0.2, 0.4)  # omega h
-RESOLUTION = 1e-4  # of a limit found by runs: closer to the limit nothing grows enough in MOST_STEPS
+RESOLUTION = 1e-4  # accuracy of a limit found by runs; closer to it, growth is too slow to see in MOST_STEPS
 MOST_STEPS = 6_000_000
 _BISECTED = RESOLUTION / 10
 _BRACKET = (0.05, 4.0)  # omega h: every limit lies between these
 _CHUNK = 20_000
-_GROWN = 1e6  # times the start: close to the limit, a bounded run can reach 1e5 times its start
-_DECAYED = 1e-100  # so small that no round-off is left from which an unstable mode could grow
-_OVERGROWN = 1e100  # so large that the phase at the end changes the rate by 1e-3 at most
+_GROWN = 1e6  # a run has grown above this multiple of its start; close to the limit, a bounded run reaches 1e5
+_DECAYED = 1e-100  # a state so small that no round-off is left from which an unstable mode could grow
+_OVERGROWN = 1e100  # a growth so large that the phase at the end changes the rate by 1e-3 at most
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -87,7 +87,7 @@ GROWING: dict[str, tuple[Method, str, Callable[[float], float]]] = {
 
 def evaluations_per_step(method: Method, xi: float, Omega: float) -> float:
     """Evaluations of the right-hand side per step; measured in a run if an iteration decides."""
-    if not method.is_implicit:
+    if method.evaluations is not None:
         return method.evaluations
     stepper = problems.single_dof(omega=1.0, xi=xi).stepper(h=Omega, method=method)
     n_steps = stepper.advance(100)

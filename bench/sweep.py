@@ -22,9 +22,9 @@ from .rivals import RIVALS, Answer, Rival
 from .timing import Storage, interleave, kernel_run
 
 STATES = 2000  # stored in every run, the library's and the rivals', and compared with the reference
-LONGEST = 0.25  # s: steps are halved until a run takes this long
+LONGEST = 0.25  # steps are halved until a run takes this long, s
 _FACTORS = (1.05, 0.95, 0.7)  # the first steps, as fractions of the stability limit; then it is halved
-_ENOUGH = 3e-9  # below every target: no smaller step is tried
+_ENOUGH = 3e-9  # an error below every target; no smaller step is tried
 _USELESS = 10.0  # only an unstable run has such a relative error
 
 

@@ -44,7 +44,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # Loaded when first asked for, so that importing eig3 stays quick.
+    # These modules are imported on first access, so that `import eig3` stays fast.
     if name in ("effects", "problems", "scene", "stability"):
         return importlib.import_module(f"eig3.{name}")
     raise AttributeError(f"module 'eig3' has no attribute {name!r}")

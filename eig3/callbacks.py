@@ -1,4 +1,4 @@
-"""The user's compiled functions: the decorator for them, and the checks before a kernel sees one."""
+"""The user's compiled functions: the decorator that compiles them, and the checks before a kernel calls them."""
 
 from __future__ import annotations
 
@@ -21,15 +21,28 @@ __all__ = ["Callback", "cached_jit", "check_callback", "gist", "jit", "reads_vel
 
 
 def jit(function: Callable | None = None, **options: Any) -> Any:
-    """Compile with ``numba.njit`` and the options of the kernels; other options of njit can be given.
+    """Compile a function with ``numba.njit`` and the compiler options of the kernels.
 
-    Multiply-adds are fused, a division by zero gives infinity, and the GIL is released. Right-hand sides decorated
-    with plain ``numba.njit`` work too, some of them a little slower.
+    The compiler may fuse multiply-adds, a division by zero gives infinity, and the function releases the GIL. A
+    right-hand side decorated with plain ``numba.njit`` works too, but some are a little slower.
 
-    As always with Numba, a global keeps the value it had when the function was compiled, so what may change belongs in
-    the parameters. Numba does not check indices, unless the environment variable NUMBA_BOUNDSCHECK is 1 when the
-    program starts. A function with ``cache=True`` then needs an empty NUMBA_CACHE_DIR, because Numba would load the
-    unchecked code.
+    Parameters
+    ----------
+    function : function
+        The function to compile. Without it, ``jit(**options)`` returns a decorator.
+    **options
+        Options of ``numba.njit``, which replace those of the kernels.
+
+    Returns
+    -------
+    Numba dispatcher, or a decorator
+
+    Notes
+    -----
+    Numba compiles a global variable as a constant: a later assignment to it has no effect. Pass values that may change
+    as parameters. Numba does not check indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python
+    starts. A function with ``cache=True`` then also needs an empty NUMBA_CACHE_DIR, because Numba would load the
+    unchecked code from its cache.
     """
     options = {**OPTIONS, **options}
     return numba.njit(**options) if function is None else numba.njit(**options)(function)
@@ -42,15 +55,16 @@ class Callback:
     Attributes
     ----------
     address : int
-        Where its machine code begins: what a kernel in pointer mode takes.
+        The address of its machine code. A kernel in pointer mode calls the function at this address.
     call : callable
-        Calls it from Python, without looking at the types of the arguments: they must be those of the signature.
+        Calls the function from Python. It does not check the types of the arguments, which must be those of the
+        signature.
     compiled : Numba's compile result
         Keeps the machine code alive.
     reads_velocity : bool
-        Whether it may read its third argument.
+        False if the function certainly does not read its third argument, v.
     pace : dict
-        Seconds a step of the kernels that called it, by kernel and number of degrees of freedom.
+        Measured seconds per step of the kernels that called it, by kernel and number of degrees of freedom.
     """
 
     address: int
@@ -68,29 +82,36 @@ _ARGUMENTS = {
 }
 _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
-# Weak, so that a program that makes many functions can forget them.
+# The references are weak, so that a program that makes many functions does not keep all of them in memory.
 _checked: WeakKeyDictionary[Dispatcher, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
 
 
 def check_callback(function: Any, kind: str, form: Form, name: str | None = None) -> Callback:
-    """Compile `function` for the fixed signature of its kind, or say in a sentence what is wrong with it.
+    """Compile a function for the fixed signature of its kind.
 
     Parameters
     ----------
     function
-        What the user gave.
+        The argument that the user passed.
     kind : {"rhs", "jacobian", "invariant"}
     form : Form
     name : str, optional
-        What to call it in errors; `kind` if not given.
+        The name of the argument in error messages; the default is `kind`.
+
+    Returns
+    -------
+    Callback
+        The same object at each call, until the user compiles the function anew.
 
     Raises
     ------
     TypeError
+        If `function` is not decorated, has other arguments or another return type, or does not compile.
     """
     if isinstance(function, Dispatcher):
         known = _checked.setdefault(function, {}).get((kind, form.name))
-        # The user may have compiled the function anew. The ordered dictionary's own values() would hash every type.
+        # The user may have compiled the function anew. `dict.values` is used because the `values` method of Numba's
+        # ordered dictionary hashes every type, which takes longer than the rest of this call.
         if known is not None and any(known.compiled is compiled for compiled in dict.values(function.overloads)):
             return known
     compiled = _compile(function, kind, form, name or kind)
@@ -113,7 +134,7 @@ def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
     try:
         function.compile(signature.args)
         compiled = function.overloads[signature.args]
-    except Exception as error:  # Numba lets errors of Python's own through too
+    except Exception as error:  # Numba raises its own errors and plain Python errors
         if "readonly array" in str(error):
             raise TypeError(f"{name} must not write to u, v or p; it may only read them.") from error
         raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
@@ -124,18 +145,20 @@ def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
 
 
 def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
-    """Compile a checked callback for the arrays of the loop that it is inlined in, which that loop may write.
+    """Compile a checked callback for writable arrays, the type of the arrays in the loop that it is inlined into.
 
-    If the loop itself compiled it, it could not allocate, because the loop cannot.
+    This must be done before the loop is compiled. The loop is compiled without memory management, and would compile
+    the callback in the same way, so that the callback could not allocate arrays.
     """
     arguments = getattr(form, kind).args
     function.compile(tuple(x.copy(readonly=False) if isinstance(x, numba.types.Array) else x for x in arguments))
 
 
 def reads_velocity(function: Any) -> bool:
-    """Whether a right-hand side may read its third argument, v; False only where its bytecode never names it.
+    """Return False if a right-hand side certainly does not read its third argument, v.
 
-    Numba compiles no other access to a local variable than by an instruction that names it.
+    This is so if no instruction of its bytecode names v. Numba compiles no access to a local variable except by an
+    instruction that names the variable.
     """
     code = getattr(function, "py_func", function).__code__
     if code.co_argcount < 3:
@@ -161,10 +184,10 @@ def _check_arguments(function: Callable, name: str, kind: str, form: Form, wante
 
 
 def _check_order(function: Callable, name: str, wanted: str) -> None:
-    """Refuse t, u, v or p in another's place: all but t have one type, and the run would be silently wrong."""
+    """Refuse t, u, v or p in another order. u, v and p may have the same type, so that no other check finds this."""
     names = list(inspect.signature(function).parameters)[:4]
     if any(letter in names and names.index(letter) != place for place, letter in enumerate("tuvp")):
-        raise TypeError(f"{name} names its first arguments {', '.join(names)}, but gets them as {wanted}.")
+        raise TypeError(f"{name} takes {', '.join(names)} as its first arguments, but must have the form {wanted}.")
 
 
 def _takes(function: Callable, count: int) -> bool:
@@ -184,7 +207,7 @@ def _described(returned: Any) -> str:
 
 
 def gist(error: Exception) -> str:
-    """Numba's reason in one line; its pages of details stay in the chained exception."""
+    """Return Numba's reason in one line. The chained exception has the details, which can fill pages."""
     text = str(error)
     if text == "compilation disabled":
         return "its decorator must not list signatures"

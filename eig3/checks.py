@@ -1,4 +1,4 @@
-"""What a run is given, checked before anything runs: each error names the argument and what it should be."""
+"""Checks of the arguments, before anything runs. Each error names the argument and says what it must be."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from .methods import METHODS, Method
 
 
 def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
-    """u0 and v0 as two floats or two new arrays, and the form of right-hand side that goes with them."""
+    """Return u0 and v0 as two floats or two new arrays, and the form of right-hand side that belongs to them."""
+    if type(u0) is float and type(v0) is float and math.isfinite(u0) and math.isfinite(v0):
+        return u0, v0, SCALAR
     u, v = reals(u0, "u0"), reals(v0, "v0")
     if u.ndim > 1:
         raise ValueError(f"u0 must be a number or a 1-D array, not an array of shape {u.shape}.")
@@ -30,7 +32,7 @@ def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
 
 
 def check_params(params: ArrayLike) -> np.ndarray:
-    """The parameters as a new 1-D array."""
+    """Return the parameters as a new 1-D array of float64."""
     p = np.atleast_1d(reals(params, "params"))
     if p.ndim > 1:
         raise ValueError(f"params must be a number or a 1-D sequence, not an array of shape {p.shape}.")
@@ -38,7 +40,7 @@ def check_params(params: ArrayLike) -> np.ndarray:
 
 
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
-    """The two ends of the time span."""
+    """Return the first and the last time of the span as floats."""
     ends = reals(t_span, "t_span")
     if ends.shape != (2,):
         raise ValueError(f"t_span must be the two times (t0, t1), not {_shown(t_span)}.")
@@ -53,7 +55,7 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
 
 
 def check_time(t: float, name: str) -> float:
-    """A finite time as a float."""
+    """Return a finite time as a float."""
     time = t if type(t) is float else reals(t, name)
     if np.ndim(time) != 0 or not math.isfinite(time):
         raise ValueError(f"{name} must be a finite number, not {_shown(t)}.")
@@ -61,7 +63,7 @@ def check_time(t: float, name: str) -> float:
 
 
 def check_h(h: float) -> float:
-    """The step as a float."""
+    """Return the step, which must be positive and finite, as a float."""
     step = h if type(h) is float else reals(h, "h")
     if np.ndim(step) != 0 or not (math.isfinite(step) and step > 0):
         raise ValueError(f"h must be a positive, finite number of time units, not {_shown(h)}.")
@@ -69,21 +71,21 @@ def check_h(h: float) -> float:
 
 
 def check_resolution(h: float, t0: float, t1: float) -> None:
-    """Refuse a step that times of this size cannot resolve."""
+    """Refuse a step that is shorter than four units in the last place of the largest time."""
     least = 4 * np.spacing(max(abs(t0), abs(t1)))
     if h < least:
         raise ValueError(f"h must be at least {least:.3g} for floating-point times up to {max(t0, t1):g}, not {h:g}.")
 
 
 def check_count(value: Any, name: str) -> int:
-    """A whole number of at least 1."""
+    """Return a whole number of at least 1 as an int."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{name} must be a whole number of at least 1, not {_shown(value)}.")
     return int(value)
 
 
 def check_method(method: str | Method) -> Method:
-    """The record of a method given by name or as a record."""
+    """Return the record of a method, which is given by its name, as a record, or as a record's class."""
     if isinstance(method, Method):
         return method
     if isinstance(method, str) and method.lower() in METHODS:
@@ -101,7 +103,7 @@ def _default(record: type[Method]) -> Method:
 
 
 def reals(value: Any, name: str) -> np.ndarray:
-    """A new contiguous array of float64."""
+    """Return a new C-contiguous array of float64; `name` is the name of the argument in errors."""
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "buif" or np.ma.is_masked(value):
@@ -112,6 +114,6 @@ def reals(value: Any, name: str) -> np.ndarray:
 
 
 def _shown(value: Any) -> str:
-    """A value short enough for one line."""
+    """Return the repr of a value, cut to 60 characters."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."

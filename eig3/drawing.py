@@ -1,4 +1,4 @@
-"""Draw a run on a matplotlib figure: panels against time at the right, pictures without a time axis at their left.
+"""Draw a run on a matplotlib figure: panels against time at the right, other pictures at the left.
 
 Every function works on the figure it is given, so that this module does not import matplotlib.
 """
@@ -16,13 +16,13 @@ from .solution import Solution
 #: A command prints this after the names of the files that it wrote, if it cannot draw.
 NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
 
-_AGAINST_TIME = "against time"  # label of the axes that are panels against time
+_AGAINST_TIME = "against time"  # label of the axes of panels against time
 _LINES = 6  # largest number of degrees of freedom in one panel
-_FEW = 40  # a line through fewer states than this has dots at the states
-_MANY, _PERIODS = 80, 25  # of more than 80 periods, the first 25 are shown
-_GROWTH = 5.0  # times the size of the motion: larger states belong to the growth
-_BLOW_UP = 1e3  # times the size of the motion: a run that grows less is drawn to its end
-_TAIL = 8  # smallest number of states of the growth that are shown
+_FEW = 40  # a line through fewer states than this also has a dot at each state
+_MANY, _PERIODS = 80, 25  # if a run has more than 80 periods, only the first 25 are shown
+_GROWTH = 5.0  # states larger than this multiple of the size of the motion belong to the growth
+_BLOW_UP = 1e3  # a run that grows by less than this factor is drawn to its end
+_TAIL = 8  # least number of states of the growth that are shown
 
 
 def time_panel(figure: Any, ylabel: str) -> Any:
@@ -44,7 +44,7 @@ def time_panel(figure: Any, ylabel: str) -> Any:
 
 
 def time_panels(figure: Any) -> list[Any]:
-    """The panels against time, the highest first."""
+    """Return the axes of the panels against time, the highest first."""
     return [axes for axes in figure.axes if axes.get_label() == _AGAINST_TIME]
 
 
@@ -61,7 +61,7 @@ def picture(figure: Any, **options: Any) -> Any:
 
 
 def pictures(figure: Any) -> list[Any]:
-    """All other axes, which are at the left, the highest first."""
+    """Return the axes of the other pictures, the highest first."""
     return [axes for axes in figure.axes if axes.get_label() != _AGAINST_TIME]
 
 
@@ -97,7 +97,7 @@ def oscillator(figure: Any, solution: Solution, units: tuple[str, str] = ("m", "
     solution : Solution
         Its u and v have shape (m,).
     units : (str, str)
-        Of displacement and velocity.
+        Units of displacement and velocity.
     """
     u_label, v_label = f"displacement u ({units[0]})", f"velocity v ({units[1]})"
     portrait = picture(figure)
@@ -112,7 +112,7 @@ def oscillator(figure: Any, solution: Solution, units: tuple[str, str] = ("m", "
 def first_periods(figure: Any, solution: Solution, v: np.ndarray) -> None:
     """Limit the time axis to the first periods of the velocity v, shape (m,), if all of them would be a solid band."""
     turns = np.flatnonzero(np.diff(np.signbit(v)))
-    if len(turns) > 2 * _MANY and solution.success:  # of a run that failed, the end matters
+    if len(turns) > 2 * _MANY and solution.success:  # the end of a failed run must stay visible
         highest = time_panels(figure)[0]
         highest.set_xlim(solution.t[0], solution.t[turns[2 * _PERIODS]])
         highest.set_title(f"the first {_PERIODS} of {len(turns) / 2:.0f} periods", fontsize="medium")
@@ -120,7 +120,7 @@ def first_periods(figure: Any, solution: Solution, v: np.ndarray) -> None:
 
 def path(axes: Any, x: np.ndarray, y: np.ndarray, color: str, name: str) -> None:
     """Draw a path in a plane, with a dot at its start."""
-    start = None if axes.lines else "start"  # in the legend once, for all paths of a picture
+    start = None if axes.lines else "start"  # one entry in the legend for all paths of a picture
     axes.plot(x, y, color=color, linewidth=0.6, marker="." if len(x) < _FEW else "", label=name)
     axes.plot(x[0], y[0], color=color, marker="o", linestyle="none", label=start)
 
@@ -135,9 +135,9 @@ def histories(
     figure : matplotlib.figure.Figure
     solution : Solution
     names : sequence of str
-        Of the degrees of freedom; u0, u1, ... if not given.
+        Names of the degrees of freedom; u0, u1, ... if not given.
     units : (str, str)
-        Of displacement and velocity.
+        Units of displacement and velocity.
     """
     u, v = (x.reshape(len(solution.t), -1)[:, :_LINES] for x in (solution.u, solution.v))
     names = list(names) or [f"$u_{{{j}}}$" for j in range(u.shape[1])]
@@ -154,40 +154,42 @@ def field(figure: Any, solution: Solution, places: np.ndarray, label: str, units
     solution : Solution
         Its u and v have shape (m, n).
     places : ndarray, shape (n,)
-        Where the masses are, in ascending order.
+        Positions of the masses, in ascending order.
     label : str
-        What `places` is, with its unit.
+        The name of the quantity in `places`, with its unit.
     units : (str, str)
-        Of displacement and velocity.
+        Units of displacement and velocity.
     """
     t, middle = solution.t, (places[1:] + places[:-1]) / 2
-    # edges of cells: times may be unevenly spaced at the end of a run, and a single state needs a width too
+    # The edges of the cells. The last time step may be shorter than the others, and a single state needs a width too.
     times = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, [max(t[-1], t[0] + solution.h)]])
     edges = np.concatenate([[2 * places[0] - middle[0]], middle, [2 * places[-1] - middle[-1]]])
     for values, name, unit in ((solution.u, "displacement", units[0]), (solution.v, "velocity", units[1])):
         size = np.abs(values).max() or 1.0
         axes = time_panel(figure, label)
         image = axes.pcolorfast(times, edges, values.T, cmap="RdBu_r", vmin=-size, vmax=size)
-        # a child of the panel, so that the panels stay as wide as those without a bar
+        # The colour bar is a child of the panel, so that the panel stays as wide as panels without a colour bar.
         bar = axes.inset_axes((1.02, 0, 0.02, 1))
         bar.figure.colorbar(image, cax=bar, label=f"{name} ({unit})")
 
 
 def before_growth(solution: Solution) -> Solution:
-    """The part of a run that shows its motion: the whole run, or, where it blew up, the states before the growth.
+    """Return the states before the growth if the run blew up, and the whole solution otherwise.
 
-    A picture of the whole of such a run would show its last few steps only, in which the state grows up to 1e308.
+    A picture of a whole run that blew up would show only its last few steps, in which the state grows up to 1e308.
     """
     if solution.success:
         return solution
-    n = max(2, min(_motion(solution.u), _motion(solution.v)))  # two at least, for a line
+    n = max(2, min(_motion(solution.u), _motion(solution.v)))  # a line needs two states
     return replace(solution, t=solution.t[:n], u=solution.u[:n], v=solution.v[:n])
 
 
 def _motion(values: np.ndarray) -> int:
-    """How many states there are before the growth: those up to `_GROWTH` times the size that lasts longest.
+    """Return the number of states before the growth.
 
-    An instability grows by a constant factor a step, so that no size lasts long; that of the motion before it does.
+    These states are at most `_GROWTH` times as large as the size that the motion has for the longest time. An
+    instability grows by a constant factor per step, so that it does not stay near any size for long. The motion before
+    it does.
     """
     size = np.maximum.accumulate(_sizes(values))
     level, begin = np.unique(size, return_index=True)
@@ -196,7 +198,8 @@ def _motion(values: np.ndarray) -> int:
         return len(size)
     logarithm = np.log(level)
     lasts = np.interp(logarithm + np.log(_GROWTH), logarithm, begin) - begin
-    # the first that lasts about as long as the longest: in a growth from the start all last equally long
+    # Take the first size that lasts about as long as the longest. If the run grows from its start, all sizes last
+    # equally long.
     scale = level[np.argmax(lasts >= 0.75 * lasts.max())]
     return int(np.searchsorted(size / scale, _GROWTH, side="right")) if size[-1] / scale > _BLOW_UP else len(size)
 
@@ -206,7 +209,7 @@ def _sizes(values: np.ndarray) -> np.ndarray:
 
 
 def growth(figure: Any, solution: Solution, n: int) -> None:
-    """Add a panel, with a logarithmic scale, that shows how a run grows after its first n states."""
+    """Add a panel with a logarithmic scale that shows how a run grows after its first n states."""
     axes = time_panel(figure, "size / size before\nthe growth (-)")
     axes.set_yscale("log", nonpositive="mask")
     axes.set_ylim(1e-3, 1e12)  # matplotlib cannot place ticks near 1e308

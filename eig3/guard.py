@@ -1,7 +1,7 @@
-"""The first evaluation of a right-hand side, which finds out whether it stays within its arrays.
+"""The first evaluation of a right-hand side, which checks that it stays within its arrays.
 
-Numba checks no index. So the arrays lie between cells of NaN: what is read there makes the result not finite, and what
-is written there shows afterwards.
+Numba does not check indices. Each array therefore has cells with the value NaN before and after it. A value that is
+read there makes the result NaN, and a value that is written there is found after the evaluation.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from .callbacks import Callback
 from .kernels.protocol import SCALAR, Form
 
-_CELLS = 64  # on each side of an array
+_CELLS = 64  # number of cells on each side of an array
 _DESCRIBED = {"p": "params", "u": "u0", "v": "v0"}
 
 
 def guarded(values: np.ndarray, cells: float = np.nan) -> np.ndarray:
-    """A copy of a 1-D array that lies between cells of the given value."""
+    """Return a copy of a 1-D array, with cells of the given value before and after it in memory."""
     buffer = np.full(values.size + 2 * _CELLS, cells)
     inside = buffer[_CELLS : _CELLS + values.size]
     inside[:] = values
@@ -26,12 +26,16 @@ def guarded(values: np.ndarray, cells: float = np.nan) -> np.ndarray:
 
 
 def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> Any:
-    """f(t, u, v): a float or an array; `p` must be guarded.
+    """Evaluate f(t, u, v) and check the result; `p` must come from `guarded`.
+
+    Returns
+    -------
+    float or ndarray, shape (n,)
 
     Raises
     ------
     ValueError
-        Where the result is not finite, or rhs writes beyond the end of a.
+        If the result is not finite, or rhs writes beyond the end of a.
     """
     a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
     if np.isfinite(a).all():
@@ -52,15 +56,19 @@ def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells:
     if form is SCALAR:
         return rhs.call(t, given["u"], given["v"], given["p"])
     u, v = (guarded(given[name], (cells or {}).get(name, np.nan)) for name in "uv")
-    a = guarded(np.full(u.size, np.nan))  # an entry that rhs does not write shows as not finite
+    row = np.full(u.size + 2 * _CELLS, np.nan)  # an entry that rhs does not write stays NaN
+    a = row[_CELLS:-_CELLS]
     rhs.call(t, u, v, given["p"], a)
-    if not np.isnan(a.base).sum() >= 2 * _CELLS:
+    if not (np.isnan(row[:_CELLS]).all() and np.isnan(row[-_CELLS:]).all()):
         raise ValueError(f"rhs writes beyond the end of a, which has {a.size} entries, one for each value of u0.")
     return a
 
 
 def _read_beyond(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> list[str]:
-    """The arrays without whose cells of NaN the result is finite."""
+    """Return the names of the arrays beyond which rhs reads.
+
+    The result is finite if the cells of all arrays are zero, but not if the cells of one of these arrays are NaN.
+    """
     names = ["p"] if form is SCALAR else ["p", "u", "v"]
     given = {"p": p, "u": u, "v": v}
 

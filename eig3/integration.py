@@ -1,10 +1,11 @@
-"""The run of a whole time history: native chunks under a Python loop that watches them."""
+"""`integrate`: run a whole time history. A Python loop calls the kernel for one chunk of steps after the other."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -23,13 +24,19 @@ from .observers.progress import Progress, check_progress
 from .solution import Solution, Status
 from .stepper import Stepper
 
-_CHUNK_SECONDS = 0.1  # between two looks at Ctrl-C and for divergence
-_CHUNK_GROWTH = 16
-_FAST_GROWTH = 1e3  # of an invariant: more than this is no slow instability
+_CHUNK_SECONDS = 0.1  # duration of a chunk; Ctrl-C and divergence are checked between chunks
+_CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next
+_SHORT_SECONDS = 1e-3  # a run that is expected to be shorter does not defer Ctrl-C
 
 
 class IntegrationError(RuntimeError):
-    """A run that did not complete, raised on request; `solution` holds what was computed."""
+    """A run with ``raise_on_failure=True`` did not complete.
+
+    Attributes
+    ----------
+    solution : Solution
+        The part of the run that was computed.
+    """
 
     def __init__(self, solution: Solution) -> None:
         super().__init__(solution.message)
@@ -54,57 +61,65 @@ def integrate(
     progress: bool = False,
     raise_on_failure: bool = False,
 ) -> Solution:
-    """Integrate u'' = f(t, u, v) at a fixed step, the whole time history in compiled code.
+    """Integrate u'' = f(t, u, v) with a fixed step. All steps run in compiled code.
 
     Parameters
     ----------
     rhs : jitted function
-        The acceleration: ``f(t, u, v, p) -> a`` for one degree of freedom, ``f(t, u, v, p, a)`` writing every a[j] for
-        n. Decorate it with ``@eig3.jit`` or ``@numba.njit``. One that writes to u, v or p does not compile.
+        The acceleration. For one degree of freedom it has the scalar form ``f(t, u, v, p) -> a``. For n degrees of
+        freedom it has the vector form ``f(t, u, v, p, a)``, and writes every a[j]. Decorate it with ``@eig3.jit`` or
+        ``@numba.njit``. A function that writes to u, v or p does not compile.
     t_span : (float, float)
         First and last time.
     u0, v0 : float or array_like, shape (n,)
-        Displacement and velocity at the first time. A float picks the first form of rhs, an array the second.
+        Displacement and velocity at the first time. Floats need the scalar form of rhs, arrays the vector form.
     h : float
-        The step. One that does not divide the span is shrunk so that the last step lands on its end.
+        The step. If it does not divide the span, the run uses the next shorter step that does.
     params : float or array_like
-        What rhs gets as p, a float64 array of one dimension.
+        The parameters. rhs gets them as p, a one-dimensional array of float64.
     method : str or Method
         "eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3", or a record such as ``EIG3(alpha=1.2)``.
     save_every : int or None
-        Keep every so many-th state and the last; None keeps the two ends.
+        Save every `save_every`-th state, the first and the last. None saves only the first and the last.
     invariants : dict of str to jitted function, optional
-        ``e(t, u, v, p) -> float``, evaluated natively at every step, whatever is saved.
+        Functions ``e(t, u, v, p) -> float`` by name. Compiled code evaluates them at every step, including steps that
+        are not saved.
     inline : bool
-        Compile the loop anew with rhs inlined: for long runs; costs about a second of compiling in each process.
+        Compile the loop again, with rhs inlined. This makes long runs faster. It takes about a second of compilation in
+        each process.
     progress : bool
-        Show a progress bar (needs tqdm).
+        Show a progress bar. This needs tqdm.
     raise_on_failure : bool
-        Raise `IntegrationError` where the run does not complete.
+        Raise `IntegrationError` if the run does not complete.
 
     Returns
     -------
     Solution
-        A run that becomes non-finite ends as DIVERGED and keeps its finite part; one whose implicit solve fails ends as
-        NOT_CONVERGED; Ctrl-C ends it as INTERRUPTED, with what was computed.
+        Its status is DIVERGED if the state becomes infinite or NaN, and the solution is then the finite part of the
+        run. It is also DIVERGED if the motion stays finite, but grows by orders of magnitude because of the step. It is
+        NOT_CONVERGED if the solve of an implicit step fails, and INTERRUPTED after Ctrl-C, with the states up to then.
+        In a run shorter than about a millisecond, Ctrl-C raises KeyboardInterrupt as usual.
 
     Raises
     ------
     TypeError, ValueError
-        For bad arguments, before anything runs.
+        If an argument is not valid. These errors are raised before the run starts.
     MemoryError
-        When the history would not fit in memory.
+        If the history or the matrix of an implicit method does not fit in memory.
+    ImportError
+        If `progress` is True and tqdm is not installed.
     IntegrationError
-        With `raise_on_failure`.
+        If `raise_on_failure` is True and the run does not complete.
 
     Notes
     -----
-    An exception raised by rhs comes through, with the part of the run up to the chunk that it ended as its attribute
-    `solution`. `Stepper` is the same run in the caller's own chunks.
+    If rhs raises an exception, `integrate` raises it too, and its attribute `solution` contains the run up to the
+    failing step. Use `Stepper` to control the run step by step.
 
-    An index out of bounds of a, u, v or p is not noticed, and overwrites whatever is there, unless NUMBA_BOUNDSCHECK=1
-    is set before Python starts: it is then an IndexError. Numba's own ``cache=True`` does not tell checked code from
-    unchecked, so that such a rhs needs an empty NUMBA_CACHE_DIR as well.
+    Numba does not check indices. The evaluation at the start detects a rhs that reads or writes just beyond its arrays.
+    Later errors of this kind go undetected, and may overwrite other data, unless the environment variable
+    NUMBA_BOUNDSCHECK is 1 when Python starts. They then raise an IndexError. If rhs has ``cache=True``, this also needs
+    an empty NUMBA_CACHE_DIR, because Numba's cache does not distinguish checked code from unchecked code.
     """
     t0, t1 = check_span(t_span)
     n_steps, h = divide(t1 - t0, check_h(h))
@@ -117,27 +132,27 @@ def integrate(
     run = _Run(stepper, n_steps, History(n_steps, every, stepper, bool(watches)), watches, progress)
     solution = run.solution()
     if solution.n_steps == n_steps:
-        solution.t[-1] = t1  # which t0 + n h meets to round-off only
+        solution.t[-1] = t1  # t0 + n h may differ from t1 by round-off
     if raise_on_failure and not solution.success:
         raise IntegrationError(solution)
     return solution
 
 
 def divide(span: float, h: float) -> tuple[int, float]:
-    """The number of steps of at most `h` that fill `span`, and their length."""
+    """Return the number of steps of at most `h` that fill `span`, and the length of these steps."""
     ratio = span / h
     if not ratio < 2**53:
         raise ValueError(
             f"h must be at least {span / 2**53:.3g} for this t_span, so that steps can be counted, not {h}."
         )
-    # a step that divides the span but for round-off must not take one more step
+    # If h divides the span except for round-off, there must not be one more step.
     nearest = round(ratio)
     n_steps = max(1, nearest if math.isclose(ratio, nearest, rel_tol=1e-12) else math.ceil(ratio))
     return n_steps, span / n_steps
 
 
 class _Run:
-    """A run in native chunks, with what watches it."""
+    """A run in chunks of steps, with its observers."""
 
     def __init__(self, stepper: Stepper, n_steps: int, history: History, watches: list[Watch], progress: bool) -> None:
         self.stepper, self.n_steps = stepper, n_steps
@@ -149,9 +164,9 @@ class _Run:
         self.reason: Callable[[], str] | None = None
 
     def solution(self) -> Solution:
-        """Run to the end, or to what ends it before."""
+        """Run to the end, or until the run fails or is interrupted, and return the solution."""
         try:
-            with deferred_interrupt() as interrupt:
+            with self._interrupt() as interrupt:
                 self._march(interrupt)
         except Exception as error:
             self._end(
@@ -166,6 +181,11 @@ class _Run:
             self._judge_growth()
         return self._result()
 
+    def _interrupt(self) -> AbstractContextManager[Flag]:
+        """Defer Ctrl-C, except in a very short run: in a loop of such runs, an INTERRUPTED run could go unnoticed."""
+        pace = self.stepper.pace
+        return nullcontext(Flag()) if pace and pace * self.n_steps < _SHORT_SECONDS else deferred_interrupt()
+
     def _march(self, interrupt: Flag) -> None:
         stepper, failing = self.stepper, False
         count = self._first_count()
@@ -177,7 +197,7 @@ class _Run:
             except Exception:
                 if count == 1:
                     raise
-                failing, count = True, count // 2  # keep what can be computed before the step that raises
+                failing, count = True, count // 2  # compute the steps before the one that raises
                 continue
             if not stepper.is_finite:
                 chunk = self._end_diverged(chunk)
@@ -192,7 +212,7 @@ class _Run:
         self.stepper.note_pace()
 
     def _first_count(self) -> int:
-        """Steps for about the time between two looks, where an earlier run tells how long a step takes."""
+        """The steps of the first chunk: as many as fill its duration if the time per step is known, and 1 otherwise."""
         most = (self.n_steps + 1) // 2 if self.growth.needs_half else self.n_steps
         pace = self.stepper.pace
         return min(most, max(1, int(_CHUNK_SECONDS / pace))) if pace else 1
@@ -201,7 +221,7 @@ class _Run:
         self.status, self.message, self.reason = status, message, reason
 
     def _end_diverged(self, chunk: Chunk) -> Chunk:
-        """Go back to the last finite state, and return the part of the chunk up to it."""
+        """End the run at its last finite state, and return the part of the chunk up to that state."""
         divergence = find_divergence(self.stepper)
         self.stepper = divergence.last
         self._end(Status.DIVERGED, divergence.message, divergence.explain)
@@ -215,7 +235,7 @@ class _Run:
             self._end(Status.DIVERGED, divergence.message, divergence.explain)
             return
         remedies = ["a smaller h", "more max_iterations", "a larger tol"]
-        if stepper.running.kernel.endswith("fixed_point"):
+        if not stepper.running.formulas.matrix:
             remedies.append("solver='newton'")
         self._end(
             Status.NOT_CONVERGED,
@@ -224,7 +244,7 @@ class _Run:
         )
 
     def _judge_growth(self) -> None:
-        """End as diverged where the motion is finite, but grew beyond measure through its step."""
+        """Change the status to DIVERGED if the motion stayed finite, but grew because of its step."""
         suspect = self.growth.suspect
         blow_up = suspect and find_blow_up(self.stepper, suspect)
         if blow_up:
@@ -246,46 +266,17 @@ class _Run:
             kernel_seconds=stepper.seconds,
             method=stepper.method,
             drift={watch.name: watch.drift for watch in self.watches},
-            notes=(*self._growth_notes(), *solver_notes(stepper)),
+            notes=(*self._notes(), *stepper.notes),
             reason=self.reason,
         )
 
-    def _growth_notes(self) -> Iterator[str]:
+    def _notes(self) -> Iterator[str]:
         for watch in self.watches if self.status is Status.COMPLETED else ():
             if watch.growth:
-                yield _growth_note(watch.name, watch.growth, self.stepper.method)
+                yield watch.note(self.stepper.method)
 
 
 def _next_count(count: int, seconds: float) -> int:
     if seconds * _CHUNK_GROWTH <= _CHUNK_SECONDS:
         return count * _CHUNK_GROWTH
     return max(1, int(count * _CHUNK_SECONDS / seconds))
-
-
-def _growth_note(name: str, growth: float, method: Method) -> str:
-    amount = f"by {100 * growth:.2g} %" if growth < 1 else f"to {1 + growth:.3g} times its size"
-    amount = amount if math.isfinite(growth) else "beyond the largest number there is,"
-    unstable = "slowly unstable" if growth < _FAST_GROWTH else "unstable"
-    return (
-        f"{name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is "
-        f"{unstable} here: take a smaller h, or a method that is stable for this system."
-    )
-
-
-def solver_notes(stepper: Stepper) -> Iterator[str]:
-    """What the user should know of how an implicit method solved for the velocity."""
-    if stepper.changed_at is not None:
-        yield (
-            f"From t = {stepper.changed_at:g} on, {stepper.method.label} solves for the velocity by Newton's method, "
-            "because fixed-point iteration took too long or did not converge."
-        )
-    n = np.size(stepper.u)
-    if (
-        stepper.running.formulas.matrix
-        and stepper.running.jacobian is None
-        and n * stepper.n_iterations > stepper.n_rhs / 2
-    ):
-        yield (
-            f"Most of the {stepper.n_rhs} evaluations are differences of rhs for Newton's method, {n} in each "
-            "iteration: give a jacobian, or take solver='fixed-point' or another method."
-        )

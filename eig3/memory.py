@@ -1,4 +1,8 @@
-"""Refuse what would not fit in memory before anything runs; Linux would promise it and then kill the process."""
+"""Checks that the arrays of a run fit in memory, before anything runs.
+
+Linux grants more memory than there is, and kills the process when the memory is used. These checks raise an error
+instead.
+"""
 
 import math
 import os
@@ -8,17 +12,17 @@ import numpy as np
 
 from .methods import Method
 
-_CACHE_LINE = 64  # bytes
-_NOT_WORTH_A_LOOK = 2**20  # bytes, below which asking the system takes longer than using them
+_CACHE_LINE = 64  # size of a cache line, bytes
+_NOT_WORTH_A_LOOK = 2**20  # bytes; asking for the free memory takes longer than filling fewer than these
 
 
 def n_rows(n_steps: int, every: int) -> int:
-    """States kept: the first, every `every`-th and the last."""
+    """Return the number of saved states: the first, every `every`-th and the last."""
     return n_steps // every + 1 + (n_steps % every > 0)
 
 
 def check_history(n_steps: int, every: int, n: int) -> None:
-    """Raise a MemoryError, naming the save_every that would fit, where the history of n degrees of freedom does not."""
+    """Raise a MemoryError if the history of n degrees of freedom does not fit; it names a `save_every` that fits."""
     row = 8 * (2 * n + 1)  # u, v and t
     needed = row * n_rows(n_steps, every)
     if needed <= _NOT_WORTH_A_LOOK or needed <= (free := available_memory()):
@@ -29,8 +33,8 @@ def check_history(n_steps: int, every: int, n: int) -> None:
 
 
 def check_workspace(method: Method, n: int) -> None:
-    """Raise a MemoryError where the matrix of an implicit method does not fit."""
-    # The matrix, and its copy in the state that a stepper can go back to.
+    """Raise a MemoryError if the n x n matrix of an implicit method does not fit."""
+    # There are two matrices: a stepper keeps a copy of its state, to which it can go back.
     needed = 16 * n * n if method.formulas.matrix else 0
     if needed > _NOT_WORTH_A_LOOK and needed > (free := available_memory()):
         raise MemoryError(
@@ -40,7 +44,10 @@ def check_workspace(method: Method, n: int) -> None:
 
 
 def aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Zeros that start on a cache line; a loop in cache takes half as long again where its vectors straddle two."""
+    """Return an array of zeros that starts at a cache line.
+
+    If the vectors of a loop cross cache lines, a loop over data in the cache takes half as long again.
+    """
     size = math.prod(shape)
     buffer = np.zeros(size + _CACHE_LINE // 8)
     start = -buffer.ctypes.data % _CACHE_LINE // 8
@@ -48,7 +55,7 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def available_memory() -> float:
-    """Bytes of memory free for use; infinite where the system does not tell."""
+    """Return the free memory in bytes; infinity if the system does not provide it."""
     try:
         with Path("/proc/meminfo").open() as lines:
             for line in lines:
@@ -59,4 +66,4 @@ def available_memory() -> float:
     try:
         return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, ValueError, OSError):
-        return math.inf  # Windows does not overcommit: there NumPy raises the MemoryError
+        return math.inf  # Windows grants only memory that exists, so that NumPy raises the MemoryError

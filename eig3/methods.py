@@ -1,4 +1,4 @@
-"""The methods as records: what each is called, costs and promises, and which kernel runs it."""
+"""Records of the methods: the name, order, cost and options of each method, and the kernel that runs it."""
 
 import dataclasses
 import math
@@ -9,25 +9,39 @@ from typing import Any, ClassVar
 
 from .kernels.fixed import Formulas, formulas
 
-#: Every method by its short name; a record enters itself.
+#: Degrees of freedom up to which "auto" changes to Newton's method. An iteration takes n + 1 evaluations there.
+_MOST_DIFFERENCES = 64
+
+#: The record class of every method, by its short name. A class is added here when it is defined.
 METHODS: dict[str, Any] = {}
 
 
 class Method:
-    """What every method's record holds. A subclass with a `name` is known to `eig3.integrate` by it.
+    """Base class of the records. A record describes a method and holds its options.
+
+    A subclass that defines `name` is added to `METHODS`. `eig3.integrate` then accepts this name as its `method`.
 
     Attributes
     ----------
     name : str
-        The short name that stands for the record's defaults in `eig3.integrate`.
+        The short name. As a `method`, it stands for the record with its default options.
     label : str
         The name in tables and pictures.
     order : int
         The order of convergence.
     evaluations : int or None
-        Right-hand-side evaluations a step; None where an iteration decides.
+        Evaluations of the right-hand side per step; None if the number depends on an iteration.
     kernel : str
-        The module that holds the formulas, as `eig3.kernels` describes it.
+        The name of the module that holds the formulas. `eig3.kernels` describes what such a module contains.
+    ignores_velocity : bool
+        Whether the method is valid only for a right-hand side that does not depend on the velocity.
+    jacobian : jitted function or None
+        df/dv, for a method that can use it.
+
+    Raises
+    ------
+    ValueError
+        If another method has the name already. It is raised when the subclass is defined.
     """
 
     name: ClassVar[str]
@@ -43,54 +57,60 @@ class Method:
             return
         name = cls.name.lower()
         known = METHODS.get(name)
-        # A notebook may run a definition twice, but a name must not come to mean another method without an error.
+        # A notebook may run the same definition twice. Two different methods must not share a name.
         if known and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-            raise ValueError(f"name {name!r} is that of {known.__qualname__}; give {cls.__qualname__} another.")
+            raise ValueError(f"name {name!r} is taken by {known.__qualname__}; give {cls.__qualname__} another name.")
         METHODS[name] = cls
 
     @property
     def is_implicit(self) -> bool:
-        """Whether a step solves equations by iteration, so that the number of evaluations is not known before."""
+        """Whether each step solves an equation by iteration. The number of evaluations then varies between steps."""
         return self.evaluations is None
 
     @property
     def settings(self) -> tuple[float, ...]:
-        """The numbers the kernel needs of the record."""
+        """The options that the kernel needs, as numbers."""
         return ()
 
     def for_force(self, reads_velocity: bool, n: int) -> "Method":
-        """The record that runs, for a force on n degrees of freedom that reads the velocity or does not."""
+        """Return the record that takes the steps for n degrees of freedom, with every option "auto" decided."""
         return self
 
-    @property
-    def fallback(self) -> "Method | None":
-        """The record to go on with where the solve of a step does not converge."""
+    def fallback(self, n: int) -> "Method | None":
+        """Return the record that takes over where the solve of a step does not converge; None if there is none."""
         return None
 
     def without_velocity(self) -> "Method":
-        """The record to prefer for a force that does not read v."""
+        """Return the best record of this method for a force that does not depend on the velocity."""
         return self
 
     @property
     def formulas(self) -> Formulas:
-        """The formulas of the kernel, read when first asked for."""
+        """The formulas of the kernel. Their module is imported on first access."""
         return formulas(self.kernel)
 
 
 @dataclass(frozen=True)
 class EIG3(Method):
-    """Explicit integration of grade 3: one evaluation a step, explicit for every force.
+    """EIG-3, the explicit integration method of grade 3: one evaluation per step, explicit for every force.
 
     Parameters
     ----------
     alpha, beta : float
-        Weights of a_n - a_{n-1} in the displacement and in the velocity. The order is 2 for beta = 1/2 and else 1.
-        (1, 1/2) has no numerical damping and the largest stable step of the second-order sets, omega h < 2 undamped;
-        with beta = 1/2 a larger alpha damps the high frequencies, and a smaller one is unstable for every step.
+        Weights of a_n - a_{n-1} in the displacement and in the velocity. The order is 2 if beta is 1/2, and 1
+        otherwise. For an undamped oscillator of frequency omega, the set (1, 1/2) has no numerical damping and, of all
+        second-order sets, the largest stable step, h < 2 / omega. With beta = 1/2, a larger alpha damps the high
+        frequencies numerically, and a smaller alpha makes every step unstable unless the system itself is damped.
     velocity : {"auto", "explicit", "none"}
-        "none" is for a force without velocity: (1, 1/2) then computes the same u and v with fewer arrays read and
-        written. A force that reads the velocity at the start is refused. "auto" is "none" for a function that never
-        reads its argument v, and else "explicit".
+        "explicit" allows any force. "none" is for a force that does not depend on the velocity: the set (1, 1/2) then
+        computes the same u and v, but reads and writes fewer arrays. A force whose value at the start depends on the
+        velocity is refused. "auto" chooses "none" if the code of the right-hand side never uses its argument v, and
+        "explicit" otherwise.
+
+    Raises
+    ------
+    ValueError
+        If alpha or beta is not a finite number, or velocity is not one of the three names.
     """
 
     alpha: float = 1.0
@@ -132,28 +152,38 @@ class EIG3(Method):
 
 @dataclass(frozen=True, repr=False)
 class CentralDifference(Method):
-    """Central difference: the classical explicit method of structural dynamics, implicit where f depends on velocity.
+    """Central difference, the classical explicit method of structural dynamics; implicit if f depends on velocity.
 
     Parameters
     ----------
     velocity : {"auto", "implicit", "none", "lagged"}
-        "implicit" solves v = w + h/2 f(t, u, v) at every step: second order for every force. "none" is for a force
-        without velocity: one evaluation and no solve. A force that reads the velocity at the start is refused. "auto"
-        is "none" for a function that never reads its argument v, and else "implicit". "lagged" gives f the velocity of
-        half a step before: explicit, but of first order only. It is there to be shown, not to be preferred.
+        "implicit" solves v = w + h/2 f(t, u, v) at every step, where w is the velocity half a step earlier. It has
+        second order for every force. "none" is for a force that does not depend on the velocity: it takes one
+        evaluation per step and no solve. A force whose value at the start depends on the velocity is refused. "auto"
+        chooses "none" if the code of the right-hand side never uses its argument v, and "implicit" otherwise.
+        "lagged" passes w to f in place of v: it is explicit, but only of first order. Use it for comparisons only.
     solver : {"auto", "newton", "fixed-point"}
-        How "implicit" solves. Newton's method converges also where h df/dv is large. Fixed-point iteration is cheaper
-        where it is small. "auto" iterates, and changes to Newton's method for the rest of the run at the first step
-        where the iteration takes long or does not converge; with a jacobian it is "newton".
+        How "implicit" solves for v. Newton's method also converges if h df/dv is large. Fixed-point iteration is
+        cheaper if h df/dv is small. "auto" uses Newton's method if there is a jacobian. Otherwise it starts with
+        fixed-point iteration, and changes to Newton's method for the rest of the run at the first step in which the
+        iteration does not converge, or needs more evaluations than Newton's method would. With more than 64 degrees of
+        freedom it does not change.
     jacobian : jitted function, optional
-        df/dv for Newton's method: ``jacobian(t, u, v, p, J)``, writing the entries of the n x n array J, which come
-        zeroed; or ``jacobian(t, u, v, p) -> float`` for one degree of freedom. Without it, differences of f.
+        df/dv for Newton's method. For n degrees of freedom, ``jacobian(t, u, v, p, J)`` writes the entries of the
+        n x n array J that are not zero; J is set to zero before each call. For one degree of freedom,
+        ``jacobian(t, u, v, p)`` returns a float. Without a jacobian, differences of f approximate df/dv.
     tol : float
-        The iteration ends when the residual of v is below tol (|v| + |w|), each summed over the degrees of freedom, or
-        no longer falls and moves u by less than its round-off. One degree of freedom much smaller than the others is
-        solved less closely: scale mixed units.
+        Relative tolerance of v. The iteration ends when the residual of v is at most tol (|v| + |w|), where the
+        residual, |v| and |w| are summed over the degrees of freedom. It also ends when the residual no longer falls
+        and changes u by less than the round-off of u. A degree of freedom much smaller than the others gets a larger
+        relative error: scale the unknowns if their units differ.
     max_iterations : int
-        Iterations in one step before the run ends as NOT_CONVERGED.
+        Largest number of iterations in one step. If a step needs more, the run ends with the status NOT_CONVERGED.
+
+    Raises
+    ------
+    ValueError
+        If an option is not valid, or if a jacobian is given that would not be used.
     """
 
     velocity: str = "auto"
@@ -170,7 +200,9 @@ class CentralDifference(Method):
         if self.solver not in ("auto", "newton", "fixed-point"):
             raise ValueError(f"solver must be 'auto', 'newton' or 'fixed-point', not {self.solver!r}.")
         if self.jacobian is not None and not (self.is_implicit and self.solver != "fixed-point"):
-            raise ValueError("jacobian is used by velocity='implicit' with solver='newton' only; leave it out.")
+            raise ValueError(
+                "jacobian is used by Newton's method only; leave it out, or take velocity='implicit', solver='newton'."
+            )
         if not (isinstance(self.tol, numbers.Real) and 0 < self.tol < 1):
             raise ValueError(f"tol must be a number between 0 and 1, not {self.tol!r}.")
         if not (isinstance(self.max_iterations, numbers.Integral) and self.max_iterations >= 1):
@@ -202,15 +234,18 @@ class CentralDifference(Method):
     def for_force(self, reads_velocity: bool, n: int) -> Method:
         if self.velocity == "auto" and not reads_velocity:
             return self.without_velocity()
-        if self.fallback is None:
+        if not self._solver_is_open:
             return self
-        # Newton's method with differences takes some 2 n + 3 evaluations: more iterations than those do not pay.
+        # A step by Newton's method with differences takes some 2 n + 3 evaluations. Fixed-point iteration takes one
+        # evaluation per iteration, so it stops paying at about twice this number.
         return dataclasses.replace(self, solver="fixed-point", max_iterations=min(self.max_iterations, 8 + 4 * n))
 
+    def fallback(self, n: int) -> Method | None:
+        return dataclasses.replace(self, solver="newton") if self._solver_is_open and n <= _MOST_DIFFERENCES else None
+
     @property
-    def fallback(self) -> Method | None:
-        iterates_first = self.is_implicit and self.solver == "auto" and self.jacobian is None
-        return dataclasses.replace(self, solver="newton") if iterates_first else None
+    def _solver_is_open(self) -> bool:
+        return self.is_implicit and self.solver == "auto" and self.jacobian is None
 
     def without_velocity(self) -> Method:
         return dataclasses.replace(self, velocity="none", jacobian=None)
@@ -222,7 +257,7 @@ class CentralDifference(Method):
 
 @dataclass(frozen=True)
 class RK2(Method):
-    """Heun's method, the Runge-Kutta method of the article: two evaluations a step, unstable without damping."""
+    """RK2, Heun's method, which the article uses: two evaluations per step; unstable at every step without damping."""
 
     name: ClassVar[str] = "rk2"
     label: ClassVar[str] = "RK2"
@@ -233,7 +268,7 @@ class RK2(Method):
 
 @dataclass(frozen=True)
 class RK3(Method):
-    """Kutta's third-order method: three evaluations a step, stable undamped up to omega h = sqrt 3."""
+    """RK3, Kutta's third-order method: three evaluations per step; stable up to omega h = sqrt 3 without damping."""
 
     name: ClassVar[str] = "rk3"
     label: ClassVar[str] = "RK3"
@@ -244,7 +279,7 @@ class RK3(Method):
 
 @dataclass(frozen=True)
 class RK4(Method):
-    """The classical Runge-Kutta method: four evaluations a step, stable undamped up to omega h = 2 sqrt 2."""
+    """RK4, the classical Runge-Kutta method: four evaluations per step; stable up to omega h = 2 sqrt 2 undamped."""
 
     name: ClassVar[str] = "rk4"
     label: ClassVar[str] = "RK4"
@@ -255,7 +290,7 @@ class RK4(Method):
 
 @dataclass(frozen=True)
 class AB2(Method):
-    """Adams-Bashforth of second order: one evaluation a step, unstable without damping."""
+    """AB2, Adams-Bashforth of second order: one evaluation per step; unstable at every step without damping."""
 
     name: ClassVar[str] = "ab2"
     label: ClassVar[str] = "AB2"
@@ -265,7 +300,7 @@ class AB2(Method):
 
 @dataclass(frozen=True)
 class AB3(Method):
-    """Adams-Bashforth of third order: one evaluation a step, stable undamped up to omega h = 0.7236."""
+    """AB3, Adams-Bashforth of third order: one evaluation per step; stable up to omega h = 0.7236 without damping."""
 
     name: ClassVar[str] = "ab3"
     label: ClassVar[str] = "AB3"
@@ -273,5 +308,5 @@ class AB3(Method):
     order: ClassVar[int] = 3
 
 
-#: The methods of the library. Unlike `METHODS` it never holds a method that a user has defined.
+#: The record classes of the library's own methods. `METHODS` also contains the methods that a user defines.
 LIBRARY: tuple[type[Method], ...] = (EIG3, CentralDifference, RK2, RK3, RK4, AB2, AB3)

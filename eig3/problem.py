@@ -1,4 +1,4 @@
-"""A second-order initial value problem with what is known of it."""
+"""Second-order initial value problems, with their energy, exact solution and source where these are known."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .solution import Solution
 from .stepper import Stepper
 
 _START = ("u0", "v0", "params")
-_OF_RHS = ("rhs", "integrals")  # only another right-hand side changes these
+_OF_RHS = ("rhs", "integrals")  # these fields change only with the right-hand side
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A second-order initial value problem with what is known of it.
+    """A second-order initial value problem u'' = f(t, u, u'), with its energy and exact solution where they are known.
 
     Attributes
     ----------
@@ -47,9 +47,9 @@ class Problem:
     source : str
         Where the problem comes from.
     note : str
-        What a scene's problem contains.
+        For the problem of a scene: a list of what the scene contains.
     h : float, optional
-        A step that resolves the motion, for a first look at it.
+        A step that resolves the motion, suggested for a first run.
     draw : callable, optional
         ``draw(figure, solution)`` draws the response on a matplotlib figure, with the panels of `eig3.drawing`.
     integrals : tuple of str
@@ -111,7 +111,7 @@ class Problem:
     def integrate(
         self, *, h: float, method: str | Method = "eig3", t_end: float | None = None, **options: Any
     ) -> Solution:
-        """Run the problem.
+        """Integrate the problem.
 
         Parameters
         ----------
@@ -166,9 +166,9 @@ class Problem:
         Parameters
         ----------
         u, v : array_like
-            Of the shape of u0, or with one more axis in front, as in a solution.
+            They have the shape of u0 for one state, or one more axis in front for a history, as in a solution.
         t : float or array_like, optional
-            Their times; ``t_span[0]`` if not given.
+            The times of these states; ``t_span[0]`` if not given.
 
         Returns
         -------
@@ -197,11 +197,11 @@ class Problem:
 
     @property
     def uses_velocity(self) -> bool:
-        """Whether rhs reads v. Where it does not, "cd" takes one evaluation a step and "eig3" touches fewer arrays."""
+        """Whether rhs may read v. If not, "cd" takes one evaluation per step, and "eig3" uses fewer arrays."""
         return reads_velocity(self.rhs)
 
     def _checked(self, name: str, value: Any) -> Any:
-        """The new value of a field."""
+        """Check and convert the new value of a field."""
         if name == "t_span":
             return check_span(value)
         if name not in _START:
@@ -213,7 +213,7 @@ class Problem:
         return new
 
     def _separate_integrals(self, solution: Solution) -> None:
-        """Move the integrals, which the run has as velocities, from the end of u and v to `solution.integrals`."""
+        """Move the integrals from the last columns of u and v, where they are velocities, to `solution.integrals`."""
         n = np.size(self.u0)
         solution.integrals = {name: solution.v[:, n + k].copy() for k, name in enumerate(self.integrals)}
         solution.u, solution.v = solution.u[:, :n], solution.v[:, :n]

@@ -17,8 +17,8 @@ from .methods import Method
 from .problem import Problem
 from .solution import Solution
 
-_STEPS = 2000  # at least, where the problem suggests no step
-_STATES = 20_000  # largest number of saved states
+_STEPS = 2000  # least number of steps of a problem that suggests no step
+_STATES = 20_000  # approximate largest number of saved states
 _VALUES = 4_000_000  # largest number of saved displacements and velocities
 _CSV_VALUES = 200_000  # a longer history is written to the NPZ file only
 _PANEL = 6.5, 2.5  # width and height of a panel with its labels, inches
@@ -38,7 +38,8 @@ def run(
     Parameters
     ----------
     build : callable
-        Builds the problem; gets `t_end`, and ``work=True`` where it has this parameter.
+        A function of `eig3.problems`. It is called with `t_end` if that is given, and with ``work=True`` if it has this
+        parameter.
     h : float, optional
         The step, s. The default is the step that the problem suggests, or else a tenth of the critical step.
     method : str or Method
@@ -47,7 +48,7 @@ def run(
     out : Path, optional
         An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
     write : callable
-        Gets the report.
+        Called with each part of the report.
 
     Returns
     -------
@@ -80,7 +81,7 @@ def run(
 
 
 def _step(problem: Problem, method: str | Method, span: float) -> float:
-    """The step that the problem suggests, or one well below the span and the critical step at the start."""
+    """Return the step that the problem suggests, or a step well below the critical step and the span."""
     if problem.h is not None:
         return problem.h
     try:
@@ -91,7 +92,18 @@ def _step(problem: Problem, method: str | Method, span: float) -> float:
 
 @dataclass(frozen=True)
 class Balance:
-    """The mechanical energy at the saved states, and the work done up to each of them, or None if not followed."""
+    """The energy balance of a run.
+
+    Attributes
+    ----------
+    t : ndarray, shape (m,)
+    energy : ndarray, shape (m,)
+        The mechanical energy at the saved states.
+    work : ndarray, shape (m,), or None
+        The work done up to each saved state; None if the problem does not follow it.
+    unit : str
+        Unit of energy and work.
+    """
 
     t: np.ndarray
     energy: np.ndarray
@@ -104,7 +116,7 @@ class Balance:
         return cls(solution.t, energy, solution.integrals.get("work"), problem.energy_unit)
 
     def summary(self) -> str:
-        """The energy at both ends, and the largest change that the work done does not explain."""
+        """Describe the energy at both ends, and the largest change of energy that the work does not explain."""
         energy, work, unit = self.energy, self.work, self.unit
         change = energy if work is None else energy - work
         unexplained = np.abs(change - change[0]).max()
@@ -122,7 +134,7 @@ class Balance:
         return "\n".join(lines)
 
     def draw(self, figure: Any) -> None:
-        """The change of energy since the start, and the work that explains it."""
+        """Draw the change of energy since the start, and the work done."""
         change = self.energy - self.energy[0]
         if self.work is None:
             drawing.lines(drawing.time_panel(figure, f"change of energy\n({self.unit})"), self.t, change)
@@ -157,7 +169,7 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, out: Pa
 
 
 def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | None = None) -> None:
-    """Draw the problem's own picture and the energy balance; of a run that blew up, the part before the growth."""
+    """Draw the problem's own picture and the energy balance. If the run blew up, draw the part before the growth."""
     shown = drawing.before_growth(solution)
     (problem.draw or drawing.histories)(figure, shown)
     if balance:

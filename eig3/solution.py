@@ -1,4 +1,4 @@
-"""What a run returns."""
+"""The result of a run: its history, its status and its cost."""
 
 from __future__ import annotations
 
@@ -15,7 +15,19 @@ from .methods import Method
 
 
 class Status(enum.Enum):
-    """How a run ended."""
+    """How a run ended.
+
+    Attributes
+    ----------
+    COMPLETED
+        The run reached the end of its span.
+    DIVERGED
+        The state became infinite or NaN, or the motion grew beyond doubt because the step is too long.
+    NOT_CONVERGED
+        The solve of an implicit step did not converge.
+    INTERRUPTED
+        Ctrl-C, or an exception in a function of the user, ended the run.
+    """
 
     COMPLETED = "completed"
     DIVERGED = "diverged"
@@ -25,36 +37,40 @@ class Status(enum.Enum):
 
 @dataclass(repr=False, eq=False)
 class Solution:
-    """The history of a run, and what it cost.
+    """The history of a run, its status and its cost.
 
     Attributes
     ----------
     t : ndarray, shape (m,)
         Times of the saved states.
     u, v : ndarray, shape (m,) or (m, n)
-        Displacements and velocities.
+        Displacements and velocities of the saved states.
     h : float
-        The step used: that asked for, shrunk where it does not divide the span.
+        The step of the run. It is the requested step, or a shorter one if that does not divide the span.
     n_steps : int
-        Steps taken.
+        Number of steps taken.
     n_rhs : int
-        Evaluations of the right-hand side, with the one at the start.
+        Number of evaluations of the right-hand side, including the one at the start.
     n_iterations : int
-        Iterations of an implicit method's solver.
+        Number of iterations of an implicit method's solver.
     status : Status
+        How the run ended.
     message : str
-        What happened, in a sentence.
+        A sentence about how the run ended. `explain` finds out more.
     drift : dict of str to float
-        For each invariant, max |e_n - e_0| over every step.
+        For each invariant e, the maximum of |e_n - e_0| over all steps, not only over the saved states; NaN if e became
+        NaN.
     kernel_seconds : float
-        Time inside the stepping kernel: no compiling, no invariants.
+        Time in the kernel, s, without compilation and without the evaluation of invariants.
     method : Method
+        The method as it was requested.
     notes : tuple of str
-        What the numbers do not show by themselves: an invariant that grows steadily, a solver that changed.
+        Sentences about what the user should know of the run, such as that an invariant grows steadily, or that the
+        solver of an implicit method was changed.
     integrals : dict of str to ndarray, shape (m,)
         Integrals over time that the problem follows, at the saved times, such as "work" in J.
-    reason : callable, optional
-        Finds out more about a run that did not complete: what `explain` calls.
+    reason : callable or None
+        The function that `explain` calls; None if nothing more can be found out.
     """
 
     t: np.ndarray
@@ -75,16 +91,17 @@ class Solution:
     _explanation: str = ""
 
     def explain(self) -> str:
-        """Find out why a run did not complete, as far as that can be found out.
+        """Find out why a run diverged.
 
-        Of a diverged run this compares h with the critical step and names a step that was tried and holds. It takes
-        two or three times as long as the run, the first time.
+        The explanation compares h with the critical step, and names a shorter step with which the run stays bounded,
+        if there is one. To find it, the first call repeats the run with shorter steps. This may take two or three
+        times as long as the run, or some tenths of a second for a short run. Later calls return the same text.
 
         Returns
         -------
         str
-            The message, with the reason. A solution that was pickled, copied through a process pool or loaded no
-            longer has the right-hand side and gives the message alone.
+            The explanation, or `message` if the run did not diverge. A copied or unpickled solution no longer has the
+            right-hand side: it returns the explanation only if it was found before the copy.
         """
         if self.reason is not None:
             self._explanation = self._explanation or self.reason()
@@ -92,13 +109,13 @@ class Solution:
 
     @property
     def n_newton(self) -> int:
-        """The old name of `n_iterations`."""
-        warnings.warn("n_newton is now n_iterations.", DeprecationWarning, stacklevel=2)
+        """The old name of `n_iterations`. It gives a DeprecationWarning."""
+        warnings.warn("n_newton was renamed: use n_iterations.", DeprecationWarning, stacklevel=2)
         return self.n_iterations
 
     @property
     def success(self) -> bool:
-        """Whether the run reached the end of its span."""
+        """Whether the status is COMPLETED: the run reached the end of its span and did not diverge."""
         return self.status is Status.COMPLETED
 
     def at(self, t: ArrayLike) -> tuple[Any, Any]:
@@ -107,18 +124,19 @@ class Solution:
         Parameters
         ----------
         t : float or array_like
-            Times within the span that was integrated.
+            Times between the first and the last saved state.
 
         Returns
         -------
         u, v : float or ndarray
-            Displacement and velocity, of shape ``t.shape`` or ``t.shape + (n,)``. The error of u is of fourth order in
-            the distance of the saved states, that of v, the derivative of the polynomial, of third.
+            Displacement and velocity, of shape ``t.shape`` or ``t.shape + (n,)``. v is the derivative of the polynomial
+            for u. The interpolation error is of fourth order for u, and of third order for v, in the time between saved
+            states.
 
         Raises
         ------
         ValueError
-            For times outside the span.
+            If a time is outside the span, or is NaN.
         """
         times = np.asarray(t, dtype=np.float64)
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
@@ -139,7 +157,7 @@ class Solution:
         return u, v
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "reason": None}  # which holds compiled code
+        return {**vars(self), "reason": None}  # `reason` refers to compiled code, which cannot be pickled
 
     def __repr__(self) -> str:
         per_step = 1e9 * self.kernel_seconds / self.n_steps if self.n_steps else 0.0

@@ -18,7 +18,7 @@ from .kernels.fixed import pointer_kernel
 from .kernels.protocol import VECTOR, Run
 from .methods import EIG3, Method
 
-_ROUND_OFF = 1e-11  # round-off of an eigenvalue: at a limit found to 1e-10 it is 1e-5 from the other of its pair
+_ROUND_OFF = 1e-11  # round-off of an eigenvalue; at a limit found to 1e-10, the two of a pair are 1e-5 apart
 _SIMPLE = 1e-6  # roots closer than this count as one multiple root
 _SOLVED_TOGETHER = 32  # unit states of oscillators in one solve of an implicit method: its cost grows with their cube
 _OSCILLATES = 1e-7  # least imaginary part of a complex root: round-off gives less to a double real root
@@ -59,12 +59,12 @@ def oscillator_matrices(method: str | Method, k: np.ndarray, c: np.ndarray) -> n
 
 
 def _matrices(method: Method, k: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """The matrices of all oscillators, by one step of them all from every unit state."""
+    """Compute the matrices of all oscillators by one step that starts all of them from every unit state."""
     size, count = state_size(method), k.size
     params = np.concatenate([np.tile(k, size), np.tile(c, size)])
     state = np.repeat(np.eye(size), count, axis=1)
     matrices = step_once(method, _oscillators, params, state).reshape(size, size, count).transpose(2, 0, 1)
-    if count > 1 and np.isnan(matrices).any():  # one failed solve ends the step of all
+    if count > 1 and np.isnan(matrices).any():  # one failed solve ends the step of all oscillators
         return np.concatenate([_matrices(method, k[i : i + 1], c[i : i + 1]) for i in range(count)])
     return matrices
 
@@ -83,8 +83,8 @@ def state_size(method: Method) -> int:
 
 def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -> np.ndarray:
     """Take one step of h = 1 with the vector kernel from the rows (u, v, past ...); NaN if a solve fails."""
-    method = method.fallback or method
-    if method.jacobian is not None:  # it belongs to another system
+    method = method.fallback(1) or method
+    if method.jacobian is not None:  # it is the jacobian of another system
         method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
     rows, n = state.shape
     formulas = method.formulas
@@ -104,7 +104,7 @@ def characteristic_polynomial(method: str | Method, Omega: ArrayLike, xi: ArrayL
     Returns
     -------
     ndarray, shape (..., k + 1)
-        The coefficients for each Omega and xi, from that of z^k, which is 1, to the constant one.
+        For each Omega and xi, the coefficients of z^k, z^(k-1), ..., 1. The first is 1.
     """
     A = amplification_matrix(method, Omega, xi)
     size = A.shape[-1]

@@ -1,4 +1,4 @@
-"""A run prepared to advance natively from where it stands."""
+"""A run that advances by any number of steps in compiled code."""
 
 from __future__ import annotations
 
@@ -17,23 +17,25 @@ from numpy.typing import ArrayLike
 from .callbacks import Callback, check_callback, compile_for_own_arrays
 from .checks import check_h, check_method, check_params, check_state, check_time
 from .guard import first_acceleration, guarded
-from .kernels.fixed import STACKED_VALUES, inline_kernel, pointer_kernel
+from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
 from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Form, Run
 from .memory import aligned, check_workspace
 from .methods import Method
 
-_NEVER = 2**62
+_NEVER = 2**62  # `every` of a run that writes no states
 
 
 class Stepper:
-    """Advance u'' = f(t, u, v) by as many steps as asked, writing states where asked.
+    """Advance u'' = f(t, u, v) by any number of steps, and write states to arrays of the caller.
 
-    `eig3.integrate` is built on it; use it directly for co-simulation, real-time loops and timing.
+    `eig3.integrate` uses this class. Use it directly for co-simulation, real-time loops and timing.
 
     Parameters
     ----------
-    rhs, u0, v0, h, params, method, inline
-        As for `eig3.integrate`; `h` is used as it is.
+    rhs, u0, v0, params, method, inline
+        As for `eig3.integrate`.
+    h : float
+        The step. Unlike `eig3.integrate`, this class never changes it.
     t0 : float
         The time of u0 and v0.
 
@@ -43,19 +45,27 @@ class Stepper:
         u0 and v0.
     first_acceleration : float or ndarray
         f(t0, u0, v0).
-    index : int
-        Steps taken so far.
-    seconds : float
-        Time spent in the kernel, without compiling.
+    h, t0 : float
+        The step, and the time of u0 and v0.
+    params : ndarray
+        The parameters p.
+    method : Method
+        The requested method.
     running : Method
-        The record that takes the steps: `method` with everything decided that it leaves to the force.
+        The record that takes the steps: `method` with every option "auto" decided.
     changed_at : float or None
-        The time at which `running` was changed for its fallback, because the solve of a step did not converge.
+        The time from which the fallback of `method` takes the steps, because the solve of a step did not converge.
+    index : int
+        Number of steps taken.
+    seconds : float
+        Time spent in the kernel, s, without compilation.
 
     Raises
     ------
     TypeError, ValueError
-        For arguments `eig3.integrate` would refuse, and a right-hand side that is not finite at the start.
+        If `eig3.integrate` would refuse the arguments, or the right-hand side is not finite at the start.
+    MemoryError
+        If the matrix of an implicit method does not fit in memory.
     """
 
     def __init__(
@@ -84,16 +94,15 @@ class Stepper:
         self.start = u, v
         self._nowhere = np.empty((0,) if self.form is SCALAR else (0, u.size))
         self._tally = np.zeros(4)
-        self._before: _Position | None = None
         self.first_acceleration = a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
         running = self.method.for_force(self._callback.reads_velocity, np.size(u))
         self._prepare(running)
-        with np.errstate(over="ignore"):  # what overflows here shows in the first step
-            self._check_velocity(a)
+        self._check_velocity(a)
+        with np.errstate(over="ignore"):  # a past value that overflows makes the first step non-finite
             past = running.formulas.start(u, v, a, self.h)
         for k, values in enumerate((u, v, *past)):
             self._state[k] = values
-        self._save()
+        self._before = self._position()
 
     @property
     def t(self) -> float:
@@ -102,37 +111,37 @@ class Stepper:
 
     @property
     def u(self) -> Any:
-        """The displacement: a float or a copy, shape (n,)."""
+        """The displacement: a float, or a new array of shape (n,)."""
         return self._component(0)
 
     @property
     def v(self) -> Any:
-        """The velocity: a float or a copy, shape (n,)."""
+        """The velocity: a float, or a new array of shape (n,)."""
         return self._component(1)
 
     @property
     def n_rhs(self) -> int:
-        """Evaluations of the right-hand side, with the one at the start."""
+        """Number of evaluations of the right-hand side, including the one at the start."""
         return 1 + int(self._tally[EVALUATIONS])
 
     @property
     def n_iterations(self) -> int:
-        """Iterations of an implicit method's solver."""
+        """Number of iterations of an implicit method's solver."""
         return int(self._tally[ITERATIONS])
 
     @property
     def residual(self) -> float:
-        """What a failed solve left of the equation for v; NaN where the step began with something not finite."""
+        """The residual of the last failed solve for v; NaN if a value was not finite at its first iteration."""
         return float(self._tally[RESIDUAL])
 
     @property
     def failed_degree(self) -> int:
-        """The degree of freedom in which a step that fails began with something not finite."""
+        """The degree of freedom in which the last failed solve met a value that is not finite."""
         return int(self._tally[DEGREE])
 
     @property
     def is_finite(self) -> bool:
-        """Whether u and v are finite. Once they are not, no step makes them so again."""
+        """Whether u and v are finite. If they are not, they stay so in all later steps."""
         return bool(np.isfinite(self._state[:2]).all())
 
     def advance(
@@ -147,25 +156,27 @@ class Stepper:
         Parameters
         ----------
         count : int
+            Number of steps.
         every : int
-            Write the state after each step whose index, counted from t0, is a multiple of this.
-        u_rows, v_rows : ndarray, optional
-            Where to write: C-contiguous float64 of shape (rows,) or (rows, n), with a row for each state written.
+            Write the state after each step whose index, counted from t0, is a multiple of this. By default no state is
+            written.
+        u_rows, v_rows : ndarray, shape (rows,) or (rows, n), optional
+            C-contiguous arrays of float64 for the states that are written, with at least one row for each of them.
 
         Returns
         -------
         int
-            Steps taken: fewer than `count` where an implicit method's solver failed; the state is then that before the
-            failed step.
+            Number of steps taken. It is less than `count` if the solver of an implicit method failed. The stepper is
+            then at the state before the failed step.
 
         Raises
         ------
         TypeError, ValueError
-            For counts that are not whole numbers or are out of range, and for rows that cannot hold the states.
+            If a count is not a whole number or is out of range, or the rows cannot hold the states.
 
         Notes
         -----
-        After an exception, from rhs or by Ctrl-C, the stepper stands where it stood before the call.
+        After an exception from rhs, or a KeyboardInterrupt, the stepper is at its state before the call.
         """
         count, every = operator.index(count), operator.index(every)
         if count < 0 or every < 1:
@@ -185,7 +196,7 @@ class Stepper:
         return taken
 
     def back(self) -> None:
-        """Return to where the last `advance` started; `seconds` keeps what it took."""
+        """Go back to the state before the last `advance`. `seconds` still includes its time."""
         before = self._before
         if before.running is not self.running:
             self._prepare(before.running)
@@ -194,63 +205,85 @@ class Stepper:
         np.copyto(self._tally, before.tally)
 
     def fork(self) -> Stepper:
-        """An independent stepper that stands at the same state."""
+        """Return an independent stepper at the same state."""
         other = copy.copy(self)
         other._state, other._tally = aligned(self._state.shape), self._tally.copy()
         np.copyto(other._state, self._state)
-        other._before = None
-        other._save()
+        other._before = other._position()
         return other
 
     def before(self) -> Stepper:
-        """An independent stepper that stands where the last `advance` started."""
+        """Return an independent stepper at the state before the last `advance`."""
         other = self.fork()
         other._before = self._before
         other.back()
         return other
 
     def restarted(self, h: float) -> Stepper:
-        """A new stepper at the start, with another step."""
+        """Return a new stepper at t0, u0 and v0, with the step h."""
         options: dict[str, Any] = {"t0": self.t0, "params": self.params, "method": self.method, "inline": self.inline}
         return Stepper(self._rhs, *self.start, h=h, **options)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about the solver of an implicit method, if the user may want to choose another solver."""
+        notes = []
+        if self.changed_at is not None:
+            notes.append(
+                f"From t = {self.changed_at:g} on, {self.method.label} solves for the velocity by Newton's method, "
+                "because fixed-point iteration took too long or did not converge."
+            )
+        n, running = np.size(self.start[0]), self.running
+        if running.formulas.matrix and running.jacobian is None and n * self.n_iterations > self.n_rhs / 2:
+            notes.append(
+                f"Most of the {self.n_rhs} evaluations are differences of rhs for Newton's method, {n} in each "
+                "iteration: give a jacobian, or take solver='fixed-point' or another method."
+            )
+        return tuple(notes)
+
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
-        """f(t, u, v): a float, or a new array of shape (n,)."""
+        """Evaluate f(t, u, v): a float, or a new array of shape (n,).
+
+        Raises
+        ------
+        ValueError
+            If u or v has another shape than u0.
+        """
+        # The compiled function would read any other array as if it were a contiguous one of this size.
+        u, v = (np.ascontiguousarray(x, dtype=np.float64).reshape(np.shape(x)) for x in (u, v))
+        if not u.shape == v.shape == np.shape(self.start[0]):
+            raise ValueError(f"u and v must have the shape of u0, {np.shape(self.start[0])}, not {u.shape}, {v.shape}.")
         if self.form is SCALAR:
-            return self._callback.call(t, u, v, self.params)
-        a = np.full(u.size, np.nan)  # an entry that rhs forgets to write shows as not finite
+            return self._callback.call(float(t), float(u), float(v), self.params)
+        a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
         self._callback.call(t, u, v, self.params, a)
         return a
 
     @property
     def pace(self) -> float | None:
-        """Seconds a step, as the last run of this right-hand side and kernel took; None before the first."""
+        """Seconds per step of the last run with this right-hand side and kernel; None before the first run."""
         return self._callback.pace.get(self._pace_key)
 
     def note_pace(self) -> None:
-        """Keep how long a step took, for the runs to come."""
+        """Store the measured time per step for later runs."""
         if self.index:
             self._callback.pace[self._pace_key] = self.seconds / self.index
 
-    @property
-    def _pace_key(self) -> tuple:
-        return self.running.kernel, np.size(self.start[0])
-
     def _prepare(self, running: Method) -> None:
-        """Make the kernel of a record ready, and a state of its size."""
-        self.running = running
+        """Prepare the kernel of a record, and a state of the size that it needs."""
+        self.running, formulas = running, running.formulas
         n = np.size(self.start[0])
-        rows = running.formulas.state_rows(n)
         check_workspace(running, n)
+        self._pace_key = formulas, n, self.inline
         self._settings = np.array(running.settings, dtype=np.float64)
-        self._state = np.zeros(2 + running.formulas.past) if self.form is SCALAR else aligned((rows, n))
+        self._state = np.zeros(2 + formulas.past) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
         jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", self.form)
         if self.inline:
             self._callbacks: tuple = ()
             self._kernel = _inline(self._rhs, self._callback, running, self.form, n)
         else:
             self._callbacks = (self._callback.address, jacobian and jacobian.address)
-            self._kernel = pointer_kernel(running.formulas, self.form, jacobian is not None)
+            self._kernel = pointer_kernel(formulas, self.form, jacobian is not None)
 
     def _call(self, first: int, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray) -> int:
         run = Run(self.h, self.t0, self.params, first, count, every, u_rows, v_rows)
@@ -260,13 +293,12 @@ class Stepper:
         return taken
 
     def _fall_back(self, index: int) -> bool:
-        """From a step on, go on with the method's fallback if it has one; both carry the same values between steps."""
-        fallback = self.method.fallback
+        """Change to the method's fallback at a step; return whether there is one.
+
+        A method and its fallback pass the same values from step to step.
+        """
+        fallback = self.method.fallback(np.size(self.start[0]))
         if fallback is None or self.changed_at is not None or not math.isfinite(self.residual):
-            return False
-        try:
-            check_workspace(fallback, np.size(self.start[0]))
-        except MemoryError:
             return False
         state = self._state
         self._prepare(fallback)
@@ -277,12 +309,15 @@ class Stepper:
 
     def _save(self) -> None:
         before = self._before
-        if before is None or before.running is not self.running:
-            self._before = _Position(self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy())
+        if before.running is not self.running:
+            self._before = self._position()
             return
         np.copyto(before.state, self._state)
         np.copyto(before.tally, self._tally)
         before.index, before.changed_at = self.index, self.changed_at
+
+    def _position(self) -> _Position:
+        return _Position(self.index, self.running, self.changed_at, self._state.copy(), self._tally.copy())
 
     def _component(self, row: int) -> Any:
         return float(self._state[row]) if self.form is SCALAR else self._state[row].copy()
@@ -298,18 +333,19 @@ class Stepper:
         return rows
 
     def _check_velocity(self, a: Any) -> None:
-        """Refuse a method for forces without velocity where another velocity changes the acceleration."""
+        """Refuse velocity="none" if another velocity changes the acceleration at the start."""
         if not self.method.ignores_velocity:
             return
         u, v = self.start
-        other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, and by as much as u gives
+        with np.errstate(over="ignore"):
+            other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, by at least the size of u
         if np.any(self.acceleration(self.t0, u, other) != a):
             raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
 
 
 @dataclass
 class _Position:
-    """Where a stepper can go back to."""
+    """A state to which a stepper can go back."""
 
     index: int
     running: Method
@@ -318,18 +354,18 @@ class _Position:
     tally: np.ndarray
 
 
-# Weak, so that a program that makes many functions can forget them.
+# The references are weak, so that a program that makes many functions does not keep all of them in memory.
 _inlined: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Callable]]] = WeakKeyDictionary()
 
 
 def _inline(rhs: Any, callback: Callback, method: Method, form: Form, n: int) -> Callable:
-    """The kernel of a method with the callbacks compiled into it."""
-    stacked = n if form is VECTOR and n * method.formulas.rows <= STACKED_VALUES else 0
+    """Return the kernel of a method with the callbacks inlined. It is compiled at the first call only."""
+    stacked = n if form is VECTOR and n <= STACKED_DEGREES else 0
     key = method.formulas, form.name, stacked, method.jacobian
     known, compiled = _inlined.setdefault(rhs, {}), callback.compiled
     if key not in known or known[key][0] is not compiled:  # the user may have compiled rhs anew
-        for callback, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
-            if callback is not None:
-                compile_for_own_arrays(callback, kind, form)
+        for function, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
+            if function is not None:
+                compile_for_own_arrays(function, kind, form)
         known[key] = compiled, inline_kernel(method.formulas, form, rhs, method.jacobian, stacked)
     return known[key][1]

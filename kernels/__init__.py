@@ -1,19 +1,31 @@
-"""The compiled loops, one method a file.
+"""The kernels: the compiled loops of the methods, one method per file.
 
-Each method's file holds, in this order: what it computes and where that comes from; the update of one component,
-written once; a step for one degree of freedom and a step for n, which both use that update; and what `jit` and
-`eig3.Stepper` look for:
+A method's file contains the formulas of the method. `eig3.kernels.fixed` makes the kernel from them. The file defines
+these names, of which all but the first three may be left out:
 
+ROWS : int
+    Number of rows of n values in the vector form: u, v, the past values, and scratch.
+step_scalar(f, at, y, c)
+    One step of one degree of freedom. It returns the next y = (u, v, past values ...) and True.
+step_vector(f, at, y, c, n)
+    One step of n degrees of freedom. It writes the rows of the tuple y, and returns them in the order of the next step,
+    and True.
+PAST : int
+    Number of values besides u and v that a step passes to the next step; 0 by default.
+EVALUATIONS : int
+    Evaluations of f in a step; left out by a method that counts them in the tally itself.
 start(u, v, a, h)
-    The history that the method carries beside u and v, at the first step: a tuple of floats or arrays.
-scratch(n)
-    Rows of n values that the vector form needs beside u, v and the history. Too few are written out of bounds.
-scalar, vector (f, state, settings, tally, run)
-    The kernels: plain functions that unpack `state` (the floats, or the rows) into a tuple y, march it, and store it.
+    The past values before the first step, as a tuple, from a = f(t0, u0, v0); zeros by default.
+START : str, START_STEPS : int
+    The file of this folder whose method takes the first steps, and the number of these steps.
+constants(settings, h, work)
+    The argument c of the steps. It is computed once per call of the kernel, from the `settings` of the method's record
+    and, for a method that solves equations, a `eig3.kernels.protocol.Work`; () by default.
+complete(y, c, h, n)
+    Computes v in y[1] when a state is written, for a method whose steps do not need v.
+MATRIX : bool
+    Whether a step needs an n x n matrix, `work.matrix`; False by default.
 
-A step is ``step(f, t, y, c, h, p)``, in the vector form ``step(f, t, y, c, h, p, n)`` for n components, with y that
-tuple and c whatever the kernel hands to the march: coefficients, as a rule. It returns the new tuple and True (scalar),
-or True (vector, in place); False where it failed. `settings` are the numbers of the record, and `run` says what to
-march, see `jit.pointer_kernel`. `tally` holds the counts of evaluations and of iterations, and what a failed solve
-leaves: its residual, NaN where the step began with something not finite, and then the degree of freedom of that.
+`at` contains the step index `i`, the time `t`, the step `h` and the parameters `p`. A step that fails returns False in
+place of True, and must not have changed the rows of the state. The README of this folder shows how to add a method.
 """

@@ -3,8 +3,8 @@
     u_{n+1} = u_n + h (3/2 v_n - 1/2 v_{n-1})
     v_{n+1} = v_n + h (3/2 a_n - 1/2 a_{n-1})
 
-The past v_{-1} = v_0 - h a_0 and a_{-1} = a_0 makes the first step the Taylor step
-u_1 = u_0 + h v_0 + h^2/2 a_0, v_1 = v_0 + h a_0.
+The past values at the start are v_{-1} = v_0 - h a_0 and a_{-1} = a_0. They make the first step a Taylor step,
+u_1 = u_0 + h v_0 + h^2/2 a_0 and v_1 = v_0 + h a_0.
 """
 
 from .jit import element

@@ -1,4 +1,4 @@
-"""AB3, the third-order Adams-Bashforth method on (u, v); RK3, of the same order, takes the first two steps.
+"""AB3, the third-order Adams-Bashforth method on (u, v). RK3, which has the same order, takes the first two steps.
 
 u_{n+1} = u_n + h/12 (23 v_n - 16 v_{n-1} + 5 v_{n-2})
 v_{n+1} = v_n + h/12 (23 a_n - 16 a_{n-1} + 5 a_{n-2})

@@ -1,14 +1,14 @@
-"""CD, the central difference method, made explicit: for a force without velocity, or with a lagged one.
+"""CD, the central difference method in explicit form: for a force without velocity, or with a lagged velocity.
 
     (u_{n+1} - 2 u_n + u_{n-1}) / h^2 = f(t_n, u_n, w_n)        v_n = (u_{n+1} - u_{n-1}) / (2 h)
 
-run as increments of the velocity w_n = (u_n - u_{n-1}) / h of the half step before,
+The kernel computes the same u and v from the velocity half a step earlier, w_n = (u_n - u_{n-1}) / h:
 
     w_{n+1} = w_n + h a_n        u_{n+1} = u_n + h w_{n+1}        v_n = w_n + h/2 a_n
 
-because 2 u_n - u_{n-1} loses digits as h shrinks: a rounding eps of u is one of eps/h in the velocity. w stands in for
-the velocity in f: nothing is lost where f has none; where it has, the method is of first order only. The start is
-u_{-1} = u_0 - h v_0 + h^2/2 a_0, which is w_0 = v_0 - h/2 a_0.
+The formula 2 u_n - u_{n-1} would lose digits for small h, because a round-off eps in u is a round-off eps/h in the
+velocity. f gets w in place of the velocity. This is exact if f does not depend on the velocity. If it does, the method
+has only first order. The start u_{-1} = u_0 - h v_0 + h^2/2 a_0 is the same as w_0 = v_0 - h/2 a_0.
 """
 
 from .jit import element
@@ -18,7 +18,7 @@ PAST, ROWS, EVALUATIONS = 2, 4, 1
 
 @element
 def move(u, w, a, h):
-    # u + h w_{n+1}, written so that one multiply-add follows a
+    # u_{n+1} = u + h w_{n+1}, written so that only one multiply-add has to wait for a.
     return u + h * w + h * h * a, w + h * a
 
 

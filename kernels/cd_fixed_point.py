@@ -1,8 +1,8 @@
-"""CD, the central difference method, for a force that depends on velocity: v_n by fixed-point iteration.
+"""CD, the central difference method, for a force that depends on velocity: fixed-point iteration for v_n.
 
-The step is that of `cd_newton`. v = w + h/2 f(t, u, v) is repeated until v stands still, starting from the last step's
-acceleration. The iteration converges where h/2 |df/dv| < 1 and needs no Jacobian: the cheaper choice where that is
-small.
+A step computes the same values as a step of `cd_newton`. It repeats v = w + h/2 f(t, u, v) until v no longer changes.
+The first v uses the acceleration of the last step. The iteration converges if h/2 |df/dv| < 1. It needs no Jacobian,
+and is cheaper than Newton's method if h/2 |df/dv| is small.
 """
 
 import math
@@ -61,7 +61,7 @@ def step_vector(f, at, y, c, n):
         change = scale = size = 0.0
         for j in range(n):
             v_iterated = w_next[j] + at.h / 2 * a[j]
-            change += abs(v_iterated - v_next[j])  # a sum, because a maximum may pass over a NaN
+            change += abs(v_iterated - v_next[j])  # a sum, because a maximum may ignore a NaN
             scale += abs(v_iterated) + abs(w_next[j])
             size += abs(u_next[j])
             v_next[j] = v_iterated
@@ -71,4 +71,4 @@ def step_vector(f, at, y, c, n):
             return (u_next, v_next, w_next, u, v, w, a), True
         last = change
     tally[RESIDUAL], tally[DEGREE] = last, first_not_finite(v_next)
-    return y, False  # the state stays what the last good step left
+    return y, False  # rows u, v and w still hold the last good state

@@ -1,11 +1,12 @@
-"""CD, the central difference method, for a force that depends on velocity: v_n by Newton's method.
+"""CD, the central difference method, for a force that depends on velocity: Newton's method for v_n.
 
     w_{n+1} = 2 v_n - w_n        u_{n+1} = u_n + h w_{n+1}        solve  v = w + h/2 f(t, u, v)  for v_{n+1}
 
-with w_n = (u_n - u_{n-1}) / h, so that u_{n+1} = u_{n-1} + 2 h v_n. Newton's method starts from the last step's v and
-factorises I - h/2 df/dv by LDU with rook pivoting, as in the article. df/dv comes from the caller's `jacobian` or from
-differences of f. The last factors correct v once more with the residual that passed the tolerance. This costs no
-evaluation. Without it the errors below the tolerance, all of one sign, add up over 1e7 steps.
+with w_n = (u_n - u_{n-1}) / h, so that u_{n+1} = u_{n-1} + 2 h v_n. Newton's method starts from the v of the last step.
+It factorises I - h/2 df/dv by LDU with rook pivoting, as in the article. df/dv comes from the user's `jacobian` or from
+differences of f. After the residual has passed the tolerance, the last factors correct v once more with this residual.
+This costs no evaluation. Without the correction, the remaining errors, which have the same sign in all steps, would add
+up over 1e7 steps.
 """
 
 import math
@@ -16,10 +17,10 @@ from .protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL
 
 PAST, ROWS, MATRIX = 1, 11, True
 
-ROUND_OFF = 2.0**-50  # four units in the last place
-DENORMAL_ROUND_OFF = 2.0**-1072  # the same below the normal numbers, where it does not shrink with the number
-RELATIVE_INCREMENT = 2.0**-26  # the square root of the machine epsilon balances truncation against round-off
-SMALLEST_NORMAL = 2.0**-1022
+ROUND_OFF = 2.0**-50  # four units in the last place of 1.0
+DENORMAL_ROUND_OFF = 2.0**-1072  # four units in the last place of a denormal number, the same for all of them
+RELATIVE_INCREMENT = 2.0**-26  # square root of the machine epsilon: truncation and round-off errors are then similar
+SMALLEST_NORMAL = 2.0**-1022  # smallest positive normal number
 
 
 @element
@@ -49,7 +50,7 @@ def step_vector(f, at, y, c, n):
         v_next[j] = v[j]
     scratch = a, perturbed, residual, row_swaps, column_swaps
     if not solve_vector(f, c[2].jacobian, at.t + at.h, u_next, v_next, w_next, scratch, c, at.h, at.p, n):
-        return y, False  # the state stays what the last good step left
+        return y, False  # rows u, v and w still hold the last good state
     return (u_next, v_next, w_next, u, v, w, a, perturbed, residual, row_swaps, column_swaps), True
 
 
@@ -90,7 +91,7 @@ def solve_vector(f, jacobian, t, u, v, w, scratch, c, h, p, n):
         norm = scale = size = 0.0
         for j in range(n):
             residual[j] = v[j] - w[j] - h / 2 * a[j]
-            norm += abs(residual[j])  # a sum, because a maximum may pass over a NaN
+            norm += abs(residual[j])  # a sum, because a maximum may ignore a NaN
             scale += abs(v[j]) + abs(w[j])
             size += abs(u[j])
         finite = math.isfinite(norm + scale + size)
@@ -127,8 +128,9 @@ def count(tally, iterations, evaluations_each):
 
 @element
 def is_solved(residual, last, speed, size, tolerance, h, n):
-    # The second test is for a system at rest under load. All that is left of v there is the round-off of f: iterating
-    # does not reduce it, and it moves u by less than the round-off of u. The third is for v or h f that are denormal.
+    # The first test compares the residual with the velocity. The second is for a system at rest under load: v is then
+    # only the round-off of f, which iterating does not reduce, and which changes u by less than the round-off of u. The
+    # third is for denormal v or h f.
     if residual <= tolerance * speed:
         return True
     return residual > last / 2 and (h * residual <= ROUND_OFF * size or residual <= n * (1 + h) * DENORMAL_ROUND_OFF)

@@ -4,7 +4,7 @@
     u_{n+1} = u_n + h v_n + h^2/2 [a_n + alpha (a_n - a_{n-1})]
     v_{n+1} = v_n + h [a_n + beta (a_n - a_{n-1})]
 
-The first step has no a_{-1}. With a_{-1} = a_0 it becomes the Taylor step of the article.
+There is no a_{-1} at the start. With a_{-1} = a_0, the first step is the Taylor step of the article.
 """
 
 from .jit import element
@@ -20,7 +20,7 @@ def constants(settings, h, work):
 
 @element
 def update(u, v, a, a_past, c, h):
-    # Grouped so that one multiply-add follows a: nothing else of the next u waits for the right-hand side.
+    # The terms are grouped so that only one multiply-add for u has to wait for a, the result of the right-hand side.
     c_now, c_past, b_now, b_past = c
     return u + (h * v - c_past * a_past) + c_now * a, v - b_past * a_past + b_now * a
 

@@ -1,10 +1,10 @@
-"""EIG-3(1, 1/2) for a force without velocity, carried by the velocity of the half step.
+"""EIG-3(1, 1/2) for a force without velocity, in terms of the velocity w at the middle of the steps.
 
     w_n = v_n - h/2 a_{n-1}
     w_{n+1} = w_n + h a_n        u_{n+1} = u_n + h w_{n+1}        v_{n+1} = w_{n+1} + h/2 a_n
 
-are the formulas of EIG-3 with other names, and the positions those of central difference. Where f does not read v, no
-step needs it: with n degrees of freedom fewer arrays are read and written in a step.
+Substituting w gives the formulas of EIG-3(1, 1/2); u is the same as in central difference. If f does not read v, no
+step needs v. With n degrees of freedom, a step then reads and writes fewer arrays.
 """
 
 from .cd import EVALUATIONS, PAST, ROWS, complete, move, start, velocity

@@ -1,8 +1,9 @@
-"""Compiler options, and compiling with the cache on disk.
+"""Compiler options, and compilation with the cache on disk.
 
-A kernel is compiled in one of two modes. In pointer mode the right-hand side is an address: one compiled kernel, kept
-on disk, serves every right-hand side. In inline mode the same Python function is specialised for one right-hand side,
-which LLVM then inlines: the fastest loop, compiled anew in every process.
+A kernel is compiled in one of two modes. In pointer mode, the kernel gets the address of the right-hand side. One
+compiled kernel, which is stored on disk, then works for every right-hand side. In inline mode, the same Python function
+is compiled for one right-hand side, which LLVM inlines. This gives the fastest loop, but every process compiles it
+again.
 """
 
 import contextlib
@@ -16,16 +17,18 @@ from typing import Any
 import numba
 from numba.core.errors import NumbaExperimentalFeatureWarning
 
-# "contract" lets LLVM fuse a*b + c; "nsz" ignores the sign of zero. Full fastmath would delete tests for NaN and
-# infinity. The NumPy error model makes 1/0 infinite: Python's raises, and its check prevents vectorised loops.
+# "contract" allows LLVM to fuse a*b + c; "nsz" allows it to ignore the sign of zero. Full fastmath would remove the
+# tests for NaN and infinity. With the error model of NumPy, 1/0 is infinite. Python's error model raises an exception,
+# and the check for it prevents vectorised loops.
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
-# Without NRT a kernel counts no references. Counting the array arguments around a call through a pointer, which LLVM
-# cannot remove, triples the time of a step; and an exception would leak every reference that the kernel holds, whole
-# histories. Without NRT an allocation is a compile error, and no kernel can return an array to code that counts.
+# NRT is Numba's runtime, which counts references to arrays. Kernels do without it for two reasons. LLVM cannot remove
+# the counting of the array arguments around a call through a pointer, and this counting triples the time of a step.
+# And an exception would leak every array to which the kernel holds a reference, such as a whole history. Without NRT,
+# an allocation does not compile, and a kernel must not return an array to code that counts references.
 KERNEL_OPTIONS: dict[str, Any] = {"_nrt": False, **OPTIONS}
 
-#: The decorator of the functions that kernels are built of.
+#: The decorator for the functions that are inlined into a kernel.
 element = numba.njit(forceinline=True, **KERNEL_OPTIONS)
 
 
@@ -42,14 +45,18 @@ def compile_kernel(
         Globals that the template uses besides those of its own file.
     signature : Numba signature
     label : str
-        What distinguishes these names from others for the same template.
+        Text that distinguishes this kernel from others with the same template.
     sources : tuple of str
-        Files outside this folder that the names come from.
+        Paths of files outside this folder that define some of the names.
+
+    Returns
+    -------
+    Numba dispatcher
 
     Notes
     -----
-    Numba's cache notices a change of the template's file, but not of the files that it calls into. The name of the
-    kernel therefore holds the label and a fingerprint of all these files.
+    Numba's cache detects a change of the template's file, but not of the files whose functions the template calls. The
+    name of the kernel therefore contains the label and a checksum of all these files.
     """
     function = bound(template, names)
     function.__qualname__ = f"{template.__name__}_{label}_{fingerprint(sources)}"
@@ -59,23 +66,24 @@ def compile_kernel(
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Without the warning that first-class functions are experimental, which they have been since 2019."""
+    """Suppress the warning that first-class functions are experimental in Numba, as they have been since 2019."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
         yield
 
 
 def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:
-    """A copy of a function that finds `names` among its globals."""
+    """Return a copy of a function whose globals also contain `names`."""
     function = types.FunctionType(template.__code__, {**template.__globals__, **names}, template.__name__)
     function.__module__ = template.__module__
     return function
 
 
 def cached(function: Callable, signature: Any = None, **options: Any) -> Any:
-    """Compile with the disk cache, or without it where no folder can be written and where indices are checked.
+    """Compile with the disk cache.
 
-    Numba's cache does not distinguish checked code from unchecked code and would load one for the other.
+    The cache is not used if no folder can be written, or if indices are checked: Numba's cache does not distinguish
+    checked code from unchecked code, and would load one in place of the other.
     """
     options = options or OPTIONS
     try:
@@ -87,7 +95,7 @@ def cached(function: Callable, signature: Any = None, **options: Any) -> Any:
 
 
 def fingerprint(sources: tuple[str, ...] = ()) -> str:
-    """A checksum of the kernels' source files and of other files."""
+    """Return a checksum of the source files of all kernels and of the files `sources`."""
     checksum = 0
     for path in [*sorted(Path(__file__).parent.glob("*.py")), *map(Path, sources)]:
         checksum = zlib.crc32(path.read_bytes(), checksum)

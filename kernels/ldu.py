@@ -1,7 +1,8 @@
-"""P A Q = L D U with rook pivoting, in place and without allocation, for the small systems of `cd_newton`.
+"""The factorisation P A Q = L D U with rook pivoting, in place and without allocation, for `cd_newton`.
 
-A rook pivot is the largest entry in absolute value of both its row and its column: nearly as safe as complete pivoting
-at about the cost of partial pivoting (Poole & Neal, "The rook's pivoting strategy", J. Comput. Appl. Math. 123, 2000).
+The absolute value of a rook pivot is the largest in its row and in its column. Rook pivoting is nearly as stable as
+complete pivoting, and costs about as much as partial pivoting (Poole & Neal, "The rook's pivoting strategy", J. Comput.
+Appl. Math. 123, 2000).
 """
 
 from .jit import element
@@ -27,12 +28,12 @@ def largest_in_row(a, n, row, first):
 
 @element
 def rook_pivot(a, n, k):
-    """The entry reached by going to the largest of a column, then of a row, in turns until neither moves."""
+    """Find the pivot: go to the largest entry of a column, then of a row, and so on, until neither search moves."""
     column = k
     row = largest_in_column(a, n, column, k)
     while True:
         next_column = largest_in_row(a, n, row, k)
-        if not abs(a[row, next_column]) > abs(a[row, column]):  # so written, a NaN ends the search
+        if not abs(a[row, next_column]) > abs(a[row, column]):  # `not >` instead of `<=` ends the search at a NaN
             return row, column
         column = next_column
         next_row = largest_in_column(a, n, column, k)
@@ -43,9 +44,10 @@ def rook_pivot(a, n, k):
 
 @element
 def factorise(a, n, row_swaps, column_swaps):
-    """Overwrite `a`, n x n, with the unit triangles L and U and, on the diagonal, 1/D; return False if it is singular.
+    """Factorise the n x n matrix `a` in place; return False if it is singular or contains a NaN.
 
-    The swaps are kept as floats, in arrays of n.
+    Below the diagonal, `a` then holds L, and above it U, both without their diagonals of ones. The diagonal holds 1/D.
+    The swaps of rows and columns are stored as floats in two arrays of length n.
     """
     for k in range(n):
         row, column = rook_pivot(a, n, k)
@@ -71,7 +73,7 @@ def factorise(a, n, row_swaps, column_swaps):
 
 @element
 def solve(a, n, row_swaps, column_swaps, b):
-    """Overwrite `b` with the solution of the system that `factorise` left in `a`."""
+    """Overwrite `b` with the solution x of A x = b, where `a` and the swaps are the result of `factorise`."""
     for k in range(n):
         row = int(row_swaps[k])
         if row != k:

@@ -1,7 +1,8 @@
-"""The loops that every fixed-step method runs in: from step `first`, take `count` steps, write every `every`-th state.
+"""The loops over the steps of a fixed-step method, which also write the states to save.
 
-`step` returns the next state and whether it succeeded; LLVM drops the test for methods that cannot fail. Time is
-t0 + i h from the step index i. A sum of steps would drift, and a chunk could not start in the middle.
+`step` returns the next state and whether it succeeded. For a method whose steps cannot fail, LLVM removes this test.
+The time is computed as t0 + i h from the step index i. A sum of steps would accumulate round-off, and would depend on
+the division of the run into chunks.
 """
 
 import numba
@@ -9,13 +10,16 @@ import numba
 from .jit import element
 from .protocol import At, row_index
 
-#: Whether a wrong order of rows is looked for.
+#: Whether to check that a step returns each of its rows once.
 CHECKED = bool(numba.config.BOUNDSCHECK)
 
 
 @element
 def march_scalar(step, f, y, c, run, first, last, row):
-    """March the tuple `y` (u, v, past ...) from step `first` to `last`; return it, the step and the row reached."""
+    """Advance the tuple `y` = (u, v, past ...) from step `first` to `last`.
+
+    Return the last `y`, the step index that was reached, and the next row of `run.u_rows` to write.
+    """
     left = run.every - first % run.every
     for i in range(first, last):
         y_next, success = step(f, At(i, run.t0 + i * run.h, run.h, run.p), y, c)
@@ -33,7 +37,7 @@ def march_scalar(step, f, y, c, run, first, last, row):
 
 @element
 def march_vector(step, complete, f, y, c, n, run, first, last, row):
-    """`march_scalar` for a tuple of rows of n values, which a step may return in another order."""
+    """Do the same as `march_scalar` for a tuple of rows of n values, which a step may return in another order."""
     left = run.every - first % run.every
     for i in range(first, last):
         y_next, success = step(f, At(i, run.t0 + i * run.h, run.h, run.p), y, c, n)
@@ -60,7 +64,7 @@ def write(complete, y, c, n, run, row):
 
 @element
 def settle(y, state, n):
-    """Move the contents of the rows so that y[k] lies in row k of the state again."""
+    """Move the contents of the rows so that row k of the state contains y[k] again."""
     if CHECKED:
         for k in range(len(y)):
             for other in range(k):
@@ -68,7 +72,7 @@ def settle(y, state, n):
                     raise IndexError("a step must return each of its rows once.")
     for k in range(len(y)):
         place = row_index(y[k], state)
-        while place < k:  # an earlier exchange moved this content on
+        while place < k:  # an earlier exchange moved this content to another row
             place = row_index(y[place], state)
         if place != k:
             for j in range(n):

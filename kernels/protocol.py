@@ -1,4 +1,4 @@
-"""What kernels, marches and callbacks agree on: their signatures and the rows of a state."""
+"""The interface of kernels, marches and callbacks: their signatures, and functions for the rows of a state."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -10,12 +10,12 @@ from numba.extending import intrinsic
 from numba.np import arrayobj
 from numba.types import Array, float64, int64, none
 
-#: What each entry of a kernel's `tally` counts or reports.
+#: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 
 
 class Run(NamedTuple):
-    """What a kernel marches: `count` steps from step index `first`, writing every `every`-th state into the rows."""
+    """The steps to take: `count` steps from step index `first`. Every `every`-th state is written to the rows."""
 
     h: Any
     t0: Any
@@ -28,7 +28,7 @@ class Run(NamedTuple):
 
 
 class At(NamedTuple):
-    """Where a step begins: its index i, the time t = t0 + i h, the step length h and the parameters p."""
+    """The start of a step: its index i, the time t = t0 + i h, the step length h and the parameters p."""
 
     i: Any
     t: Any
@@ -37,7 +37,8 @@ class At(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What a method that solves equations needs besides f: the jacobian or None, the tally, and an n x n matrix."""
+    """Arguments of a method that solves equations: the jacobian or None, the tally, and, for n degrees of freedom, an
+    n x n matrix."""
 
     jacobian: Any
     tally: Any
@@ -48,9 +49,9 @@ vector_type, matrix_type = Array(float64, 1, "C"), Array(float64, 2, "C")
 _given = Array(float64, 1, "C", readonly=True)  # a callback that writes to such an array does not compile
 
 
-@dataclass(frozen=True, eq=False)  # compared and hashed as the objects they are
+@dataclass(frozen=True, eq=False)  # each of the two forms is equal only to itself
 class Form:
-    """The types of one form of right-hand side: one degree of freedom, or n."""
+    """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom."""
 
     name: str
     rhs: Any
@@ -81,10 +82,10 @@ VECTOR = Form(
 
 
 def function_at(signature: Any) -> Any:
-    """Return a compiled ``function(address)`` that turns the address of a compiled callback into the callback.
+    """Return a compiled ``function(address)`` that converts the address of a compiled callback to the callback.
 
-    An address is a plain integer. A callback passed as an object costs some ten microseconds in each call, because
-    Numba looks up its address again.
+    An address is a plain integer. If a callback were passed as an object, each call of a kernel would take some ten
+    microseconds more, because Numba would look up its address.
     """
     kind = types.FunctionType(signature)
 
@@ -102,7 +103,7 @@ def function_at(signature: Any) -> Any:
 
 @intrinsic(prefer_literal=True)
 def floats(typingctx, state, count):
-    """``floats(state, count)``: the first `count` numbers of a 1-D array as a tuple; `count` is a literal."""
+    """``floats(state, count)`` returns the first `count` numbers of a 1-D array as a tuple; `count` is a literal."""
     kind = types.UniTuple(float64, count.literal_value)
 
     def codegen(context, builder, signature, args):
@@ -116,7 +117,7 @@ def floats(typingctx, state, count):
 
 @intrinsic(prefer_literal=True)
 def rows(typingctx, state, count):
-    """``rows(state, count)``: the first `count` rows of a 2-D array as a tuple of 1-D arrays; `count` is a literal."""
+    """``rows(state, count)`` returns the first `count` rows of a 2-D array as a tuple; `count` is a literal."""
     kind = types.UniTuple(vector_type, count.literal_value)
 
     def codegen(context, builder, signature, args):
@@ -131,9 +132,9 @@ def rows(typingctx, state, count):
 
 @intrinsic(prefer_literal=True)
 def head(typingctx, y, count):
-    """``head(y, count)``: the first `count` entries of a tuple; `count` is a literal, also by another name.
+    """``head(y, count)`` returns the first `count` entries of a tuple; `count` is a literal.
 
-    Numba slices a tuple only by numbers that are written out.
+    Numba's own slices of tuples need numbers in the source; here `count` may be the name of a constant.
     """
     kind = types.UniTuple(y.dtype, count.literal_value)
 
@@ -145,7 +146,7 @@ def head(typingctx, y, count):
 
 @intrinsic(prefer_literal=True)
 def tail(typingctx, y, count):
-    """``tail(y, count)``: the entries of a tuple after the first `count`."""
+    """``tail(y, count)`` returns the entries of a tuple after the first `count`; `count` is a literal."""
     kind = types.UniTuple(y.dtype, y.count - count.literal_value)
 
     def codegen(context, builder, signature, args):
@@ -156,9 +157,9 @@ def tail(typingctx, y, count):
 
 @intrinsic(prefer_literal=True)
 def stack_rows(typingctx, n, count):
-    """``stack_rows(n, count)``: a tuple of `count` arrays of n values on the stack; both are literals.
+    """``stack_rows(n, count)`` returns a tuple of `count` arrays of n values on the stack; both are literals.
 
-    LLVM keeps such arrays in registers once it has unrolled the loops over n.
+    After LLVM has unrolled the loops over n, it keeps these arrays in registers.
     """
     kind = types.UniTuple(vector_type, count.literal_value)
 
@@ -177,7 +178,7 @@ def stack_rows(typingctx, n, count):
 
 @intrinsic(prefer_literal=True)
 def copy_rows(typingctx, target, source, n):
-    """``copy_rows(target, source, n)``: n values of each row of a tuple into the rows of another; n is a literal.
+    """``copy_rows(target, source, n)`` copies n values of each row of `source` to the rows of `target`; n is a literal.
 
     All values are read before the first is written, so `source` may hold the rows of `target` in another order.
     """
@@ -198,7 +199,7 @@ def copy_rows(typingctx, target, source, n):
 
 @intrinsic
 def row_index(typingctx, row, state):
-    """``row_index(row, state)``: which row of a 2-D array a 1-D array is."""
+    """``row_index(row, state)`` returns the number of the row of a 2-D array that is the 1-D array `row`."""
 
     def codegen(context, builder, signature, args):
         arrays = [arrayobj.make_array(kind)(context, builder, x) for kind, x in zip(signature.args, args, strict=True)]
@@ -210,7 +211,7 @@ def row_index(typingctx, row, state):
 
 
 def _array(context: Any, builder: Any, data: Any, n: Any) -> Any:
-    """A contiguous 1-D array over memory that nobody counts references to."""
+    """Return a contiguous 1-D array over memory without reference counting."""
     array = arrayobj.make_array(vector_type)(context, builder)
     stride = context.get_constant(types.intp, 8)
     arrayobj.populate_array(array, data=data, shape=[n], strides=[stride], itemsize=stride, meminfo=None)

@@ -1,9 +1,9 @@
-"""RK2, Heun's method (the explicit trapezoid), with the stage velocities eliminated.
+"""RK2, Heun's method (the explicit trapezoidal rule), with the stage velocities eliminated.
 
     a_1 = f(t, u, v)                        u_{n+1} = u + h v + h^2/2 a_1
     a_2 = f(t + h, u + h v, v + h a_1)      v_{n+1} = v + h/2 (a_1 + a_2)
 
-The midpoint rule, the other well-known method of two stages, does not give the article's tables.
+The article's tables come from this method, not from the midpoint rule, the other well-known method of two stages.
 """
 
 from .jit import element

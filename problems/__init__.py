@@ -1,4 +1,4 @@
-"""Problems, one a file."""
+"""The problems of the library, one per file."""
 
 from .curtain import curtain
 from .damped_bar import damped_bar

@@ -46,7 +46,7 @@ def damped_bar(
 
     Notes
     -----
-    `exact` is the solution for the n masses and `continuum` that for the bar, both by modal superposition.
+    `exact` is the solution for the n masses, and `continuum` is the solution for the bar, both by modal superposition.
     """
     if not xi >= 0:
         raise ValueError(f"xi must not be negative, not {xi}.")

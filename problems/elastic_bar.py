@@ -50,7 +50,7 @@ def elastic_bar(
     length : float
         Length of the bar, m.
     wave_speed : float
-        sqrt(E / rho), m/s. The default is that of steel.
+        sqrt(E / rho), m/s. The default is the value of steel.
     centre, width : float
         Centre and width of the pulse as fractions of the length: u = exp(-((x / length - centre) / width)^2 / 2).
     t_end : float
@@ -80,7 +80,7 @@ def elastic_bar(
         energy_unit="1/s^2",
         exact=standing_waves(u0, lumped_frequencies(n, length, wave_speed), np.zeros(n)),
         continuum=travelling_waves(x * length, length, wave_speed, centre, width),
-        source="d'Alembert; the lumped frequencies are those of Lagrange's loaded string",
+        source="d'Alembert; the lumped frequencies are from Lagrange's loaded string",
         draw=drawing_of_bar(x * length),
     )
 

@@ -51,8 +51,8 @@ def quarter_car(
     speed : float
         m/s.
     roughness : float
-        Spectral density of the road at 0.1 cycles/m, m^3. The middle of class A (very good) is 16e-6, and that of class
-        B (good) is 64e-6.
+        Spectral density of the road at 0.1 cycles/m, m^3. The middle of class A (very good) is 16e-6; the middle of
+        class B (good) is 64e-6.
     t_end : float
         Duration, s.
     work : bool

@@ -14,7 +14,7 @@ from eig3.problem import Problem
 from eig3.scene import Scene
 
 G = 9.81
-REACH = 0.5  # height of the wheel's centre above the rail's where they touch, m
+REACH = 0.5  # height of the wheel's centre above the rail when they touch, m
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +50,8 @@ class RollingContact(Link):
     @staticmethod
     @eig3.jit
     def tension(t, r, stiffness, reach, speed, start, half, angle):
-        beside = max(0.0, 1 - abs(speed * t - start) / half)
-        return -push(reach - half * angle / 2 * beside * beside - r, stiffness)
+        closeness = max(0.0, 1 - abs(speed * t - start) / half)
+        return -push(reach - half * angle / 2 * closeness * closeness - r, stiffness)
 
 
 def rail_joint(

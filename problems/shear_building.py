@@ -11,7 +11,7 @@ from eig3.scene import Scene
 
 
 def quake(duration: float, spacing: float, peak: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a record like that of an earthquake: times, s, and displacements of the ground, m.
+    """Return a record similar to an earthquake record: times, s, and displacements of the ground, m.
 
     It is white noise through the filter of Kanai and Tajimi for firm ground (15 rad/s, damping 0.6). The envelope rises
     during an eighth of the duration and falls from half of it. This acceleration is integrated twice, without the part

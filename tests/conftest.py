@@ -15,11 +15,15 @@ from eig3.kernels.invariant import invariant_kernel
 from eig3.kernels.protocol import SCALAR, VECTOR
 
 ROOT = Path(__file__).parent.parent
-#: The README's fenced blocks, as (language, text).
-BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
-PYTHON = [code for language, code in BLOCKS if language == "python"]
-#: The method of one's own in the kernels' README.
-OWN_METHOD = re.search(r"```python\n(.*?)```", (ROOT / "kernels/README.md").read_text(), flags=re.DOTALL)[1]
+README_FILES = ("README.md", "bench/README.md", "eig3/analysis/README.md", "eig3/scene/README.md")
+README_FILES += ("kernels/README.md", "problems/README.md")
+#: The fenced blocks of each README, as (language, text).
+BLOCKS = {
+    name: re.findall(r"^```(\w+)\n(.*?)^```$", (ROOT / name).read_text(), flags=re.MULTILINE | re.DOTALL)
+    for name in README_FILES
+}
+#: The method in the kernels' README: the whole file of a user's own.
+OWN_METHOD = next(text for language, text in BLOCKS["kernels/README.md"] if language == "python")
 
 ALL_METHODS = [
     eig3.EIG3(),
@@ -98,7 +102,7 @@ def structure(t, u, v, p, a):
 
 @eig3.jit
 def coupled(t, u, v, p, a):
-    """Three masses in a row between walls, with dampers and a force: linear, not symmetric in any trivial way."""
+    """Three masses in a row between walls, with dampers and a force: linear, with different masses and springs."""
     for j in range(3):
         left = u[j - 1] if j > 0 else 0.0
         right = u[j + 1] if j < 2 else 0.0
@@ -126,7 +130,7 @@ def shaken(t):
 
 
 def acceleration(problem, u, v, t=0.0):
-    """What a problem's right-hand side of n degrees of freedom writes; NaN where it writes nothing."""
+    """The accelerations that a problem's right-hand side writes; an entry that it does not write is NaN."""
     a = np.full(np.size(problem.u0), np.nan)
     problem.rhs(t, u, v, np.asarray(problem.params), a)
     return a
@@ -139,7 +143,7 @@ def method(request):
 
 @pytest.fixture(scope="session")
 def users_folder(tmp_path_factory):
-    """Where a user's method is kept: in one place, so that its kernels are compiled once and then loaded from disk."""
+    """The folder of a user's method. All tests share it, so that its kernels are compiled only once."""
     folder = tmp_path_factory.mktemp("user")
     (folder / "symplectic_euler.py").write_text(OWN_METHOD)
     return folder
@@ -147,7 +151,7 @@ def users_folder(tmp_path_factory):
 
 @pytest.fixture
 def symplectic_euler(users_folder, monkeypatch):
-    """The method in the README of the kernels, a user's own."""
+    """The method that the README of the kernels defines."""
     monkeypatch.syspath_prepend(users_folder)
     yield importlib.import_module("symplectic_euler").SymplecticEuler
     del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]

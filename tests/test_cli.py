@@ -30,7 +30,7 @@ def test_version_and_help(capsys):
         (["bench", "paper", "--table", "6"], "invalid choice"),
         (["bench", "paper", "--repeats", "0"], "must be a whole number of at least 1"),
         (["bench", "paper", "--repeats", "x"], "must be a whole number of at least 1"),
-        (["bench", "paper", "--out", "/dev/null/x"], "cannot be made"),
+        (["bench", "paper", "--out", "/dev/null/x"], "cannot create the folder"),
     ],
 )
 def test_wrong_usage_is_refused(arguments, message, capsys):
@@ -43,6 +43,14 @@ def test_wrong_usage_is_refused(arguments, message, capsys):
 def test_the_command_is_installed():
     result = subprocess.run([sys.executable, "-m", "eig3", "--version"], capture_output=True, text=True, check=True)
     assert result.stdout == f"eig3 {eig3.__version__}\n"
+
+
+@pytest.mark.parametrize("command", ["run", "plan"])
+def test_help_lists_the_problems(command, capsys):
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    printed = "".join(capsys.readouterr().out.split())
+    assert ",".join(eig3.problems.__all__) in printed
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)

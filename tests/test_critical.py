@@ -123,7 +123,7 @@ def test_rhs_gets_the_time_of_the_state():
 
 @pytest.mark.parametrize("n", [2, 64, 65, 100, 100_000])
 def test_elastic_bar(n):
-    """From 65 masses on a Krylov space of 60 directions finds the highest frequency, to 1e-3 in a long bar."""
+    """From 65 masses on, a Krylov space of 60 directions finds the highest frequency, in a long bar to 1e-3."""
     bar = problems.elastic_bar(n)
     highest = 2 * math.sqrt(bar.params[0]) * math.cos(math.pi / (2 * (n + 1)))
     for method in ("eig3", "cd", "rk4")[: 1 if n > 1000 else 3]:
@@ -137,7 +137,7 @@ def test_elastic_bar(n):
 
 @pytest.mark.parametrize(("n", "xi"), [(100, 0.1), (1000, 0.1), (1000, 1.0)])
 def test_damped_bar(n, xi):
-    """Its modes are those of the elastic bar, damped by xi omega / (2 sqrt(k))."""
+    """Its modes are the modes of the elastic bar, damped by xi omega / (2 sqrt(k))."""
     bar = problems.damped_bar(n, xi=xi)
     ratio = math.cos(math.pi / (2 * (n + 1)))
     highest = 2 * math.sqrt(bar.params[0]) * ratio
@@ -178,7 +178,7 @@ def system(kind, n):
 
 
 def largest(method, K, C, h, n_steps):
-    """The largest size of a state of a run from a random start, as a multiple of that start's, in sqrt(v^2 + u K u)."""
+    """The largest sqrt(v^2 + u K u) of a run from a random start, relative to its value at the start."""
     n = len(K)
     root = np.linalg.cholesky(K)
     random = np.random.default_rng(99)
@@ -204,12 +204,13 @@ def largest(method, K, C, h, n_steps):
 def test_runs_on_both_sides_of_the_limit(method, kind, n):
     """0.99 of the limit stays bounded, 1.01 grows without bound.
 
-    In one undamped mode at 0.99 of the limit, central difference's positions come to 1/sqrt(1 - 0.99^2) = 7.1 times the
-    start, EIG-3's reported velocities to (1 + 2 * 0.99) times that at most; Runge-Kutta steps never grow, the parasites
-    of AB3 little. Damped systems without common modes can grow on the way by as much as their modes are skew: 30 allows
-    for twice, and what is left of the limit's 0.2 per cent. Above the limit the slowest to grow is RK3, by
-    1 - Omega^4/24 + Omega^6/72, 0.75 per cent a step, e^18 in 2500 steps; Newton's method at 150 degrees of freedom
-    gets 200 steps, in which an alternating mode grows by 20 per cent each.
+    In one undamped mode at 0.99 of the limit, central difference's positions grow to at most 1/sqrt(1 - 0.99^2) = 7.1
+    times the start, and EIG-3's reported velocities to at most (1 + 2 * 0.99) times that. Runge-Kutta steps never grow,
+    and the parasites of AB3 grow little. Damped systems without common modes can grow for a while, because their modes
+    are not orthogonal. The factor 30 allows for twice this growth, and for an error of the limit of 0.2 per cent. Above
+    the limit RK3 grows most slowly, by 1 - Omega^4/24 + Omega^6/72, which is 0.75 per cent per step and e^18 in 2500
+    steps. Newton's method at 150 degrees of freedom takes 200 steps, in which an alternating mode grows by 20 per cent
+    each.
     """
     K, C = system(kind, n)
     found = critical_step(structure, np.zeros(n), np.zeros(n), np.concatenate([K.ravel(), C.ravel()]), method=method)
@@ -269,7 +270,7 @@ def test_gyroscopic_systems_limit_methods_by_their_rates(method, rhs, params, ra
     assert found.limit == pytest.approx(STEADY[method] / rate, rel=1e-5)
     assert found.omega_max == pytest.approx(rate, rel=1e-6)
     assert str(found.xi) == "0.0"
-    # at 0.99 nothing grows; u may drift by v / rate, and AB3's start has an error of its own
+    # at 0.99 nothing grows; u may drift by v / rate, and the start of AB3 has an error
     assert farthest(rhs, params, method, 0.99 * found.limit, 20_000) < 10
     assert farthest(rhs, params, method, 1.01 * found.limit, 20_000) > 1e6
 
@@ -341,7 +342,7 @@ def test_gyroscopic_systems_have_no_step_with_methods_that_excite_them(method, r
 @pytest.mark.parametrize("n", [2, 5, 20])
 @pytest.mark.parametrize("size", [0.01, 0.1, 3.0])
 def test_weak_gyroscopic_forces_excite_lagged_central_difference(n, size):
-    """However weak: by half of kappa h a step, where kappa is a hundredth of the frequencies too."""
+    """It grows by half of kappa h per step, also where kappa is only a hundredth of the frequencies."""
     random = np.random.default_rng(n)
     Q = np.linalg.qr(random.normal(size=(n, n)))[0]
     B = random.normal(size=(n, n))
@@ -369,7 +370,7 @@ def test_a_free_particle_has_every_step(method):
     [("eig3", 1), (LAGGED, 2), ("rk2", 2), ("rk3", 2.5127453266), ("rk4", 2.7852935634), ("ab2", 1), ("ab3", 6 / 11)],
 )
 def test_pure_drag(method, interval):
-    """v' = -c v: the real interval of each method; that of AB2 for EIG-3's velocity, of Euler for a lagged one."""
+    """v' = -c v: the real interval of each method. EIG-3's velocity has AB2's interval, a lagged one has Euler's."""
     found = critical_step(spring_and_drag, 1.0, 2.0, (0.0, 5.0), method=method)
     assert found.limit == pytest.approx(interval / 5, rel=1e-6)
     assert (found.omega_max, found.xi) == (0.0, math.inf)
@@ -389,7 +390,7 @@ def test_drag_does_not_limit_an_implicit_method():
 
 
 def test_a_saddle_may_grow_by_itself():
-    """u'' = 4 u: what grows like exp(2 t) may; what decays like exp(-2 t) limits the methods of first-order systems."""
+    """u'' = 4 u: the growth exp(2 t) is physical; the decay exp(-2 t) limits the methods of first-order systems."""
     for method, interval in (("rk2", 2), ("rk4", 2.7852935634), ("ab2", 1)):
         assert critical_step(spring_and_drag, 1.0, 0.0, (-4.0, 0.0), method=method).limit == pytest.approx(
             interval / 2, rel=1e-6
@@ -426,7 +427,7 @@ def test_a_strong_damper_at_the_end_of_a_chain(n):
     stiffest = 2 * math.cos(math.pi / (2 * (n + 1)))
     for method, expected in (("cd", 2 / stiffest), ("eig3", 0.01)):
         found = critical_step(structure, np.zeros(n), np.zeros(n), params, method=method)
-        assert found.limit == pytest.approx(expected, rel=5e-3)  # the search's 0.2 %, and the spring beside the damper
+        assert found.limit == pytest.approx(expected, rel=5e-3)  # 0.2 % from the search, and the effect of the spring
 
 
 @eig3.jit
@@ -463,7 +464,7 @@ def heavy(t, u, v, p):
 
 
 def test_increments_fit_the_system():
-    """Of a sine to 1 % of its curvature, which is what two increments are let differ by."""
+    """The error is 1 % of the sine's curvature, the difference that is allowed between two increments."""
     for far in (1.0, 1e4, 1e8, 1e10):
         found = critical_step(metres_and_radians, [far, 0.0], [0.0, 0.0])
         assert found.limit == pytest.approx(0.2, rel=5e-3)
@@ -474,8 +475,8 @@ def test_increments_fit_the_system():
 
 
 def test_round_off_of_a_large_system_is_no_growth():
-    """Differences and the projection leave 2e-7 of C where nothing acts. The limit is that of the other mode, but for
-    the growth of 1e-8 that counts as round-off."""
+    """Differences and the projection leave an error of 2e-7 of C in a mode without forces. The limit comes from the
+    other mode, and a growth of 1e-8 counts as round-off."""
     system = Linearised(np.diag([1.0, 0.0]), np.diag([0.6, -2e-7]), 0, is_complete=False)
     for method in (eig3.EIG3(), LAGGED):
         assert longest_stable_step(method, system) == pytest.approx((limit(method, 0.3), 1.0, 0.3), rel=1e-7)
@@ -506,7 +507,7 @@ def test_a_beam_in_metres_and_radians(inertia, mass, stiffness):
         assert found.limit == pytest.approx(limit(method, mass + stiffness) / highest, rel=5e-3)
 
 
-def test_the_reported_mode_is_the_one_that_limits_the_step():
+def test_the_reported_mode_is_the_one_that_limits():
     """Central difference is limited by the stiff mode, not by the fast decay of the other."""
     K, C = np.diag([1.0, 100.0]), np.array([[30.0, 0.1], [0.1, 0.0]])
     found = critical(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(2), np.zeros(2), eig3.CentralDifference())
@@ -528,7 +529,7 @@ def test_evaluations_are_those_made(kind, n):
         calls.append(1)
         return -K @ u - C @ v
 
-    # the method makes no evaluations of its own, and the eigenvalues of large systems take long for the first two
+    # the search for the limit makes no further evaluations; large systems leave out the first two, which take long
     for method in (eig3.EIG3(), eig3.CentralDifference(), eig3.RK4())[0 if n <= 3 else 2 :]:
         calls.clear()
         found = critical(acceleration, 0.0, np.ones(n), np.zeros(n), method)
@@ -629,10 +630,10 @@ GOOD = {"rhs": oscillator, "u0": 1.0, "v0": 0.0, "params": (2.0, 0.0)}
         ({"method": "euler"}, ValueError, "method must be one of 'eig3', 'cd'"),
         ({"params": "k"}, TypeError, "params must be made of real numbers, not 'k'."),
         ({"rhs": undefined}, ValueError, "rhs gives nan for degree of freedom 0 at the start"),
-        ({"rhs": lonely, "u0": 0.0}, ValueError, "rhs is not finite close to this state; give another."),
+        ({"rhs": lonely, "u0": 0.0}, ValueError, "rhs is not finite close to this state; give another state."),
     ],
 )
-def test_bad_input_raises_one_sentence(change, error, message):
+def test_bad_input_gives_an_error_of_one_sentence(change, error, message):
     with pytest.raises(error) as caught:
         critical_step(**{**GOOD, **change})
     text = str(caught.value)
@@ -647,11 +648,11 @@ def test_no_critical_step_is_a_value_error():
 
 @pytest.mark.parametrize("method", ["eig3", "rk4"])
 def test_an_equilibrium_of_large_forces_has_the_step_of_the_states_beside_it(method):
-    """What is left of forces that cancel is round-off, and says nothing about their size."""
+    """The sum of forces that cancel is round-off, which says nothing about the size of the forces."""
     car = problems.quarter_car()
     at_rest = car.critical_step(method=method).limit
-    beside = critical_step(car.rhs, car.u0 + 1e-3, car.v0, car.params, method=method).limit
-    assert at_rest == pytest.approx(beside, rel=1e-6)
+    nearby = critical_step(car.rhs, car.u0 + 1e-3, car.v0, car.params, method=method).limit
+    assert at_rest == pytest.approx(nearby, rel=1e-6)
     K = np.array([[198e3, -18e3], [-18e3, 18e3]]) / [[40.0], [300.0]]
     C = np.array([[1200.0, -1200.0], [-1200.0, 1200.0]]) / [[40.0], [300.0]]
     matrices = critical_step(structure, np.ones(2), np.ones(2), np.concatenate([K.ravel(), C.ravel()]), method=method)

@@ -1,4 +1,4 @@
-"""What a run that diverges says of its step, and what a finite one that grows steadily is noted for."""
+"""The explanation of a run that diverges, and the note of a finite run whose invariant grows steadily."""
 
 import math
 import re
@@ -27,7 +27,7 @@ def said(pattern, text):
 
 def tried_step_holds(run, rhs, u0, v0, params):
     """Run with the step that the message names to where the run failed, and return that step and the largest |u|."""
-    h = said(r"; h = ([\d.e+-]+) was tried and holds up to then\.$", run.explain())
+    h = said(r"; h = ([\d.e+-]+) was tried and is stable up to then\.$", run.explain())
     n_steps = math.ceil((run.t[-1] + run.h) / h)
     again = integrate(rhs, (0, n_steps * h), u0, v0, h=h * (1 + 1e-9), params=params, method=run.method)
     assert again.success
@@ -56,7 +56,7 @@ def tried_step_holds(run, rhs, u0, v0, params):
     ],
     ids=lambda value: repr(value).partition(", jacobian")[0],
 )
-def test_a_linear_run_reports_its_limit_and_a_stable_step(rhs, u0, method, xi, h):
+def test_a_linear_run_names_its_limit_and_a_stable_step(rhs, u0, method, xi, h):
     v0 = np.zeros_like(u0)
     run = integrate(rhs, (0, 1e5 * h), u0, v0, h=h, params=(OMEGA, xi), method=method)
     assert run.status is eig3.Status.DIVERGED
@@ -64,14 +64,14 @@ def test_a_linear_run_reports_its_limit_and_a_stable_step(rhs, u0, method, xi, h
     assert run.explain().startswith(f"The run became non-finite at t = {run.t[-1] + run.h:g}")
     assert ("in degree of freedom" in run.explain()) == (np.ndim(u0) == 1)
     assert f", with h = {run.h:g}: the critical step of {method!r} is " in run.explain()
-    reported = said(r" is ([\d.]+) from t = 0 to ", run.explain())
-    assert reported == pytest.approx(limit(method, xi) / OMEGA, rel=1e-3)  # four digits of it
+    named = said(r" is ([\d.]+) from t = 0 to ", run.explain())
+    assert named == pytest.approx(limit(method, xi) / OMEGA, rel=1e-3)  # four digits are printed
     assert said(r"\(omega = ([\d.]+), xi", run.explain()) == pytest.approx(OMEGA, rel=1e-3)
     assert said(r", xi = ([\d.e+-]+)\)", run.explain()) == pytest.approx(xi, abs=1e-6)
     step, largest = tried_step_holds(run, rhs, u0, v0, (OMEGA, xi))
-    # rounded down to three digits
-    assert 0.99 * 0.9 * min(reported, run.h) <= step <= 0.9 * min(reported, run.h) * 1.001
-    # at 0.9 of the limit the principal pair of CD, 1/sqrt(1 - 0.81) = 2.3, is the most that an undamped motion comes to
+    # the step is rounded down to three digits
+    assert 0.99 * 0.9 * min(named, run.h) <= step <= 0.9 * min(named, run.h) * 1.001
+    # at 0.9 of the limit, an undamped motion grows at most to 1/sqrt(1 - 0.81) = 2.3, the size of CD's principal pair
     assert largest < 3 * np.max(u0)
 
 
@@ -102,7 +102,7 @@ def test_a_method_without_a_stable_step_says_so(method):
     assert run.status is eig3.Status.DIVERGED
     assert f"{run.method!r} is unstable at every step for this system, with a mode of omega = 3 and xi" in run.explain()
     assert run.explain().endswith("such as 'eig3', 'cd', 'rk4'.")  # and no step is called stable
-    # the growth of the roots, from one to the largest number there is
+    # the roots grow from one to the largest floating-point number
     radius = spectral_radius(method, OMEGA * run.h)
     assert run.n_steps == pytest.approx(math.log(sys.float_info.max) / math.log(radius), rel=0.01)
 
@@ -118,8 +118,8 @@ def test_eig3_on_a_gyroscope_is_sent_to_others():
 
 
 @pytest.mark.parametrize("method", ["eig3", "cd", "rk4", "ab3"])
-def test_hardening_reports_the_limit_at_both_ends(method):
-    """At the start omega^2 = 9 (1 + 3 u^2); once the step was too long it is larger."""
+def test_hardening_names_the_critical_step_at_both_ends(method):
+    """At the start omega^2 = 9 (1 + 3 u^2). It is larger after the motion has grown."""
     run = integrate(hardening, (0, 1e3), 3.0, 0.0, h=0.4, params=9.0, method=method)
     assert run.status is eig3.Status.DIVERGED
     record = run.method.without_velocity()
@@ -133,7 +133,7 @@ def test_hardening_reports_the_limit_at_both_ends(method):
 
 
 def test_a_run_that_grows_into_instability_holds_with_the_step_named():
-    """The chain hardens as it is struck: stable at rest with a step that its compressed springs do not allow."""
+    """The chain becomes stiffer when it is struck: a step that is stable at rest is too long for compressed springs."""
     chain = problems.hardening_chain(20, hardening=1e8)
     h = 0.95 * chain.critical_step().limit
     run = chain.integrate(h=h)
@@ -144,7 +144,7 @@ def test_a_run_that_grows_into_instability_holds_with_the_step_named():
 
 
 @pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
-def test_a_solution_that_is_itself_unbounded_is_reported_as_such(method):
+def test_a_solution_that_is_unbounded_itself_is_reported_as_unbounded(method):
     """u'' = 6 u^2 from 1 and 2: u = 1 / (1 - t)^2 is infinite at t = 1."""
 
     @eig3.jit
@@ -156,7 +156,7 @@ def test_a_solution_that_is_itself_unbounded_is_reported_as_such(method):
     assert run.t[-1] == pytest.approx(1, abs=0.05)
     assert "were tried and fail too: the solution itself may be unbounded." in run.explain()
     assert said(r"shorter steps down to h = ([\d.e-]+) were tried", run.explain()) < 1e-3 / 50
-    assert "holds up to then" not in run.explain()
+    assert "is stable up to then" not in run.explain()
 
 
 def test_cubic_repulsion_is_unbounded():
@@ -188,7 +188,7 @@ def test_a_force_that_leaves_its_domain_does_not_hide_a_step_that_is_too_long(li
     tried_step_holds(run, rhs, 1e-3, 0.0, ())
 
 
-def test_a_system_that_stiffens_during_the_run_reports_the_step_for_the_end():
+def test_a_system_that_becomes_stiffer_gets_the_step_for_its_end():
     @eig3.jit
     def stiffens(t, u, v, p):
         return -u * (1 + 1e6 * (t > 50))
@@ -196,21 +196,21 @@ def test_a_system_that_stiffens_during_the_run_reports_the_step_for_the_end():
     run = integrate(stiffens, (0, 1e4), 1.0, 0.0, h=1.0, save_every=None)
     assert said(r"is ([\d.]+) at t = 0 ", run.explain()) == pytest.approx(2, rel=1e-3)
     assert said(r"and ([\d.e-]+) at t = 5", run.explain()) == pytest.approx(0.002, rel=1e-2)
-    assert said(r"h = ([\d.e-]+) was tried and holds", run.explain()) <= 0.0018
+    assert said(r"h = ([\d.e-]+) was tried and is stable", run.explain()) <= 0.0018
 
 
 def test_a_long_run_is_given_the_time_to_try():
     chain = problems.hardening_chain(2000, hardening=0.0, t_end=200.0)
     run = chain.integrate(h=0.0102, save_every=None, invariants={})
     assert run.status is eig3.Status.DIVERGED
-    assert "was tried and holds" in run.explain()
+    assert "was tried and is stable" in run.explain()
 
 
 # Growth that is noted ------------------------------------------------------------------------------------------------
 
 
 def noted_growth(run, name="energy"):
-    """The growth in the note, as a factor less one."""
+    """The growth in the note: the factor minus one."""
     assert run.success
     (note,) = run.notes
     assert note.startswith(f"{name} grows steadily, ")
@@ -224,10 +224,10 @@ def noted_growth(run, name="energy"):
 @pytest.mark.parametrize("h", [0.004, 0.01, 0.03, 0.05])
 @pytest.mark.parametrize(("method", "rate"), [("rk2", 1 / 4), ("ab2", 1 / 2)])
 def test_slow_growth_is_noted_with_its_size(method, rate, h, save_every):
-    """Energy grows (1 + Omega^4 / 4)^N with RK2, and to the order of Omega^6 as the square of that with AB2.
+    """Energy grows by (1 + Omega^4 / 4)^N with RK2 and, up to terms of order Omega^6, by its square with AB2.
 
-    The note compares the middles of the first and the last of sixteen parts, 0.94 of the run, or where it more than
-    doubled the two ends. The next term of AB2's rate is 4.2 Omega^2 of it.
+    The note compares the middles of the first and the last of sixteen parts, which are 0.94 of the run apart. If the
+    energy more than doubles, the note compares the two ends. The next term of AB2's rate is 4.2 Omega^2 times the rate.
     """
     run = problems.single_dof().integrate(h=h, method=method, save_every=save_every)
     exponent = rate * (4 * h) ** 4 * run.n_steps
@@ -235,14 +235,14 @@ def test_slow_growth_is_noted_with_its_size(method, rate, h, save_every):
         assert abs(math.log1p((4 * h) ** 4 / 4) - 2 * math.log(spectral_radius("rk2", 4 * h))) < 1e-12
     growth = noted_growth(run)
     grown, share = math.log1p(growth), 1.0 if growth > 1 else 0.94
-    # the middle of a part is that of its extremes, not of its exponential: by up to the growth in a part
+    # the middle of a part is the mean of its extremes, which differs from the exponential by up to its growth
     within = 0.03 + 5 * (4 * h) ** 2 * (method == "ab2") + math.tanh(exponent / 16) * 0.06
     assert share * (1 - within) * exponent < grown < share * (1 + within) * exponent
     assert f"  Note: {run.notes[0]}" in repr(run)
 
 
 def test_small_growth_is_noted_down_to_its_threshold():
-    """RK2 adds N Omega^4/4 to the energy, and a growth of 1e-6 is reported."""
+    """RK2 adds N Omega^4/4 to the energy. A growth of 1e-6 or more gives a note."""
     for h, noted in ((0.0003, True), (0.0002, False)):
         growth = (4 * h) ** 4 / 4 * 1000 / h
         assert (growth > 1e-6) is noted
@@ -267,7 +267,7 @@ def test_eig3_on_a_gyroscope_is_noted():
 def test_growth_on_the_softening_spring_is_noted(method):
     run = problems.softening_spring().integrate(h=1e-3, method=method, save_every=None)
     finer = problems.softening_spring().integrate(h=5e-4, method=method, save_every=None)
-    # of third order in h, as a rate of h^4 a step; the energy is 331, the growth is 1e-4 of it, reported to two digits
+    # of third order in h, as a rate of h^4 a step; the energy is 331, the growth is 1e-4 of it, printed with two digits
     assert noted_growth(run) / noted_growth(finer) == pytest.approx(8, rel=0.1)
 
 
@@ -292,7 +292,7 @@ def test_what_does_not_grow_is_not_noted(problem, method):
 
 @pytest.mark.parametrize("method", ["eig3", "cd", "rk2", "ab2"])
 def test_a_run_shorter_than_the_period_is_not_noted(method):
-    """The energy error of a part of a period rises with the motion."""
+    """In a part of a period, the energy error rises with the motion."""
     period = 2 * math.pi / 4
     for part in (0.1, 0.24, 0.5, 0.74, 0.99):
         for v0 in (0.0, 3.0):
@@ -333,7 +333,7 @@ def test_only_the_invariant_that_grows_is_noted():
 
 
 def test_an_invariant_that_starts_from_nothing_can_grow():
-    """It is zero over the whole first part of the run, and there is no size to compare with but its growth."""
+    """The invariant is zero in the first part of the run, so that its growth can only be compared with itself."""
 
     @eig3.jit
     def late(t, u, v, p):
@@ -357,7 +357,7 @@ def test_an_invariant_that_overflows_is_noted_and_its_drift_infinite():
     assert run.success
     assert run.drift["energy"] == math.inf
     (note,) = run.notes
-    assert note.startswith("energy grows steadily, beyond the largest number there is, over the run")
+    assert note.startswith("energy grows steadily, beyond the largest floating-point number, over the run")
 
 
 def test_an_invariant_that_is_not_a_number_is_not_noted():
@@ -370,14 +370,14 @@ def test_an_invariant_that_is_not_a_number_is_not_noted():
     assert run.notes == ()
 
 
-def test_a_failed_run_is_reported_by_its_message_only():
+def test_a_run_that_fails_has_a_message_and_no_note():
     run = problems.single_dof().integrate(h=0.5, method="rk2")
     assert run.status is eig3.Status.DIVERGED
     assert run.notes == ()
 
 
 def test_the_step_that_is_named_is_shorter_than_the_one_that_failed():
-    """Where a contact closes on the way, the critical step at the start is longer than the one that fails."""
+    """If a contact closes during the run, the critical step at the start is longer than the step that fails."""
     scene = Scene(1)
     balls = scene.mass(0.1, [-0.11, 0.0, 0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0, 0.0])
     scene.add(MassContact(1e9, 0.1), balls[:-1], balls[1:])
@@ -385,4 +385,4 @@ def test_the_step_that_is_named_is_shorter_than_the_one_that_failed():
     run = problem.integrate(h=1e-3)
     assert run.status is eig3.Status.DIVERGED
     assert problem.critical_step().limit > 1e-2
-    assert said(r"; h = ([\d.e-]+) was tried and holds", run.explain()) < 1e-3
+    assert said(r"; h = ([\d.e-]+) was tried and is stable", run.explain()) < 1e-3

@@ -1,4 +1,4 @@
-"""Each effect alone: its force and potential, what it reads, and what it conserves and dissipates."""
+"""Each effect alone: its force and potential, its arguments, and whether it conserves or dissipates energy."""
 
 import math
 

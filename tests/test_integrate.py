@@ -1,4 +1,4 @@
-"""eig3.integrate: what is saved, followed, reported and refused."""
+"""`eig3.integrate`: saved states, invariants, the end of a run, and errors."""
 
 import contextlib
 import os
@@ -43,7 +43,7 @@ def first_position(t, u, v, p):
     return u[0]
 
 
-# What is saved -------------------------------------------------------------------------------------------------------
+# Saved states ------------------------------------------------------------------------------------------------------
 
 
 @settings(deadline=None)
@@ -91,7 +91,7 @@ def test_step_is_shrunk_to_land_on_the_end():
     assert run.t.tolist() == [0, 0.25, 0.5, 0.75, 1]
 
 
-# What is followed ----------------------------------------------------------------------------------------------------
+# Invariants -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("save_every", [1, 7, 100000, None])
@@ -148,7 +148,7 @@ def test_divergence_keeps_the_finite_part(save_every):
     assert run.t[-1] == pytest.approx(run.n_steps * run.h)
     for word in ("non-finite at t =", "h = 0.7", "explain()"):
         assert word in run.message
-    for word in ("non-finite at t =", "h = 0.7", "is 0.6667", "(omega = 3, xi = 0)", "h = 0.6 was tried and holds"):
+    for word in ("non-finite at t =", "h = 0.7", "is 0.6667", "(omega = 3, xi = 0)", "h = 0.6 was tried and is stable"):
         assert word in run.explain()
     step = eig3.Stepper(oscillator, 1.0, 0.0, h=run.h, params=PARAMS)
     step.advance(run.n_steps)
@@ -188,7 +188,7 @@ def raises_between_seconds(t, u, v, p):
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "remedy"), [(9.0, "shorter steps"), (1e200, "was not tried, which would take long")]
+    ("stiffness", "remedy"), [(9.0, "shorter steps"), (1e200, "was not tried, because that would take long")]
 )
 def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_it(stiffness, remedy):
     run = integrate(raises_between_seconds, (0, 2000), 1.0, 0.0, h=1.0, params=stiffness)
@@ -197,7 +197,7 @@ def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_i
     assert remedy in run.explain()
 
 
-def test_a_nan_of_the_right_hand_side_is_distinguished_from_instability():
+def test_a_right_hand_side_that_gives_nan_is_distinguished_from_instability():
     @eig3.jit
     def undefined(t, u, v, p):
         return np.sqrt(0.5 - t)
@@ -281,10 +281,16 @@ def test_interrupt_in_the_last_chunk_is_not_lost(monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
         return taken
 
+    @eig3.jit
+    def new(t, u, v, p):
+        return -u
+
     monkeypatch.setattr(eig3.Stepper, "advance", interrupted_at_the_end)
-    run = oscillate()
+    run = integrate(new, (0, 1), 1.0, 0.0, h=1e-3)
     assert run.status is eig3.Status.INTERRUPTED
     assert run.n_steps == 1000
+    with pytest.raises(KeyboardInterrupt):  # a run known to be short does not keep it from a loop of such runs
+        integrate(new, (0, 1), 1.0, 0.0, h=1e-3)
 
 
 @eig3.jit
@@ -328,7 +334,7 @@ def test_exceptions_leak_no_history(method):
         for _ in range(3):
             with contextlib.suppress(ValueError):  # pytest.raises would keep the traceback, and so the rows
                 stepper.advance(1000, 1, *rows)
-        after = sys.getrefcount(rows[0])  # not in an assertion, where pytest keeps references of its own
+        after = sys.getrefcount(rows[0])  # not in an assertion, because pytest keeps references there
         assert after == references
         assert stepper.index == 0
 
@@ -413,7 +419,7 @@ def test_repr_is_a_summary():
     assert "iterations" in repr(oscillate(method=eig3.CentralDifference()))
 
 
-# What is refused -----------------------------------------------------------------------------------------------------
+# Errors ------------------------------------------------------------------------------------------------------------
 
 
 def plain(t, u, v, p):
@@ -520,7 +526,7 @@ GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "pa
         (
             {"rhs": in_another_order},
             TypeError,
-            "rhs names its first arguments u, v, t, p, but gets them as (t, u, v, p)",
+            "rhs takes u, v, t, p as its first arguments, but must have the form (t, u, v, p)",
         ),
         ({"rhs": not_finite, "u0": 0.0}, ValueError, "rhs gives nan for degree of freedom 0 at the start"),
         ({"rhs": explicit}, TypeError, "its decorator must not list signatures"),
@@ -570,7 +576,7 @@ GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "pa
         ),
     ],
 )
-def test_bad_input_raises_one_sentence(change, error, message):
+def test_bad_input_gives_an_error_of_one_sentence(change, error, message):
     with pytest.raises(error) as caught:
         integrate(**{**GOOD, **change})
     text = str(caught.value)
@@ -615,7 +621,7 @@ def test_history_that_does_not_fit_is_refused_with_the_save_every_that_would(mon
     assert 24 * len(run.t) <= 24e6
 
 
-def test_available_memory_is_known():
+def test_memory_available_is_found():
     assert 1e6 < memory.available_memory() < 1e15
 
 

@@ -1,4 +1,4 @@
-"""What each kernel computes, against its definition and against its other forms."""
+"""Each kernel, compared with the definition of its method and with its other forms."""
 
 import ctypes
 
@@ -204,7 +204,7 @@ def test_evaluations_a_step_are_those_of_the_record(method):
 
 
 def test_n_rhs_counts_the_calls():
-    """The kernels' count equals the number of calls, which the right-hand side itself reports to Python."""
+    """The kernels count exactly the calls of the right-hand side, which the function reports to Python."""
     calls = []
     report = ctypes.CFUNCTYPE(None, ctypes.c_double)(calls.append)
 

@@ -22,7 +22,7 @@ def test_a_variant_does_not_take_the_name_of_its_base():
 
 
 def test_a_name_is_not_taken_twice():
-    with pytest.raises(ValueError, match=r"name 'rk2' is that of RK2; give .*Other another"):
+    with pytest.raises(ValueError, match=r"name 'rk2' is taken by RK2; give .*Other another name"):
 
         class Other(eig3.Method):
             name: ClassVar[str] = "RK2"
@@ -30,7 +30,7 @@ def test_a_name_is_not_taken_twice():
     assert eig3.METHODS["rk2"] is eig3.RK2
 
 
-def test_an_incomplete_kernel_file_is_refused():
+def test_a_kernel_file_that_lacks_a_name_is_refused():
     @dataclass(frozen=True)
     class Incomplete(eig3.Method):
         kernel: ClassVar[str] = "eig3.kernels.march"

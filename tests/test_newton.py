@@ -93,7 +93,7 @@ def test_jacobian_gives_the_same_run_for_fewer_evaluations(rhs, jacobian, u0, v0
 
 
 def test_newton_holds_where_fixed_point_fails():
-    """h xi omega = 5: the fixed-point iteration diverges, Newton's method converges."""
+    """h xi omega = 5: fixed-point iteration diverges, and Newton's method converges."""
     options = {"h": 0.1, "params": (1.0, 50.0)}
     newton = eig3.integrate(oscillator, (0, 10), 1.0, 0.0, method=eig3.CentralDifference(), **options)
     assert newton.success
@@ -126,7 +126,7 @@ def singular_jacobian(t, u, v, p, J):
     J[0, 0] = J[1, 1] = 256.0  # I - h/2 J is exactly 0 for h = 1/128
 
 
-def test_singular_jacobian_is_reported():
+def test_singular_jacobian_gives_not_converged():
     method = eig3.CentralDifference(jacobian=singular_jacobian)
     run = eig3.integrate(drag, (0, 1), [1.0, 0.0], [0.0, 1.0], h=1 / 128, params=1.0, method=method)
     assert run.status is eig3.Status.NOT_CONVERGED
@@ -141,7 +141,7 @@ def grows(t, u, v, p):
 
 @eig3.jit
 def leaves_its_domain(t, u, v, p, a):
-    """Finite at the first iterate, NaN where the differences look."""
+    """The force is finite at the first iterate, and NaN at the velocities of the differences."""
     a[0] = -np.sqrt(1.0 - v[0])
     a[1] = 0.0
 
@@ -152,7 +152,7 @@ def undefined_jacobian(t, u, v, p, J):
 
 
 def test_a_solve_that_breaks_down_is_not_divergence():
-    """Each ends, with the status of a solve that failed: nothing in the motion has become infinite."""
+    """Each run ends as NOT_CONVERGED: the solve failed, but the motion stayed finite."""
     newton = eig3.CentralDifference(solver="newton")
     runs = [
         eig3.integrate(grows, (0, 1), 1.0, 1.0, h=1 / 128, method=newton),
@@ -197,7 +197,7 @@ def loaded_vector(t, u, v, p, a):
 @pytest.mark.parametrize("solver", ["newton", "fixed-point"])
 @pytest.mark.parametrize(("k", "c"), [(100.0, 2.0), (1e4, 20.0), (1e4, 100.0)])
 def test_a_system_settles_under_its_load(solver, k, c):
-    """At rest v is round-off of f, so that no tolerance relative to v can be met."""
+    """At rest v is only the round-off of f, so that no tolerance relative to v can be reached."""
     method = eig3.CentralDifference(solver=solver)
     for rhs, u0 in ((loaded, 0.0), (loaded_vector, np.zeros(5))):
         run = eig3.integrate(rhs, (0, 50), u0, np.zeros_like(u0), h=1e-3, params=(k, c, 9.81), method=method)
@@ -206,7 +206,7 @@ def test_a_system_settles_under_its_load(solver, k, c):
 
 
 def test_limit_of_fixed_point_is_where_it_converges():
-    """The iteration contracts by xi Omega: past 1 its solves fail, which is not stability."""
+    """The iteration contracts by xi Omega. Above 1 its solves fail, which must not count as stable."""
     method = eig3.CentralDifference(solver="fixed-point", max_iterations=10**5)
     assert limit(method, 0.25) == pytest.approx(2, abs=1e-6)
     assert limit(method, 1.0) == pytest.approx(1, abs=0.01)
@@ -218,7 +218,7 @@ def far_away(t, u, v, p):
 
 
 def test_a_large_position_does_not_loosen_the_solve():
-    """What the solve for v leaves must be measured by v: here u is 1e6 times larger, and the step tiny."""
+    """The residual of v must be compared with v: here u is 1e6 times larger than v, and the step is very short."""
 
     def velocity(solver, offset):
         method = eig3.CentralDifference(solver=solver)

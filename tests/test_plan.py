@@ -57,7 +57,7 @@ def test_energy_is_a_metric():
     assert "energy" in plan.run().drift
 
 
-def test_a_step_limited_by_stability_is_reported_and_stable():
+def test_a_step_limited_by_stability_has_a_note_and_is_stable():
     problem = problems.elastic_bar(n=100, width=0.2, t_end=1e-3)
     (prediction,) = eig3.plan(problem, 0.1, methods=["rk4"]).predictions
     assert prediction.note == "the step is limited by stability"
@@ -65,7 +65,7 @@ def test_a_step_limited_by_stability_is_reported_and_stable():
     assert achieved(prediction, problem) < 0.1
 
 
-def test_a_chaotic_motion_does_not_reach_the_accuracy():
+def test_chaos_is_reported():
     plan = eig3.plan(problems.spring_pendulum(r0=1.5, theta0=2.5, t_end=3e4), 1e-6, methods=["eig3"])
     assert not plan.predictions[0].reaches
     with pytest.raises(ValueError, match=r"accuracy 1e-06 is not reached by any method of this plan \(EIG-3: "):
@@ -73,13 +73,13 @@ def test_a_chaotic_motion_does_not_reach_the_accuracy():
     assert "not reached: " in repr(plan)
 
 
-def test_an_accuracy_below_round_off_is_not_reached():
+def test_round_off_is_reported():
     plan = eig3.plan(problems.single_dof(t_end=100.0), 1e-14, methods=["rk4"])
     assert not plan.predictions[0].reaches
 
 
 def test_a_large_system_is_not_given_newtons_differences():
-    """A difference for each of the 60 degrees of freedom would make it 60 evaluations a step at least."""
+    """Differences for each of the 60 degrees of freedom would take at least 60 evaluations per step."""
     (prediction,) = eig3.plan(problems.damped_bar(n=60, t_end=1e-4), 1e-2, methods=["cd"]).predictions
     assert prediction.evaluations < 20 * prediction.n_steps
 
@@ -94,13 +94,13 @@ def slow_clock(monkeypatch, factor):
 
 
 def verdicts(plan):
-    """What the plan says of the stability of each method."""
+    """The notes of the plan on the stability of each method."""
     stable = {p.method for p in plan.predictions if p.reaches or p.note.startswith("the error does not converge")}
     return {p.method: "has a stable step" if p.method in stable else p.note for p in plan.predictions}
 
 
 def falling_cloth():
-    """Its threads stiffen as they stretch: the critical step at the start is several times too long later on."""
+    """Its threads become stiffer as they stretch: later, the critical step at the start is several times too long."""
     return problems.curtain(n=6, t_end=1.0)
 
 
@@ -144,7 +144,7 @@ def test_a_loaded_machine_finds_the_same_step_limited_by_stability(monkeypatch):
 
 
 def test_a_fast_decay_is_resolved_also_by_a_method_that_it_does_not_limit():
-    """Central difference is stable at steps far above the time of the decay; two of them agree on a wrong motion."""
+    """Central difference is stable at steps far above the time of the decay. Two such runs agree on a wrong motion."""
     problem = problems.van_der_pol(t_end=20.0)
     (prediction,) = eig3.plan(problem, 1e-2, methods=["cd"]).predictions
     exact = problem.integrate(h=prediction.h / 8, method="rk4", save_every=8)
@@ -189,7 +189,7 @@ def test_a_record_is_shown_where_its_name_stands_for_another():
         ({"methods": []}, ValueError, "methods must name at least one method."),
     ],
 )
-def test_bad_input_raises_one_sentence(change, error, message):
+def test_bad_input_gives_an_error_of_one_sentence(change, error, message):
     arguments = {"problem": problems.single_dof(), "accuracy": 1e-3, **change}
     with pytest.raises(error) as caught:
         eig3.plan(arguments.pop("problem"), arguments.pop("accuracy"), **arguments)

@@ -1,4 +1,4 @@
-"""What holds for every linear system: bounds, changes of scale, reversal, and copies of one system side by side."""
+"""Properties of every linear system: bounds, changes of scale, reversal in time, and several copies of a system."""
 
 import math
 
@@ -58,10 +58,10 @@ def energies(K, run):
 @settings(deadline=None, max_examples=60)
 @given(system=linear_systems(damped=False), method=st.sampled_from(["eig3", "cd", "rk3", "rk4", "ab3"]))
 def test_undamped_systems_stay_below_the_bound_of_theory(system, method):
-    """Leapfrog keeps v^2 + k (1 - q^2) u^2 in every mode, q = Omega / 2 = 0.95 at most, v its mean velocity: energy
-    comes to 1/(1 - q^2) = 10 times the start. EIG-3's velocity differs by 2 q^2 (u_{n-1} - u_n) / h at
-    most, of the size of 2 q^2 omega u. Runge-Kutta steps multiply the energy by |R|^2 <= 1. AB3, whose start is RK3's,
-    damps the principal motion, by 3/8 Omega^3: 2 allows for its parasites.
+    """Leapfrog conserves v^2 + k (1 - q^2) u^2 in every mode, where q = Omega / 2 is at most 0.95 and v is the mean
+    velocity: the energy grows to at most 1/(1 - q^2) = 10 times the start. EIG-3's velocity differs by at most
+    2 q^2 (u_{n-1} - u_n) / h, which has the size of 2 q^2 omega u. Runge-Kutta steps multiply the energy by
+    |R|^2 <= 1. AB3, which RK3 starts, damps the principal motion by 3/8 Omega^3; the factor 2 allows for its parasites.
     """
     K, C, u0, v0 = system
     found = critical_step(structure, u0, v0, params_of(K, C), method=method)
@@ -82,12 +82,12 @@ def test_undamped_systems_stay_below_the_bound_of_theory(system, method):
 @settings(deadline=None, max_examples=60)
 @given(system=linear_systems(damped=True), method=st.sampled_from(["eig3", "cd", LAGGED, "rk3", "rk4", "ab3"]))
 def test_damped_systems_do_not_grow_below_the_limit(system, method):
-    """At 0.95 of the limit no root is outside the unit circle: what skewed modes add passes, and then nothing grows.
+    """At 0.95 of the limit no root is outside the unit circle: modes that are not orthogonal cause a short growth only.
 
-    What is overdamped comes to h C v0 / 2 in its first steps, and modes at 5 per cent from the limit to a few times
-    their start: energies to 92 times in some thousands of systems. The second half of a run is below the first but for
-    a mode hardly damped, which comes back to its size; the beats of several that are not damped at all may take longer
-    than a run to come to theirs, and are bounded by theory above.
+    In its first steps an overdamped mode grows to h C v0 / 2, and a mode at 5 per cent from its limit to a few times
+    its start. In some thousands of systems the energy grew to at most 92 times the start. The energy is lower in the
+    second half of a run than in the first, except for a mode with hardly any damping, which returns to its size.
+    Undamped modes are left out here: their beats may be longer than a run, and the test above bounds them by theory.
     """
     K, C, u0, v0 = system
     h = 0.95 * critical_step(structure, u0, v0, params_of(K, C), method=method).limit
@@ -101,7 +101,7 @@ def test_damped_systems_do_not_grow_below_the_limit(system, method):
 @settings(deadline=None, max_examples=30)
 @given(system=linear_systems(damped=True))
 def test_central_difference_dissipates_with_damping(system):
-    """With implicit velocity the quantity that leapfrog keeps falls by h v C v a step: the bound is that of C = 0."""
+    """With implicit velocity, the quantity of leapfrog falls by h v C v per step: the bound of C = 0 holds."""
     K, C, u0, v0 = system
     h = 0.95 * 2 / math.sqrt(np.linalg.eigvalsh(K)[-1])
     run = integrate(structure, (0, 1000 * h), u0, v0, h=h, params=params_of(K, C), method="cd")
@@ -211,9 +211,9 @@ def reversed_run(run, rhs, params, method):
     method=st.sampled_from([eig3.EIG3(), *WITHOUT_VELOCITY]),
 )
 def test_a_linear_run_goes_back_to_its_start(Omega, u0, v0, method):
-    """The motion comes to |start| / sqrt(1 - Omega^2/4) = 3.2 |start|. A rounding of u or h w, a few of which each step
-    makes, is one in the start of a motion: it comes to 3.2 times itself over Omega, for every of 2 * 300 steps, and the
-    start of the way back is such a rounding over the whole way."""
+    """The motion grows at most to |start| / sqrt(1 - Omega^2/4) = 3.2 |start|. Each step makes a few rounding errors in
+    u and h w. Each acts as a change of the start of a motion: it grows to at most 3.2 / Omega times itself in the
+    2 * 300 steps. The start of the run back has such an error too."""
     assume(abs(u0) + abs(v0) > 1e-3)
     run = integrate(spring, (0, 300 * Omega), u0, v0, h=Omega, params=1.0, method=method)
     back = reversed_run(run, spring, 1.0, method)
@@ -225,8 +225,8 @@ def test_a_linear_run_goes_back_to_its_start(Omega, u0, v0, method):
 
 @pytest.mark.parametrize("method", [eig3.EIG3(), *WITHOUT_VELOCITY], ids=repr)
 def test_motions_that_are_not_linear_go_back_to_their_start(method):
-    """Periodic motions part linearly: round-off of 1e-16 a step of 20 000 comes back as their product squared over the
-    steps of a period, some 150, or less."""
+    """Two periodic motions move apart linearly in time: after N = 20 000 steps, a round-off of 1e-16 per step has grown
+    to at most 1e-16 N^2 divided by the steps of a period, some 150."""
     for problem, h in ((problems.hardening_spring(t_end=15.0), 1e-3), (problems.softening_spring(t_end=20.0), 1e-3)):
         run = problem.integrate(h=h, method=method)
         back = reversed_run(run, problem.rhs, problem.params, method)

@@ -1,7 +1,8 @@
-"""The README's blocks run: Python as written with the output it shows, and the first two commands as CI runs them."""
+"""The blocks of every README run: Python as written, with the output shown, and the commands."""
 
 import contextlib
 import io
+import re
 
 import numpy as np
 import pytest
@@ -10,22 +11,43 @@ import eig3
 from eig3.cli import main
 from eig3.stability import limit
 
-from .conftest import BLOCKS, PYTHON, ROOT
-
-COMMANDS = [code for language, code in BLOCKS if language == "sh"]
-OUTPUT = [text for language, text in BLOCKS if language == "text"]
+from .conftest import BLOCKS, OWN_METHOD, README_FILES, ROOT
 
 
-def test_examples_print_what_they_show():
-    examples, method = PYTHON[:-1], PYTHON[-1]
-    assert len(examples) == len(OUTPUT) == 11
-    assert "SymplecticEuler" in method
+def texts(readme, wanted):
+    return [text for language, text in BLOCKS[readme] if language == wanted]
+
+
+@pytest.mark.parametrize("readme", README_FILES)
+def test_examples_print_what_they_show(readme, symplectic_euler):
+    """The blocks of one file share a namespace, and a block without a text block after it prints nothing."""
     namespace = {}
-    for code, expected in zip(examples, OUTPUT, strict=True):
+    for (language, code), (next_language, next_text) in zip(
+        BLOCKS[readme], [*BLOCKS[readme][1:], ("", "")], strict=True
+    ):
+        if language != "python" or code == OWN_METHOD:  # which the fixture has imported as a file
+            continue
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
-            exec(compile(code, "README.md", "exec"), namespace)
-        assert printed.getvalue() == expected
+            exec(compile(code, readme, "exec"), namespace)
+        assert printed.getvalue() == (next_text if next_language == "text" else "")
+
+
+@pytest.mark.parametrize("readme", README_FILES)
+def test_every_block_is_one_that_is_tested(readme):
+    languages = [language for language, _ in BLOCKS[readme]]
+    assert {*languages} <= {"sh", "python", "text"}
+    assert all(languages[i - 1] == "python" for i, language in enumerate(languages) if language == "text")
+    assert (ROOT / readme).read_text().count("```") == 2 * len(languages)
+
+
+@pytest.mark.parametrize("readme", README_FILES)
+def test_links_lead_to_files(readme):
+    links = re.findall(r"\]\(([^)]+)\)", (ROOT / readme).read_text())
+    missing = [
+        link for link in links if not link.startswith("https://") and not (ROOT / readme).parent.joinpath(link).exists()
+    ]
+    assert not missing
 
 
 @eig3.jit
@@ -51,7 +73,7 @@ def test_the_method_of_the_readme_works(symplectic_euler):
     assert limit(symplectic_euler()) == pytest.approx(2, abs=1e-8)
 
 
-@pytest.mark.parametrize("command", COMMANDS[2].splitlines())
+@pytest.mark.parametrize("command", texts("problems/README.md", "sh")[0].splitlines())
 def test_the_scenes_of_the_readme_run(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     program, *arguments = command.split()
@@ -68,12 +90,27 @@ def test_the_scenes_of_the_readme_run(command, tmp_path, monkeypatch, capsys):
     assert (tmp_path / "out" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_commands_are_those_ci_runs():
-    assert len(COMMANDS) == 4
-    assert COMMANDS[0].endswith("eig3 bench\n")
-    assert COMMANDS[1].endswith("pytest -q\n")
-    assert all(line.startswith(".venv/bin/pytest bench --benchmark-only ") for line in COMMANDS[3].splitlines())
-    assert {language for language, _ in BLOCKS} == {"sh", "python", "text"}
-    runner = (ROOT / ".ci" / "run").read_text()
-    assert "readme_command 1" in runner
-    assert "readme_command 2" in runner
+@pytest.mark.parametrize("readme", README_FILES)
+def test_commands_are_those_that_run(readme):
+    """CI runs those of the first README, `test_suites` those of pytest-benchmark, and the test above the scenes."""
+    commands = texts(readme, "sh")
+    if readme == "README.md":
+        assert len(commands) == 2
+        assert commands[0].endswith("eig3 bench\n")
+        assert commands[1].endswith("pytest -q\n")
+        runner = (ROOT / ".ci" / "run").read_text()
+        assert "readme_command 1" in runner
+        assert "readme_command 2" in runner
+    elif readme == "bench/README.md":
+        (lines,) = (block.splitlines() for block in commands)
+        assert all(line.startswith(".venv/bin/pytest bench --benchmark-only ") for line in lines)
+    else:
+        assert len(commands) == (readme == "problems/README.md")
+
+
+def test_every_benchmark_and_problem_is_in_its_readme():
+    from eig3.bench import BENCHMARKS
+
+    bench, problems = ((ROOT / name / "README.md").read_text() for name in ("bench", "problems"))
+    assert [name for name in BENCHMARKS if f"`eig3 bench {name}" not in bench] == []
+    assert [name for name in eig3.problems.__all__ if f"`{name}`" not in problems] == []

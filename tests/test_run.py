@@ -1,4 +1,4 @@
-"""The pictures of `eig3 run`: what their axes are, and on which scale a run that failed is drawn."""
+"""The pictures of `eig3 run`: their axes, and the scale on which a failed run is drawn."""
 
 import dataclasses
 import functools
@@ -14,7 +14,7 @@ from eig3.run import Balance, draw, run
 
 
 def drawn(problem, method="eig3", status=None, **options):
-    """The figure of a run, and its solution; `status` replaces that of the run."""
+    """Return the figure of a run, and its solution; `status` replaces the status of the run."""
     solution = problem.integrate(method=method, invariants={}, **options)
     if status:
         solution = dataclasses.replace(solution, status=status)
@@ -52,7 +52,7 @@ def test_panels_share_the_time_axis_and_name_their_units(name):
 
 @pytest.mark.parametrize("name", ["kepler", "elastic_bar", "shear_building"])
 def test_panels_are_aligned(name):
-    """The energy panel too, beside legends and colour bars of other widths."""
+    """This includes the energy panel, although legends and colour bars have different widths."""
     figure, _ = usual(name)
     figure.draw_without_rendering()
     edges = np.array([axes.get_position().intervalx for axes in drawing.time_panels(figure)])

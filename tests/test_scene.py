@@ -1,4 +1,4 @@
-"""Scenes: the compiled problem is what was described and nothing else, and bad scenes are refused."""
+"""Scenes: the compiled problem contains exactly the effects of the scene, and bad scenes are refused."""
 
 import inspect
 import math
@@ -474,7 +474,7 @@ def test_a_link_with_a_cutoff_and_one_without_between_the_same_points():
     assert a.of(acceleration(problem, problem.u0, problem.v0)).tolist() == [4.0, 0.0]
 
 
-# Only what is named
+# No code for effects that a scene does not have
 
 
 def test_the_code_of_a_scene_names_its_effects_only():
@@ -623,7 +623,7 @@ def test_coinciding_ends_without_a_length_give_no_nan():
     assert problem.integrate(h=1e-3).success
 
 
-# An effect of one's own
+# An effect that a user defines
 
 
 @dataclass(frozen=True, eq=False)
@@ -958,10 +958,10 @@ BAD = {
         "LinearSpring was given ends of shapes .2, 1. and .2,.; give one shape, or one point for all",
     ),
     "complex": (lambda: on_two(Pulling(imaginary), 0, 1), TypeError, "tension of Pulling must return a number here"),
-    "reserved": (lambda: on_two(Pulling(3.0), 0, 1), TypeError, "decorate it with @eig3.jit, and the name is not for"),
+    "reserved": (lambda: on_two(Pulling(3.0), 0, 1), TypeError, "decorate it with @eig3.jit, and no field may"),
     "undirected": (lambda: with_fixed(Undirected(1.0)), TypeError, "Undirected must have a field direction, and vec"),
     "strings": (lambda: on_two(Stringy((1.0, 2.0))), TypeError, "vectors of Stringy must be a tuple of names"),
-    "one point": (lambda: len(two()[1][0]), TypeError, "one point has no length"),
+    "one point": (lambda: len(two()[1][0]), TypeError, "a single point has no length"),
     "strangers": (strangers, ValueError, "LinearSpring was given points of another scene."),
     "one end": (lambda: on_two(LinearSpring(1.0), 0), TypeError, "LinearSpring takes 2 arguments of points, not 1."),
     "no handle": (
@@ -988,7 +988,7 @@ BAD = {
     "longer": (lambda: Longer(3.0, extra=1.0), TypeError, "Longer must be a dataclass: decorate it with @dataclass"),
     "cutoff": (lambda: on_two(NoField(1.0), 0, 1), TypeError, "cutoff of NoField must be the name of a field"),
     "negative cutoff": (lambda: on_two(Wall(1.0, -1.0), 0, 1), ValueError, "range of Wall must not be negative"),
-    "taken name": (lambda: on_two(Timed(1.0)), TypeError, "Timed must not call a field t, which is what force is"),
+    "taken name": (lambda: on_two(Timed(1.0)), TypeError, "Timed must rename its field t: force has an argument"),
     "vector": (lambda: on_two(Forced(pushed, (1.0, 2.0, 3.0)), 0), ValueError, "name it in the class's vectors"),
     "class": (lambda: Scene(1).add(Gravity), TypeError, "effect must be an effect with parameters.* not Gravity."),
     "gravity of a post": (lambda: with_fixed(QuadraticDrag(1.0)), ValueError, "QuadraticDrag acts on masses"),
@@ -1026,7 +1026,7 @@ BAD = {
     "curious": (
         lambda: on_two(Curious()),
         TypeError,
-        "Curious names weather, but can be given only t, x, v, m",
+        "Curious has the argument weather, but can take only t, x, v, m",
     ),
     "shapes": (
         lambda: (lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2)))))(*two()),

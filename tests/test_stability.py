@@ -1,4 +1,4 @@
-"""What eig3.stability finds for each method, against closed forms and against runs."""
+"""`eig3.stability`, compared with closed forms and with runs."""
 
 import math
 import re
@@ -61,7 +61,7 @@ def test_characteristic_polynomial_of_second_order_sets(alpha, Omega, z):
     s = Omega * Omega
     value = np.polyval(characteristic_polynomial(eig3.EIG3(alpha, 0.5), Omega), z)
     expected = z * (z * z - (2 - s) * z + 1) + (alpha - 1) * s / 2 * (z - 1) ** 2
-    assert abs(value - expected) < 15 * 30 * EPS * 28**3  # that of the coefficients above, times 1 + 2 + 4 + 8
+    assert abs(value - expected) < 15 * 30 * EPS * 28**3  # the error of the coefficients above, times 1 + 2 + 4 + 8
 
 
 @settings(deadline=None)
@@ -113,7 +113,7 @@ def test_dissipation_of_eig3(alpha):
     """|l| = 1 - (alpha - 1) Omega^4 / 4 + O(Omega^6): at 0.1 and 0.05 the next term, of order one, is eliminated."""
     Omega = np.array([0.05, 0.1])
     lost = (1 - np.abs(principal_root(eig3.EIG3(alpha, 0.5), Omega))) / Omega**4
-    # what is left is of order Omega^4 = 1e-4; 1e-15 / Omega^4 = 2e-10 of round-off
+    # the remaining terms are of order Omega^4 = 1e-4; 1e-15 / Omega^4 = 2e-10 of round-off
     assert (4 * lost[0] - lost[1]) / 3 == pytest.approx((alpha - 1) / 4, abs=1e-3)
     if alpha == 1:
         assert np.abs(lost).max() < 1e-8
@@ -180,7 +180,7 @@ def test_matrices_of_an_array_are_those_of_its_values():
 
 
 def margins(Omega, alpha, beta):
-    """By how much the four inequalities of EIG-3 hold: those of Jury for its cubic, where P(1) = Omega^2 > 0."""
+    """The margins of the four inequalities of EIG-3: Jury's inequalities for its cubic, where P(1) = Omega^2 > 0."""
     s, g = Omega * Omega, alpha / 2 - beta
     return np.stack(
         [
@@ -193,11 +193,11 @@ def margins(Omega, alpha, beta):
 
 
 def test_stable_region_of_eig3_is_that_of_its_inequalities():
-    """12 000 points, without those that are too close to a boundary to decide.
+    """Of 12 000 points, all except those too close to a boundary to decide.
 
-    A point is judged wrongly where a root z is as near to the unit circle as the 1e-11 that is_stable allows. Then one
-    of the margins, which are products of factors 1 - z_i z_j and 1 + z_i (over s >= 0.01 in the third), is below
-    2e-11 (1 + R^2)^2 / s for roots up to R. Here R < 40, and 1e-2 is more than that.
+    The decision can be wrong if the distance of a root z from the unit circle is below the 1e-11 that is_stable allows.
+    Then one of the margins, which are products of factors 1 - z_i z_j and 1 + z_i (over s >= 0.01 in the third), is
+    below 2e-11 (1 + R^2)^2 / s for roots up to R. Here R < 40, and 1e-2 is more than that.
     """
     random = np.random.default_rng(7)
     alpha, beta = random.uniform(-1, 3, 400), random.uniform(-0.5, 1.5, 400)
@@ -325,7 +325,7 @@ def test_damped_limits(method, closed_form, xi):
 
 @pytest.mark.parametrize(("method", "expected"), [("rk2", 2.0), ("ab2", 1.0), ("ab3", 6 / 11)])
 def test_critically_damped_limits(method, expected):
-    """Both roots leave together: those of methods of first-order systems on the real axis, z' = -z twice."""
+    """With critical damping both rates are -1: the limit is the one of the method on the real axis, for z' = -z."""
     assert limit(method, 1.0) == pytest.approx(expected, abs=1e-9)
 
 
@@ -464,7 +464,7 @@ def test_damping_and_period_are_those_of_a_run(method, xi):
 
 def test_what_does_not_oscillate_has_no_damping_ratio_and_no_period():
     for method in ALL_METHODS:
-        # at xi = 1 itself the double root of EIG-3 parts into a pair; that of others round-off may part
+        # at xi = 1 the double root splits into a pair, for EIG-3 by its error, for other methods by round-off
         for xi in (1.5,) if isinstance(method, eig3.EIG3) else (1.0, 1.5):
             assert np.isnan(damping_ratio(method, 0.1, xi))
             assert np.isnan(period_error(method, 0.1, xi))
@@ -558,7 +558,7 @@ def check_words(method):
     assert [float(xi) for _, xi in limits] == [0.01, 0.1, 0.5, 1.0]
     for value, xi in limits:
         assert float(value) == pytest.approx(limit(method, float(xi)), rel=1e-5)  # of six digits printed
-    # a term is given to four digits or as a fraction; at 0.01 the next one is 1e-4 of it, times ten
+    # a term is printed with four digits or as a fraction; at 0.01 the next term is some ten times 1e-4 of it
     if "no numerical damping" in damping:
         assert abs(damping_ratio(free, 0.3)) < 1e-9
     else:

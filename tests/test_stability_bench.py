@@ -143,7 +143,7 @@ def test_command_runs_it(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--out", "/dev/null/x"], "cannot be made"),
+        (["--out", "/dev/null/x"], "cannot create the folder"),
         (["--out"], "expected one argument"),
         (["--repeats", "3"], "unrecognized arguments: --repeats"),
     ],

@@ -18,7 +18,7 @@ SMALL = (
 
 
 def run_pytest(*arguments):
-    """What `pytest -q` prints. Its environment names no worker of pytest-xdist, in which benchmarks refuse to run."""
+    """Return the output of `pytest -q` outside any worker of xdist, in which benchmarks refuse to run."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_XDIST_")}
     command = [sys.executable, "-m", "pytest", "-q", *arguments]
     result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)

@@ -21,7 +21,7 @@ from ..stepper import Stepper
 from .linear import Linearised, linearise
 
 _COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
-_RIGID = 1e-7  # rates below this fraction of the largest belong to rigid motion: differences of rhs leave that much
+_RIGID = 1e-7  # rates below this fraction of the largest are errors of the differences: the motion is rigid
 _RIGID_PROJECTED = 1e-6  # the same for a projected system, whose differences have more round-off
 _ROUND_OFF = 1e-8  # round-off in the eigenvalues of the step of one oscillator
 _COUPLED_ROUND_OFF = 1e-6  # round-off in the eigenvalues of the step of many coupled degrees of freedom
@@ -31,7 +31,7 @@ _SAME = 1e-3  # eigenvalues closer than this are equal: round-off is less, the d
 _STEPPED = 22  # directions of each of three kinds, for an explicit method: all of them up to 64 degrees of freedom
 _SOLVED = 12  # the same for an implicit method, which needs a solve for each unit state
 _SOLVED_TOGETHER = 32  # degrees of freedom in one solve: its cost grows with their cube
-_STEADY = ("eig3", "cd", "rk4")  # methods to suggest where the given one has no stable step
+_STEADY = ("eig3", "cd", "rk4")  # methods to suggest if the requested one has no stable step
 _SHORTEST, _LONGEST = 1e-3, 100.0  # first and last step of the search, in radians of the fastest and the slowest mode
 _COUPLED_SHORTEST = 0.03  # first step of the search for coupled modes
 _FINE, _COARSE = 1.02, 1.3  # ratio of one step of the search to the one before: for separate and for coupled modes
@@ -134,7 +134,7 @@ def critical_step(
 
 
 def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:
-    """`critical_step` for a function ``acceleration(t, u, v)`` that is finite at the state."""
+    """Do the same as `critical_step` for a function ``acceleration(t, u, v)`` that is finite at the state."""
     system = linearise(acceleration, t, u, v)
     if method.ignores_velocity and system.C.any():
         raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
@@ -185,12 +185,12 @@ def _frequency(k: complex, c: complex) -> tuple[float, float]:
 
 
 def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
-    """k and c of each mode u'' + c u' + k u = 0 that K and C have in common; None where there are no such modes."""
+    """Return k and c of each mode u'' + c u' + k u = 0 that K and C have in common; None if they do not share modes."""
     K, C = system.K, system.C
     norm_k, norm_c = (float(np.linalg.norm(x, 2)) for x in (K, C))
     fastest = max(math.sqrt(norm_k), norm_c)
     norm_k, norm_c = norm_k or 1.0, norm_c or 1.0
-    # any weight will do that gives different modes different sums
+    # The weight is arbitrary: it only has to give different modes different sums.
     shapes = np.linalg.eig(K / norm_k + 0.7310585786 * C / norm_c)[1]
     k, c = (np.einsum("ij,ij->j", shapes.conj(), x @ shapes) for x in (K, C))
     left_k = np.abs(K @ shapes - k * shapes).max() / norm_k
@@ -289,15 +289,17 @@ def _coupled_limit(method: Method, system: Linearised) -> tuple[float, complex, 
     steep = [h for h in (_BEYOND * high).tolist() if not is_stable(h, 2 * _COUPLED_ROUND_OFF)]
     shape = _limiting_shape(method, system, max(steep, default=high))
     k, c = (complex(shape.conj() @ x @ shape) for x in (system.K, system.C))
-    return low if steep else 0.0, k, c
+    # Weak damping makes a limit that is not left steeply either, but at half the step nothing grows.
+    grows_at_every_step = not steep and not is_stable(high / 2, _COUPLED_ROUND_OFF / 100)
+    return 0.0 if grows_at_every_step else low, k, c
 
 
 def _limiting_shape(method: Method, system: Linearised, h: float) -> np.ndarray:
-    """The displacements, of norm 1, of what is unstable at the step h."""
+    """Return the displacements, of norm 1, of the mode that is unstable at the step h."""
     matrix = _step_matrix(method, system, h)
     if np.isfinite(matrix).all():
         values, vectors = np.linalg.eig(matrix)
-        # an instability alternates or oscillates; what the system itself lets grow does neither
+        # A numerical instability alternates or oscillates from step to step. A growth of the system itself does not.
         limiting = np.argmax(np.where(np.abs(values) > 1, np.abs(values - 1), 0.0))
         shape = vectors[: len(system.K), limiting]
     else:  # the solve for v fails, and it is harder the larger h C is

@@ -1,4 +1,8 @@
-"""Where a run left what is finite, or grew beyond measure, and why."""
+"""Find where and why a run diverged.
+
+A run diverges if its state becomes infinite or NaN, or if the motion grows by orders of magnitude because the step is
+longer than the critical step.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +17,28 @@ from ..stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, critical
 from .linear import linearise
 
-_OVERFLOWING = 1e100  # states beyond this make a right-hand side infinite by themselves
-_BLOWN_UP = 1e3  # times the size before: the growth of an instability
-_BROUGHT_ABOUT = 1e-3  # of h: critical steps shorter than this are those of a blow-up, not of what led to it
-_SAME_LIMIT = 0.02  # critical steps closer than this are told once
-_SAFETY = 0.9
-_HALVINGS = 8
-_PATIENCE = 2.5  # steps of all trials together, in units of those that the run took,
-_LEAST_WORK = 3e7  # or, where that is more, this many steps divided by the degrees of freedom and some overhead
+_OVERFLOWING = 1e100  # a right-hand side may overflow for states larger than this, even if it is correct
+_BLOWN_UP = 1e3  # a motion that grows by more than this factor counts as unstable
+_BROUGHT_ABOUT = 1e-3  # a critical step shorter than this part of h is a result of the blow-up, not its cause
+_SAME_LIMIT = 0.02  # two critical steps whose relative difference is less than this are reported as one
+_SAFETY = 0.9  # factor from a critical step to the longest step that is tried
+_HALVINGS = 8  # number of steps to try, each half as long as the one before
+_PATIENCE = 2.5  # largest number of steps of all trials together, relative to the steps of the run
+_LEAST_WORK = 3e7  # the trials may also take this many steps, divided by the degrees of freedom plus 10
 
 
 @dataclass(frozen=True)
 class Divergence:
-    """Where a run left what is finite, or grew beyond measure.
+    """A run whose state became infinite or NaN.
 
     Attributes
     ----------
     last : Stepper
-        At the last state that the solution keeps.
+        A stepper at the last finite state, which is the last state of the solution.
     degree : int
-        The degree of freedom that is not finite after the next step.
+        The first degree of freedom that is not finite after the next step.
     before : Stepper
-        Somewhere before the motion grew.
+        A stepper at an earlier state, from which the search for the beginning of the growth starts.
     """
 
     last: Stepper
@@ -43,7 +47,7 @@ class Divergence:
 
     @property
     def message(self) -> str:
-        """What is known without looking for the reason."""
+        """Time and degree of freedom at which the state became non-finite. This takes no further evaluation."""
         return f"{self._what}; solution.explain() looks for the reason."
 
     @property
@@ -53,7 +57,13 @@ class Divergence:
         return f"The run became non-finite at t = {last.t + last.h:g}{where}, with h = {last.h:g}"
 
     def explain(self) -> str:
-        """Compare h with the critical step, look for what rhs does wrong, and try shorter steps."""
+        """Find the reason: an error of rhs, or a step above the critical step, and a shorter step that works.
+
+        Returns
+        -------
+        str
+            The sentence of `message` with the reason.
+        """
         last = self.last
         start = last.restarted(last.h)
         sane = last_sane(self.before, last.index + 1, start)
@@ -68,7 +78,15 @@ class Divergence:
 
 
 def find_divergence(stepper: Stepper) -> Divergence:
-    """Bisect the last chunk for its last finite state; chunks agree bit for bit, so the search is exact."""
+    """Find the last finite state of the last chunk by bisection.
+
+    A chunk can be divided at any step, and its states stay the same to the last bit. The search is therefore exact.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        It stands after the chunk, at a state that is not finite.
+    """
     before = stepper.before()
     last = _last(before, stepper.index, lambda s: s.is_finite)
     bad = last.fork()
@@ -79,20 +97,20 @@ def find_divergence(stepper: Stepper) -> Divergence:
 
 @dataclass(frozen=True)
 class BlowUp:
-    """A finite motion that grew beyond measure through its step.
+    """A run whose motion stayed finite, but grew by orders of magnitude because of its step.
 
     Attributes
     ----------
     last : Stepper
-        At the end of the run.
+        A stepper at the end of the run.
     growth : float
-        The size at the end, in units of that at the start.
+        The size of the motion at the end, relative to its size at the start.
     began : float
         The time after which the motion grew.
     why : str
-        How h compares with the critical step.
+        A comparison of h with the critical step, for the message.
     limits : list of float
-        The critical steps.
+        The critical steps at the start and at the time `began`.
     """
 
     last: Stepper
@@ -103,6 +121,7 @@ class BlowUp:
 
     @property
     def message(self) -> str:
+        """When and how far the motion grew, and the critical step."""
         last = self.last
         return (
             f"The motion stayed finite up to t = {last.t:g}, but from t = {self.began:g} on it grew to "
@@ -110,15 +129,23 @@ class BlowUp:
         )
 
     def explain(self) -> str:
-        """The message, with a step that was tried."""
+        """Return the message and, if there are critical steps, a shorter step that was tried."""
         return f"{self.message.rstrip('.')}; {_remedy(self.last, self.limits)}." if self.limits else self.message
 
 
 def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
-    """Whether a motion that grew beyond measure since `before` grew through the step of the method alone.
+    """Return a `BlowUp` if a motion grew because of its step, and None if it grew for a physical reason.
 
-    An unstable equilibrium, a resonance, a free fall grow by themselves: there the step is below the critical one. A
-    method without any stable step is the reason only where the system's own growth is much slower than what is seen.
+    A motion can grow for a physical reason: it leaves an unstable equilibrium, it is in resonance, or it falls freely.
+    Then h is below the critical step. If the method is unstable at every step, there is no critical step to compare
+    with. The step is then the reason only if the motion grew much faster than the linearised system grows.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        It stands at the end of the run.
+    before : Stepper
+        It stands at a state before the growth.
     """
     start = stepper.restarted(stepper.h)
     sane = last_sane(before, stepper.index, start)
@@ -136,12 +163,12 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
 
 
 def last_sane(before: Stepper, bad_index: int, start: Stepper) -> Stepper:
-    """The last state before a step index at which the motion has about the size it had at the start."""
+    """Return a stepper at the last state before step `bad_index` that is less than 1000 times the start."""
     return _last(before, bad_index, lambda s: _size(s) < (_BLOWN_UP * _size(start) or _OVERFLOWING))
 
 
 def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) -> Stepper:
-    """The last good state from where `stepper` stands to before `bad_index`."""
+    """Find by bisection the last good state between the step at which `stepper` stands and step `bad_index`."""
     while bad_index - stepper.index > 1:
         middle = stepper.fork()
         middle.advance((bad_index - stepper.index) // 2)
@@ -153,23 +180,29 @@ def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) 
 
 
 def _own_rate(stepper: Stepper) -> float:
-    """The fastest rate at which the linearised system grows by itself."""
+    """Return the largest growth rate of the linearised system, per unit of time; 0.0 if nothing grows."""
     try:
         system = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
-    except Exception:  # rhs is not finite close to this state
+    except Exception:  # for example, rhs is not finite close to this state
         return 0.0
     return max(0.0, float(system.rates().real.max()))
 
 
 def _comparison(last: Stepper, steps: list[tuple[str, CriticalStep]]) -> str:
+    """Say what the critical steps are; empty if there are none."""
     shown = [f"{step.limit:.4g} {when}{_mode(step)}" for when, step in steps]
     return f"the critical step of {last.method!r} is {' and '.join(shown)}" if shown else ""
 
 
 def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, CriticalStep]], str]:
-    """Critical steps and when they are so: at the start, and where the motion was last sane.
+    """Find the critical steps at the start and at the last state before the growth.
 
-    The second is why there is none, where the method is unstable at every step.
+    Returns
+    -------
+    steps : list of (str, CriticalStep)
+        Each critical step with its time, as text for the message.
+    unstable : str
+        The reason why there is no critical step, if the method is unstable at every step; otherwise empty.
     """
     steps: list[tuple[str, CriticalStep]] = []
     for stepper in (start, sane):
@@ -178,7 +211,7 @@ def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, Crit
                 step = critical(stepper.acceleration, stepper.t, stepper.u, stepper.v, stepper.method)
         except NoStableStepError as error:
             return steps, str(error).rstrip(".")
-        except Exception:  # nothing limits the step, or rhs comes to something else so near to overflow
+        except Exception:  # nothing limits the step, or rhs overflows or fails close to this state
             continue
         else:
             if steps and abs(step.limit / steps[0][1].limit - 1) < _SAME_LIMIT:
@@ -188,13 +221,13 @@ def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, Crit
 
 
 def _culprit(last: Stepper) -> str:
-    """What rhs itself does wrong, at the times of the next step; empty where it does nothing."""
+    """Say that rhs returns a value that is not finite during the next step; empty if it does not."""
     if _size(last) >= _OVERFLOWING:
         return ""
     for t in (last.t, last.t + last.h / 2, last.t + last.h):
         try:
             a = last.acceleration(t, last.u, last.v)
-        except Exception:  # at a time that the method does not ask for
+        except Exception:  # rhs may fail at a time at which the method does not evaluate it
             continue
         if not np.isfinite(a).all():
             value = np.atleast_1d(a)[_first_not_finite(a)]
@@ -203,6 +236,7 @@ def _culprit(last: Stepper) -> str:
 
 
 def _size(stepper: Stepper) -> float:
+    """Return the largest absolute value of u and v."""
     return float(max(np.abs(stepper.u).max(), np.abs(stepper.v).max()))
 
 
@@ -216,7 +250,7 @@ def _mode(step: CriticalStep) -> str:
 
 
 def _remedy(last: Stepper, limits: list[float]) -> str:
-    """A step that was tried from the start to where the run failed, or why none is named."""
+    """Name a step with which the run stays bounded up to the time of its failure, or say why none is named."""
     end = last.t + last.h
     left = max(_PATIENCE * last.index, _LEAST_WORK / (10 + np.size(last.u)))
     tried = last.h
@@ -224,15 +258,19 @@ def _remedy(last: Stepper, limits: list[float]) -> str:
         n_steps = math.ceil((end - last.t0) / h)
         left -= n_steps
         if left < 0:
-            return f"h = {h:g} was not tried, which would take long"
+            return f"h = {h:g} may be stable, but was not tried, because that would take long"
         if _holds(last.restarted(h), n_steps):
-            return f"h = {h:g} was tried and holds up to then"
+            return f"h = {h:g} was tried and is stable up to then"
         tried = h
     return f"shorter steps down to h = {tried:g} were tried and fail too: the solution itself may be unbounded"
 
 
 def _candidates(h: float, limits: list[float]) -> list[float]:
-    """Steps to try, the longest first: below the largest critical step and h, and then ever shorter."""
+    """Return the steps to try, the longest first.
+
+    They are 0.9 times the smaller of h and the largest critical step, the halves of this step, and 0.9 times the
+    shortest critical step.
+    """
     longest = _SAFETY * min([h, *([max(limits)] if limits else [])])
     least = min([longest, *(_SAFETY * limit for limit in limits if limit > _BROUGHT_ABOUT * h)])
     halved = [longest / 2**i for i in range(_HALVINGS)]
@@ -240,11 +278,11 @@ def _candidates(h: float, limits: list[float]) -> list[float]:
 
 
 def _holds(trial: Stepper, n_steps: int) -> bool:
-    """Whether the second half of a run leaves the motion of about the size that it has after the first."""
+    """Return whether the motion does not grow much in the second half of a run."""
     try:
         trial.advance(n_steps // 2)
         size = max(_size(trial), _size(trial.restarted(trial.h)))
         taken = trial.advance(n_steps - n_steps // 2)
-    except Exception:  # of rhs
+    except Exception:  # rhs failed
         return False
     return taken == n_steps - n_steps // 2 and trial.is_finite and _size(trial) < _BLOWN_UP * (size or 1.0)

@@ -1,4 +1,4 @@
-"""A system linearised at a state, u'' = -K u - C v; for a large one, on the few directions in which it is fastest."""
+"""Linearise a system at a state: u'' = -K u - C v. A large system is projected on the directions of fast motion."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 
 _FULL = 64  # degrees of freedom up to which K and C are full matrices
 _DIRECTIONS = 60  # dimension of a Krylov space
-_VALUES = 2**25  # numbers in all the vectors that are kept: 256 MB
+_VALUES = 2**25  # largest number of values in the vectors that are kept: 256 MB
 _INCREMENT = 2.0**-26  # first increment of u or v, relative to its size: balances truncation against round-off
 _LONGEST_INCREMENT = 2.0**-10  # longest increment, relative to the size of u or v
-_TELLING = 2.0**-40  # least change of the acceleration, relative to its terms: leaves three digits above round-off
+_TELLING = 2.0**-40  # least change of the acceleration, relative to its terms: three digits of it are above round-off
 _ROUNDED = 2.0**-51  # a relative change of u of about its round-off
-_LENGTHENED = 2.0**9  # factor to an increment of 2^-17, the cube root of round-off, for differences over both sides
-_SMOOTH = 1e-6  # largest relative difference between the quotients over the two increments where rhs is smooth
-_STRAIGHT = 1e-2  # largest relative difference between two quotients over an increment where rhs is straight
+_LENGTHENED = 2.0**9  # factor to an increment of 2^-17, the cube root of round-off, for central differences
+_SMOOTH = 1e-6  # rhs is smooth if the quotients over the two increments differ by at most this, relatively
+_STRAIGHT = 1e-2  # rhs is straight over an increment if two quotients differ by at most this, relatively
 _ROUND_OFF = 1e-6  # relative round-off of products that differences give
 _UNDAMPED = 1e-6  # damping ratio below which a system counts as undamped
 
@@ -49,7 +49,7 @@ class Linearised:
         return np.linalg.eigvals(np.block([[zero, one], [-self.K, -self.C]]))
 
     def fastest(self, count: int) -> Linearised:
-        """The system on the `count` directions in which K is largest, as many for C, and for their combination."""
+        """Project on `count` directions in which K is largest, and as many each for C and for their combination."""
         norm_k, norm_c = (float(np.linalg.norm(x, 2)) for x in (self.K, self.C))
         combined = _combination(norm_k, norm_c, self.K, self.C)
         V = _orthonormal(np.concatenate([np.linalg.svd(x)[2][:count] for x in (self.K, self.C, combined)]))
@@ -65,22 +65,22 @@ class _Derivative:
         self._noise = _TELLING * terms
 
     def __call__(self, w: np.ndarray, increment: float) -> np.ndarray:
-        """The product on the stiffer of the two sides, which differ at a kink, as where a contact begins."""
+        """Return the product on the stiffer side. The sides differ at a kink, for example where a contact begins."""
         ahead, behind = self._sides(w, increment)
         product = np.where(np.abs(ahead) >= np.abs(behind), ahead, behind)
         if not np.isfinite(product).all():
-            raise ValueError("rhs is not finite close to this state; give another.")
+            raise ValueError("rhs is not finite close to this state; give another state.")
         return product
 
     def _sides(self, w: np.ndarray, increment: float) -> tuple[np.ndarray, np.ndarray]:
-        """The products ahead of the state and behind it."""
+        """Return the products from the differences ahead of the state and behind it."""
         dx = increment / float(np.abs(w).max())
         return (self._a - self._f(self._x + dx * w)) / dx, (self._f(self._x - dx * w) - self._a) / dx
 
     def column(self, w: np.ndarray, scale: float) -> np.ndarray:
-        """The product as the mean of both sides over a longer increment, which has less round-off.
+        """Return the product from central differences over a longer increment, which have less round-off.
 
-        Where f is not smooth over that increment, it is the product that `measure` finds.
+        If f is not smooth over that increment, return the product that `measure` finds.
         """
         size, product = self.measure(w, scale)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -90,13 +90,13 @@ class _Derivative:
         return mean if smooth else product
 
     def measure(self, w: np.ndarray, scale: float = 0.0) -> tuple[float, np.ndarray]:
-        """Find an increment along w that is short enough for f to be straight, and long enough against its round-off.
+        """Find an increment along w over which f is nearly straight, but changes much more than its round-off.
 
         Returns
         -------
         increment : float
-            Of the largest entry of x along w.
-        product : ndarray
+            The change of the largest entry of x.
+        product : ndarray, shape (n,)
         """
         size, longest = _INCREMENT * (scale or self._scale), _LONGEST_INCREMENT * self._scale
         largest = float(np.abs(w).max())
@@ -114,7 +114,7 @@ class _Derivative:
 
 
 def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
-    """Linearise ``f(t, u, v)`` at a state. No n x n matrix is held for more than 64 degrees of freedom.
+    """Linearise ``f(t, u, v)`` at a state. For more than 64 degrees of freedom, no n x n matrix is stored.
 
     Raises
     ------
@@ -137,12 +137,12 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     by_v = _Derivative(lambda x: evaluate(u, x), v, a, max(v_size, natural) or 1.0, terms)
     K, C = _all_directions(by_u, by_v, u, v) if u.size <= _FULL else _fast_directions(by_u, by_v, u.size)
     if np.linalg.norm(C, 2) <= _UNDAMPED * math.sqrt(np.linalg.norm(K, 2)):
-        C = np.zeros_like(K)  # a force of the square of a velocity that is zero here leaves a damping in differences
+        C = np.zeros_like(K)  # a force with the square of v leaves a small damping in the differences at v = 0
     return Linearised(K, C, evaluations, u.size <= _FULL)
 
 
 def _cancelled(f: Callable, u: np.ndarray, a: np.ndarray) -> float:
-    """The size of the terms that cancel in a = f(u), as in an equilibrium, from the effect of round-off of u on a."""
+    """Estimate the size of the terms that cancel in a = f(u), as in an equilibrium, from small changes of u."""
     signs = np.random.default_rng(3).choice((-1.0, 1.0), u.size)
     change = np.abs(f(u * (1 + _ROUNDED * signs)) - a).max() / _ROUNDED
     return float(change) if math.isfinite(change) else 0.0
@@ -151,7 +151,7 @@ def _cancelled(f: Callable, u: np.ndarray, a: np.ndarray) -> float:
 def _all_directions(
     by_u: _Derivative, by_v: _Derivative, u: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Both full matrices. Each column has its own increment, because u may hold metres beside radians."""
+    """Return the full K and C. Each column has its own increment, because u may contain lengths and angles."""
     units = np.eye(u.size)
     K, C = (
         np.transpose([d.column(w, abs(float(x[j]))) for j, w in enumerate(units)]) for d, x in ((by_u, u), (by_v, v))
@@ -160,7 +160,7 @@ def _all_directions(
 
 
 def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Both matrices on the directions in which K, C and the combination that limits the step are largest."""
+    """Return K and C on the directions in which K, C, and the combination of them that limits the step, are largest."""
     w = np.random.default_rng(2).standard_normal(n)
     (du, _), (dv, cw) = by_u.measure(w), by_v.measure(w)
 
@@ -190,10 +190,10 @@ def _largest(H: np.ndarray) -> float:
 
 
 def _combination(k: float, c: float, K: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """h^2 K + 3 h C for the step h with h^2 k + 3 h c = 4, which is near the stability limit.
+    """Return h^2 K + 3 h C for the step h with h^2 k + 3 h c = 4, which is near the stability limit.
 
-    The largest eigenvalue of such a sum sets the limit: with the factor 4 instead of 3 for EIG-3, with 0 for central
-    difference, with 2 for central difference with a lagged velocity.
+    The largest eigenvalue of such a sum sets the limit. In place of 3, the exact factor is 4 for EIG-3, 0 for central
+    difference, and 2 for central difference with a lagged velocity.
     """
     root = 3 * c + math.sqrt(9 * c * c + 16 * k)
     h = 8 / root if root > 0 else 1.0
@@ -201,9 +201,9 @@ def _combination(k: float, c: float, K: np.ndarray, C: np.ndarray) -> np.ndarray
 
 
 def _krylov_space(apply: Callable, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """An orthonormal basis by Arnoldi's iteration, and the operator on it.
+    """Return an orthonormal basis of a Krylov space by Arnoldi's iteration, and the operator in this basis.
 
-    If memory allows few vectors only, the iteration restarts from the best vector found.
+    If there is memory for few vectors only, the iteration restarts from the best vector found.
     """
     most = max(8, min(_DIRECTIONS, _VALUES // (3 * n)))
     w = np.random.default_rng(1).standard_normal(n)
@@ -234,7 +234,7 @@ def _arnoldi(apply: Callable, w: np.ndarray, most: int) -> tuple[np.ndarray, np.
 
 
 def _orthonormal(W: np.ndarray) -> np.ndarray:
-    """An orthonormal basis of the space that the rows span, without directions that only round-off adds."""
+    """Return an orthonormal basis of the space of the rows, without directions that only round-off adds."""
     Q, R = np.linalg.qr(W.T)
     left, sizes, _ = np.linalg.svd(R)
     return (Q @ left[:, sizes > _ROUND_OFF * sizes[0]]).T

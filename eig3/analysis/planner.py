@@ -1,4 +1,4 @@
-"""Predict from short pilot runs which method reaches an accuracy soonest, and at what step."""
+"""Predict from short pilot runs which method reaches a given accuracy in the shortest time, and with which step."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ..solution import Solution, Status
 from .critical import longest_stable_step
 from .linear import Linearised, linearise
 
-PILOT_SECONDS = 1.0  # for all pilot runs together, once each method has stable runs
-_VALUES = 2**18  # most numbers in the states at which two runs are compared
+PILOT_SECONDS = 1.0  # time of all pilot runs together, not counting the search for stable runs
+_VALUES = 2**18  # largest number of values in the states at which two runs are compared
 _FIRST_STEPS = 64  # fewest steps of a pilot run
 _BELOW_CRITICAL = 0.95  # first step of the pilot runs, as a fraction of the critical step
 _LONGEST = 4.0  # longest first step in radians of the fastest mode: beyond the stability limit of every explicit method
 _PROJECTED = 8  # directions of each of three kinds on which a critical step is accurate enough to start from
-_REFINED = 64  # times as many steps as at first that are tried until a run is stable
-_EVALUATED = 2**24  # or steps with as many evaluations of one degree of freedom, where those are more
+_REFINED = 64  # the search for a stable run takes at most this multiple of the steps of the first run,
+_EVALUATED = 2**24  # or, if that is more, steps with this number of evaluations of one degree of freedom
 _LEAST_EVALUATED = 2**20  # evaluations of one degree of freedom that the runs of a method may make in any case
-_SOLVED = 4  # evaluations of a step, as estimated for an implicit method
-_MOST_EVALUATED = 2**25  # evaluations of one degree of freedom in the first run above which a part of the span is taken
+_SOLVED = 4  # estimated evaluations per step of an implicit method
+_MOST_EVALUATED = 2**25  # if the first run needs more evaluations of one degree of freedom, take a part of the span
 _SAFETY = 0.7  # aim for this fraction of the requested accuracy
-_ORDER_TOLERANCE = 0.4  # largest difference between the observed and the known order where the error follows the order
+_ORDER_TOLERANCE = 0.4  # largest difference between observed and known order of an error that follows the order
 _UNSTABLE = 5.0  # a relative error above this means that the run is unstable
-_CONVERGING = 0.2  # a relative error above this does not tell the error at a smaller step
+_CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
 _NEAR = 10  # an error below this multiple of the accuracy is extrapolated to the accuracy
-_BISECTIONS = 3  # of the longest stable step, which is known to a factor of 2: to 2^(1/8) = 1.09
-_LAST_TRIALS = 12  # runs of the whole span, each with 1.2 times as many steps as the one before
+_BISECTIONS = 3  # narrow down the longest stable step from a factor of 2 to a factor of 2^(1/8) = 1.09
+_LAST_TRIALS = 12  # largest number of runs of the whole span, each with 1.2 times the steps of the one before
 _PARTS = (1, 1 / 8, 1 / 64)  # parts of the span to run
 _FURTHEST = 1e4  # largest ratio of the step of a pilot run to the step that is extrapolated from it
 _TIMED_SECONDS = 0.02  # length of each of three runs that measure the time of a step
@@ -51,7 +51,7 @@ class Prediction:
     h : float
         The step; NaN if no step is predicted to reach the accuracy.
     n_steps, evaluations : int
-        Their numbers over the whole span.
+        Number of steps and of evaluations of the right-hand side over the whole span.
     seconds : float
         Time in the kernel over the whole span.
     error : float
@@ -150,11 +150,12 @@ def plan(
     ----------
     problem : Problem
     accuracy : float
-        The relative error to reach: max |u - u(t)| / max |u| over all degrees of freedom, which should have one unit or
-        be scaled, or max |E - E0| / |E0|.
+        The largest relative error to allow, above 0 and below 1.
     metric : {"trajectory", "energy"}
+        The error is max |u - u(t)| / max |u| over all degrees of freedom for "trajectory", and max |E - E0| / |E0| for
+        "energy". For "trajectory", all degrees of freedom should have the same unit or be scaled.
     methods : sequence of str or Method, optional
-        All methods of the library if None. For a large system "cd" by name uses fixed-point iteration.
+        The methods to compare; all methods of the library if None.
 
     Returns
     -------
@@ -163,13 +164,14 @@ def plan(
     Raises
     ------
     TypeError, ValueError
-        For bad arguments.
+        If an argument is not valid.
 
     Notes
     -----
-    The pilot runs of a method start just below its critical step at the start of the span. Where it has none they start
-    at a step that is too long for every method. The step is halved until a run is stable, however long that takes, up
-    to a number of steps. So the load of the machine does not decide which methods are stable.
+    The first pilot run of a method has a step just below the critical step at the start of the span. If there is no
+    critical step, it has a step that is too long for every method. The step is halved until a run is stable. This
+    search is limited by a number of steps, not by time, so that the load of the machine does not decide which methods
+    are stable.
 
     Then the step is halved until two runs of the whole span differ as the order of the method predicts. If the method's
     share of one second does not allow that, the runs are repeated over a part of the span, and the error is
@@ -201,7 +203,7 @@ def plan(
 
 @dataclass
 class _Run:
-    """A pilot run over a part of the span, and its error once the run at half its step is known."""
+    """A pilot run over a part of the span, and its error, which is NaN until the run with half its step is made."""
 
     n_steps: int
     solution: Solution
@@ -213,8 +215,8 @@ class _Run:
 class Pilot:
     """The pilot runs of one method, from the step `longest` down.
 
-    `budget` is in seconds. It limits how far the step is halved after the first stable run. A few evaluations are made
-    in any case, which take some milliseconds of an idle machine.
+    `budget`, s, limits how often the step is halved after the first stable run. A small number of evaluations, which
+    take some milliseconds on an idle machine, is made in any case.
     """
 
     problem: Problem
@@ -225,7 +227,7 @@ class Pilot:
     spent: float = 0.0
     evaluated: int = 0  # evaluations of one degree of freedom
     part: float = 1.0
-    unstable: int = 0  # the most steps over the part with which a run diverged
+    unstable: int = 0  # the largest number of steps over the part with which a run diverged
     runs: list[_Run] = field(default_factory=list)
 
     def predict(self, accuracy: float) -> Prediction:
@@ -250,15 +252,15 @@ class Pilot:
         return (self.method.evaluations or _SOLVED) * int(np.size(self.problem.u0))
 
     def _first_steps(self) -> int:
-        """Steps of the first run, a multiple of a power of 2 so that the states kept end at the end of the part."""
+        """The steps of the first run: a multiple of a power of 2, so that a saved state is at the end of the part."""
         needed = max(float(_FIRST_STEPS), self.part * self._span / self.longest)
         unit = 2 ** math.floor(math.log2(needed / _FIRST_STEPS))
         return unit * math.ceil(needed / unit)
 
     def _halve(self, accuracy: float) -> bool:
-        """Halve the step until the error is small or follows the order; whether it does.
+        """Halve the step until the error is small or follows the order; return whether this is reached.
 
-        Only the number of steps is limited until the error of a stable run is known. Then the time is limited.
+        Until the error of a stable run is known, only the number of steps is limited. After that, the time is limited.
         """
         n_steps = self._first_steps()
         most = max(_REFINED * n_steps, _EVALUATED // self._evaluations)
@@ -344,7 +346,7 @@ class Pilot:
         return abs(excess) < _ORDER_TOLERANCE
 
     def _order_of_metric(self) -> float:
-        # the energy error of a Runge-Kutta method can be one order higher, as for odd orders and through dissipation
+        # The energy error of a Runge-Kutta method can have one order more than the method.
         order = self._order()
         return float(self.method.order) if self.metric == "trajectory" else max(float(self.method.order), order)
 
@@ -375,7 +377,7 @@ class Pilot:
         return self._at(self._between(judged[i - 1], fine, aim), aim)
 
     def _between(self, coarse: _Run, fine: _Run, aim: float) -> float:
-        if self._whole(coarse) > _CONVERGING:  # the error is no power of h between the two
+        if self._whole(coarse) > _CONVERGING:  # the error is not a power of h between the two runs
             fraction = 1 - math.log2(aim / self._whole(fine)) / self.method.order
         else:
             fraction = math.log(self._whole(coarse) / aim) / math.log(self._whole(coarse) / self._whole(fine))
@@ -386,7 +388,7 @@ class Pilot:
             return self._failure("the accuracy is below round-off")
         smaller = (self._whole(run) / aim) ** (1 / self._order())
         if smaller > _FURTHEST:
-            return self._failure(f"it needs a step more than {_FURTHEST:g} times shorter than that of the pilot runs")
+            return self._failure(f"it needs a step more than {_FURTHEST:g} times shorter than in the pilot runs")
         return self._at(run.n_steps * smaller, aim)
 
     def _limited_by_stability(self, run: _Run, aim: float) -> Prediction:

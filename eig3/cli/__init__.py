@@ -1,4 +1,4 @@
-"""The `eig3` command. Each of its commands is one module of this package."""
+"""The command line `eig3`. Each module of this package is one of its commands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,13 @@ _COMMANDS = {"bench": bench, "run": run, "plan": plan}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit status."""
+    """Run the command line and return its exit status.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The arguments after the name of the program; `sys.argv[1:]` if not given.
+    """
     arguments = sys.argv[1:] if argv is None else argv
     options = _parser(arguments).parse_args(arguments)
     try:
@@ -26,9 +32,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser, with the options of those commands that `arguments` name.
+    """Return the parser. It has the options of a command only if `arguments` contains the command's name.
 
-    The options of `eig3 bench` need an import of every benchmark. `eig3 --help` and the other commands do without.
+    To know the options of `eig3 bench`, all benchmarks must be imported. The other commands do not need this import.
     """
     parser = argparse.ArgumentParser(
         prog="eig3", description="Compiled explicit integrators for second-order systems u'' = f(t, u, u')."

@@ -1,4 +1,4 @@
-"""Run a benchmark. `eig3 bench` alone is `eig3 bench paper --quick`."""
+"""Run a benchmark. `eig3 bench` without a name runs `eig3 bench paper --quick`."""
 
 from __future__ import annotations
 

@@ -1,19 +1,24 @@
-"""Predict from short pilot runs which method reaches an accuracy soonest, and with which step."""
+"""Predict from short pilot runs which method reaches a given accuracy in the shortest time, and with which step."""
 
 from __future__ import annotations
 
 import argparse
 
 from ..options import add_methods
-from .problem import builder
+from .problem import add_problem, builder
 
-SUMMARY = "predict which method reaches an accuracy soonest"
+SUMMARY = "predict which method reaches a given accuracy fastest"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("problem", help="one of eig3.problems, such as spring_pendulum")
-    parser.add_argument("--accuracy", type=float, required=True, help="the relative error to reach, such as 1e-4")
-    parser.add_argument("--metric", choices=("trajectory", "energy"), default="trajectory", help="(trajectory)")
+    add_problem(parser)
+    parser.add_argument("--accuracy", type=float, required=True, help="the largest relative error, such as 1e-4")
+    parser.add_argument(
+        "--metric",
+        choices=("trajectory", "energy"),
+        default="trajectory",
+        help="the quantity that must reach the accuracy (default: trajectory)",
+    )
     add_methods(parser)
     parser.set_defaults(run=run)
 

@@ -1,19 +1,27 @@
-"""The problems that `eig3 run` and `eig3 plan` know by name."""
+"""The argument PROBLEM of `eig3 run` and `eig3 plan`."""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 
 from ..problem import Problem
 
 
+def add_problem(parser: argparse.ArgumentParser) -> None:
+    """Add the argument, with the names of all problems in its help."""
+    from .. import problems
+
+    parser.add_argument("problem", metavar="PROBLEM", help=f"one of {', '.join(problems.__all__)}")
+
+
 def builder(name: str, command: str) -> Callable[..., Problem]:
-    """The function of `eig3.problems` that builds a problem.
+    """Return the function of `eig3.problems` that builds the problem `name`; `command` is named in the error.
 
     Raises
     ------
     SystemExit
-        If there is no problem of this name. The message lists the names.
+        If there is no such problem. The message lists the names of all problems.
     """
     from .. import problems
 

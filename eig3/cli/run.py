@@ -1,26 +1,30 @@
-"""Run one of eig3.problems; print its energy balance, steps and ns/step, and write its history."""
+"""Integrate a problem of eig3.problems. Print its energy balance and cost; write its history and a picture."""
 
 from __future__ import annotations
 
 import argparse
 
 from ..options import add_out
-from .problem import builder
+from .problem import add_problem, builder
 
-SUMMARY = "run a problem: its history, a picture, its energy"
+SUMMARY = "integrate a problem; report its energy balance, write its history and a picture"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("problem", help="one of eig3.problems, such as quarter_car")
-    parser.add_argument("--h", type=float, help="the step, s (the problem's own, or else a tenth of the critical step)")
-    parser.add_argument("--method", default="eig3", metavar="NAME", help="(eig3)")
-    parser.add_argument("--t-end", dest="t_end", type=float, metavar="T", help="s (the problem's own)")
-    add_out(parser, "write NAME.npz, .csv unless it would be long, and .png there")
+    add_problem(parser)
+    parser.add_argument(
+        "--h", type=float, help="the step, s (default: the problem's own, or else at most a tenth of the critical step)"
+    )
+    parser.add_argument("--method", default="eig3", metavar="NAME", help="the method (default: eig3)")
+    parser.add_argument(
+        "--t-end", dest="t_end", type=float, metavar="T", help="the duration, s (default: the problem's own)"
+    )
+    add_out(parser, "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit status 1 means that the run failed, for example that it diverged."""
+    """Return the exit status: 1 if the run failed, for example if it diverged."""
     from ..run import run
 
     build = builder(options.problem, "run")

@@ -29,6 +29,7 @@ class CoulombFriction(Body):
     Parameters
     ----------
     coefficient : float or array_like
+        Coefficient of friction.
     load : float or array_like
         The normal force, N.
     slip : float or array_like

@@ -58,7 +58,8 @@ class PlaneContact(Body):
     damping : float or array_like
         s/m; 0 makes the contact elastic.
     friction : float or array_like
-        Coefficient of friction along the plane. The friction is that of `CoulombFriction` under the contact's force.
+        Coefficient of friction along the plane. The formula is the one of `CoulombFriction`; the load is the force of
+        the contact.
     slip : float or array_like
         The speed at which the friction reaches 0.71 of its limit, m/s.
 

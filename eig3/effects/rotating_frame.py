@@ -13,7 +13,8 @@ from .vector import add, cross, dot, scale
 class RotatingFrame(Body):
     """Coriolis and centrifugal acceleration in a frame that rotates steadily about its origin.
 
-    EIG-3, RK2 and AB2 add energy to such motions, slowly at short steps. For many turns take RK4 or central difference.
+    EIG-3, RK2 and AB2 add energy to such motions numerically, slowly if the step is short. For runs of many
+    revolutions, use RK4 or central difference.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Supports that move as a sampled record of their acceleration."""
+"""Supports that move according to a sampled record of their acceleration."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ from .sampled_motion import Sampled, interval
 
 @dataclass(frozen=True, eq=False)
 class SampledAcceleration(Sampled):
-    """Fixed points that move along a direction as a record of the acceleration, such as an accelerogram.
+    """Fixed points that move along a direction according to a record of the acceleration, such as an accelerogram.
 
     Between the samples the acceleration is linear in time. Velocity and displacement are its exact integrals: a
     quadratic and a cubic polynomial between samples. Before the record the points are at rest. After it they keep the
@@ -21,7 +21,7 @@ class SampledAcceleration(Sampled):
     Parameters
     ----------
     times : array_like, shape (samples,)
-        Increasing, s.
+        Times of the samples, s; they must increase.
     values : array_like, shape (samples,)
         Accelerations, m/s^2.
     direction : array_like, shape (dimension,)
@@ -30,14 +30,14 @@ class SampledAcceleration(Sampled):
     Raises
     ------
     ValueError
-        For fewer than two samples, arrays of different lengths, and times that do not increase.
+        If there are fewer than two samples, the lengths differ, or times do not increase.
     """
 
     times: ArrayLike
     values: ArrayLike
     direction: ArrayLike = (1.0,)
-    velocities: np.ndarray = field(init=False, repr=False)  # at the samples
-    displacements: np.ndarray = field(init=False, repr=False)
+    velocities: np.ndarray = field(init=False, repr=False)  # at the samples, m/s
+    displacements: np.ndarray = field(init=False, repr=False)  # at the samples, m
 
     vectors = ("direction",)
     arrays = ("times", "values", "velocities", "displacements")
@@ -49,7 +49,7 @@ class SampledAcceleration(Sampled):
         length = np.diff(times)
         v = np.append(0.0, np.cumsum(length * (a[:-1] + a[1:]) / 2))
         x = np.append(0.0, np.cumsum(length * (v[:-1] + length * (2 * a[:-1] + a[1:]) / 6)))
-        object.__setattr__(self, "velocities", v)  # the record is frozen
+        object.__setattr__(self, "velocities", v)  # because the dataclass is frozen
         object.__setattr__(self, "displacements", x)
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Supports that move as a sampled record of their displacement."""
+"""Supports that move according to a sampled record of their displacement."""
 
 from dataclasses import dataclass
 
@@ -39,7 +39,7 @@ class Sampled(Motion):
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion(Sampled):
-    """Fixed points that move along a direction as a record of the displacement, at rest before and after it.
+    """Fixed points that move along a direction according to a record of the displacement; at rest before and after it.
 
     Between the samples the displacement is linear in time and the velocity is constant. The velocity thus jumps at the
     samples, and no method keeps an order above one across a jump where a damper is attached to the support.
@@ -47,7 +47,7 @@ class SampledMotion(Sampled):
     Parameters
     ----------
     times : array_like, shape (samples,)
-        Increasing, s.
+        Times of the samples, s; they must increase.
     values : array_like, shape (samples,)
         Displacements, m.
     direction : array_like, shape (dimension,)
@@ -56,7 +56,7 @@ class SampledMotion(Sampled):
     Raises
     ------
     ValueError
-        For fewer than two samples, arrays of different lengths, and times that do not increase.
+        If there are fewer than two samples, the lengths differ, or times do not increase.
     """
 
     times: ArrayLike

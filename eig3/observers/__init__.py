@@ -1,1 +1,1 @@
-"""What watches a run between its native chunks: the history, invariants, growth, progress and Ctrl-C."""
+"""The observers of a run, which see one chunk of steps at a time: history, invariants, growth and progress."""

@@ -1,4 +1,4 @@
-"""What a run shows to those that watch it: one chunk of steps at a time."""
+"""The interface between a run and its observers: a run passes one chunk of steps at a time to them."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ..stepper import Stepper
 
 
 class Chunk(NamedTuple):
-    """The steps that a run took since its observers last looked.
+    """The steps of a run since the last chunk.
 
     Attributes
     ----------
     first : int
         The step index at which the chunk begins.
     every : int
-        `u` and `v` hold each state whose step index is a multiple of this.
+        `u` and `v` contain the states whose step index is a multiple of this.
     u, v : ndarray, shape (k,) or (k, n)
-        These states, without the one at `first`.
+        These states. The state at `first` belongs to the chunk before.
     stepper : Stepper
-        It stands at the end of the chunk.
+        The stepper at the end of the chunk.
     """
 
     first: int
@@ -32,7 +32,7 @@ class Chunk(NamedTuple):
 
 
 class Observer(Protocol):
-    """What watches a run."""
+    """An object that processes the chunks of a run."""
 
     def see(self, chunk: Chunk) -> None:
-        """Take in the next chunk."""
+        """Process the next chunk."""

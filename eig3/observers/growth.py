@@ -1,4 +1,4 @@
-"""Finite blow-ups: whether a motion has grown beyond what can be meant, without looking at any invariant."""
+"""Detect finite blow-ups: motions that grow by orders of magnitude. This needs no invariant."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ import numpy as np
 from ..stepper import Stepper
 from .chunk import Chunk
 
-_STRANGE = 1e3  # times its natural size: where an instability may have begun
-_BLOWN_UP = 1e4  # times its natural size: where it is worth finding out whether there is one
-_OVERFLOWING = 1e100
+_STRANGE = 1e3  # from this multiple of its natural size on, the motion may be unstable
+_BLOWN_UP = 1e4  # from this multiple of its natural size on, a search for an instability is worth its time
+_OVERFLOWING = 1e100  # a motion of this size is suspect, whatever its natural size is
 
 
 class Growth:
-    """The size of the motion at the ends of chunks, in units of its natural size.
+    """The size of the motion at the ends of chunks, relative to its natural size.
 
-    The natural size of v is the largest |v| at the start and what the acceleration at the start could add to it in the
-    whole span; that of u is found from |u| and that v in the same way. A motion that starts at rest without any
-    acceleration has the size that it reaches in half of the span.
+    The natural size of v is the largest |v| at the start, plus the change of v that the acceleration at the start would
+    cause over the whole span. The natural size of u is the largest |u| at the start, plus the change of u that the
+    natural size of v would cause. If a motion starts at rest without acceleration, its natural size is its size in the
+    middle of the span.
     """
 
     def __init__(self, stepper: Stepper, n_steps: int) -> None:
@@ -49,7 +50,7 @@ class Growth:
 
     @property
     def suspect(self) -> Stepper | None:
-        """Where the run stood before the motion grew strangely; None where it has not grown beyond all measure."""
+        """A stepper at a state before the growth; None if the motion did not grow much."""
         return self._strange if self._size > _BLOWN_UP or self._is_overflowing else None
 
 

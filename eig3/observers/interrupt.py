@@ -1,6 +1,6 @@
 """Ctrl-C during a run.
 
-Ctrl-C sets a flag that is checked between chunks, so that the state is never half updated.
+Ctrl-C sets a flag, which is checked between chunks. So the state is never half updated.
 """
 
 import contextlib
@@ -10,17 +10,17 @@ from collections.abc import Iterator
 
 
 class Flag:
-    """Whether an interrupt came."""
+    """Whether Ctrl-C was pressed."""
 
     raised = False
 
 
 @contextlib.contextmanager
 def deferred_interrupt() -> Iterator[Flag]:
-    """Within, the first Ctrl-C only raises the flag; the second raises KeyboardInterrupt as always.
+    """Let the first Ctrl-C only set the flag; the second one raises KeyboardInterrupt as usual.
 
-    Python delivers signals to the main thread only. In other threads, and where a program has its own handler, nothing
-    changes.
+    Nothing changes in threads other than the main thread, because Python delivers signals only to the main thread, and
+    in programs that have their own handler of SIGINT.
     """
     flag = Flag()
 

@@ -1,4 +1,4 @@
-"""Invariants followed along a run, natively, at every step."""
+"""Invariants: compiled functions that are evaluated at every step of a run."""
 
 import math
 from collections.abc import Mapping
@@ -8,16 +8,25 @@ import numpy as np
 
 from ..callbacks import check_callback
 from ..kernels.invariant import invariant_kernel
+from ..methods import Method
 from ..stepper import Stepper
 from .chunk import Chunk
 
-_PARTS = 16  # of a run, in each of which what grows steadily must have grown
-_NOTABLE = 1e-6  # growth over the run, relative to the invariant
-_VISIBLE = 0.1  # and to what it comes and goes by in a part
+_PARTS = 16  # number of parts of a run; a growth is steady if the invariant grows from each part to the next
+_NOTABLE = 1e-6  # least growth over the run that is noted, relative to the invariant
+_VISIBLE = 0.1  # least growth over the run that is noted, relative to the oscillation of the invariant in a part
+_FAST = 1e3  # a growth above this is not called slow
 
 
 class Watch:
-    """One invariant: `drift` is max |e_n - e_0| over the states followed, NaN once e was."""
+    """An invariant e along a run.
+
+    Attributes
+    ----------
+    name : str
+    drift : float
+        The maximum of |e_n - e_0| over the steps so far; NaN if e became NaN.
+    """
 
     def __init__(self, name: str, function: Any, stepper: Stepper, n_steps: int) -> None:
         self.name = name
@@ -26,21 +35,21 @@ class Watch:
         self._kernel = invariant_kernel(stepper.form)
         self._start = self._function.call(stepper.t0, stepper.u, stepper.v, stepper.params)
         self._context = (stepper.t0, stepper.h, stepper.params)
-        # of unequal lengths, lest every part ends in the same phase of a periodic motion
+        # The parts have unequal lengths, so that they do not all end in the same phase of a periodic motion.
         self._ends = np.ceil(n_steps * (np.arange(1, _PARTS + 1) / _PARTS) ** 1.1).astype(int)
         self._low, self._high = np.full(_PARTS, np.inf), np.full(_PARTS, -np.inf)
         self._forward = np.atleast_1d(stepper.v) > 0
         self._turns = np.zeros(self._forward.size, dtype=np.int8)
-        self._next = 1  # the step index to follow from
+        self._next = 1  # index of the next step to evaluate
 
     def see(self, chunk: Chunk) -> None:
-        """Take in every state of a chunk."""
+        """Evaluate the invariant at every state of a chunk."""
         u_rows, v_rows = chunk.u, chunk.v
         while len(u_rows):
             part = int(np.searchsorted(self._ends, self._next))
             count = min(len(u_rows), int(self._ends[part]) - self._next + 1)
             low, high = self._kernel(self._function.address, *self._context, self._next, u_rows[:count], v_rows[:count])
-            # np.minimum and np.maximum keep a NaN
+            # np.minimum and np.maximum return NaN if one of their arguments is NaN.
             self._low[part], self._high[part] = np.minimum(self._low[part], low), np.maximum(self._high[part], high)
             self.drift = float(np.maximum(self.drift, np.maximum(self._start - low, high - self._start)))
             self._next += count
@@ -52,27 +61,41 @@ class Watch:
 
     @property
     def growth(self) -> float:
-        """What a steady growth added, relative to the invariant; 0.0 where it did not grow in every part of the run.
+        """The growth of e over the run, relative to e; 0.0 if e did not grow steadily, infinity if it overflowed.
 
-        A motion that turns back less than twice tells nothing: the error of an invariant comes and goes with it.
+        The growth counts as steady if e grows from each part of the run to the next. It is 0.0 if no velocity has
+        changed its sign at least twice from one end of a part to the next: the run may then be shorter than a period,
+        and the error of e only follows the motion.
         """
         with np.errstate(invalid="ignore"):
             middle, width = (self._low + self._high) / 2, self._high - self._low
-        told = int(np.argmin(np.append(np.isfinite(middle), False)))  # parts, until the invariant overflows
-        steady = (np.diff(middle[:told]) > 0).all()
-        if told < _PARTS / 4 or not steady or self._turns.max() < 2 or np.isnan(self.drift):
+        n_finite = int(np.argmin(np.append(np.isfinite(middle), False)))  # number of parts before e overflows
+        steady = (np.diff(middle[:n_finite]) > 0).all()
+        if n_finite < _PARTS / 4 or not steady or self._turns.max() < 2 or np.isnan(self.drift):
             return 0.0
-        if told < _PARTS:
+        if n_finite < _PARTS:
             return math.inf
         growth = float(middle[-1] - middle[0])
         size = abs(self._start) or abs(float(middle[0])) or growth
-        if growth > size:  # by so much that the parts at the ends, half of which the middles leave out, tell
+        if growth > size:
+            # The middles leave out half of the first and of the last part, which matters in so fast a growth.
             growth = float(self._high[-1] - self._start)
         return growth / size if growth > max(_NOTABLE * size, _VISIBLE * np.median(width)) else 0.0
 
+    def note(self, method: Method) -> str:
+        """Return a sentence about the steady growth."""
+        growth = self.growth
+        amount = f"by {100 * growth:.2g} %" if growth < 1 else f"to {1 + growth:.3g} times its size"
+        amount = amount if math.isfinite(growth) else "beyond the largest floating-point number,"
+        unstable = "slowly unstable" if growth < _FAST else "unstable"
+        return (
+            f"{self.name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is "
+            f"{unstable} here: take a smaller h, or a method that is stable for this system."
+        )
+
 
 def watches_of(invariants: Mapping[str, Any] | None, stepper: Stepper, n_steps: int) -> list[Watch]:
-    """The invariants of a run of `n_steps`, compiled and evaluated at its start."""
+    """Compile the invariants of a run of `n_steps` steps, and evaluate them at its start."""
     if invariants is not None and not isinstance(invariants, Mapping):
-        raise TypeError("invariants must be a dictionary of names and jitted functions, as {'energy': energy}.")
+        raise TypeError("invariants must be a dictionary of names and jitted functions, such as {'energy': energy}.")
     return [Watch(name, function, stepper, n_steps) for name, function in (invariants or {}).items()]

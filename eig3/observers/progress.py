@@ -1,4 +1,4 @@
-"""A progress bar where one is asked for."""
+"""The progress bar of a run, which needs tqdm."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .chunk import Chunk
 
 
 def check_progress(progress: bool) -> None:
-    """Raise an ImportError where a bar is asked for and tqdm is not installed."""
+    """Raise an ImportError if a progress bar is requested and tqdm is not installed."""
     if progress:
         try:
             import tqdm.auto  # noqa: F401
@@ -17,7 +17,7 @@ def check_progress(progress: bool) -> None:
 
 
 class Progress:
-    """A bar that counts steps."""
+    """A progress bar that counts steps."""
 
     def __init__(self, n_steps: int) -> None:
         from tqdm.auto import tqdm

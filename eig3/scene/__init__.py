@@ -1,4 +1,4 @@
-"""Scenes: masses and the effects on them, compiled to a problem whose code contains nothing else.
+"""Scenes: masses and the effects on them. A scene is compiled to a problem with code for exactly these effects.
 
 `scene` has the classes that a user works with and `effect` the base classes of effects. `assembly` groups the effects,
 `packing` arranges their parameters in one array, and `codegen` writes and compiles the code.

@@ -1,4 +1,4 @@
-"""Groups the effects of a scene for the loops of its code.
+"""Group the effects of a scene for the loops of its code.
 
 Masses get indices. Effects of one kind on the same sort of points become one group, and groups on exactly the same
 points share a loop. Links are sorted so that the links along a row of masses follow each other: their loop then has
@@ -20,10 +20,10 @@ from .effect import Body, Effect, Link, Motion
 #: An effect, the numbers of the points in each of its arguments (empty for all masses), and its parameters by name.
 Placement = tuple[Effect, tuple[np.ndarray, ...], "dict[str, np.ndarray] | None"]
 
-_MANY = 16  # so many links with the same index difference get a loop of their own,
-_LOOPS = 5  # if a kind of link has at most so many such differences besides 1: cloth with diagonals and bending springs
-_MOTIONS = 8  # so many motions of one kind are computed once each; more are computed in the loops over links
-_LEAST_RUN = 4  # the mean length of runs of indices from which a loop over runs is used, not a table of all indices
+_MANY = 16  # from this number on, links with the same index difference get a loop of their own, unless there are more
+_LOOPS = 5  # than this number of such differences (cloth with diagonals and bending springs has 5), not counting 1
+_MOTIONS = 8  # up to this number, motions of one kind are computed once each; more are computed in the loops over links
+_LEAST_RUN = 4  # from this mean length of runs of indices on, a loop over runs is used in place of a table of indices
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Law:
     effect : Effect
         One of the effects, for its functions and names.
     columns : dict of str to ndarray or list
-        A list, for a field in `arrays` of several motions, has the array of each.
+        The parameters by name. For a field in `arrays` of several motions, it is the list of their arrays.
     """
 
     effect: Effect
@@ -107,7 +107,7 @@ class Group:
 
     @cached_property
     def runs(self) -> np.ndarray:
-        """The parts where indices grow by one: rows of (first member, members, first mass, second mass)."""
+        """The runs in which indices grow by one: rows of (first member, number of members, first mass, second mass)."""
         second = self.first if self.second is None else self.second
         steps = (np.diff(self.first) == 1) & (np.diff(second) == 1)
         starts = np.concatenate([[0], np.flatnonzero(~steps) + 1])
@@ -135,7 +135,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Assembly:
-    """What the code of a scene is written from: its masses, groups, and motions of supports."""
+    """The content of a scene's code: its masses, groups of effects, and motions of supports."""
 
     cloud: Cloud
     bodies: list[Group]
@@ -207,12 +207,12 @@ class _Moves:
 
 
 def _motions(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Law], _Moves]:
-    """The motions, with many of one kind as one law, and which points they move."""
+    """Return the laws of motion, and which points they move. Many motions of one kind become one law."""
     placed = [(effect, numbers[0], columns) for effect, numbers, columns in placements if isinstance(effect, Motion)]
     kinds = [(type(effect), *effect.functions().items()) for effect, _, _ in placed]
     many = {kind for kind, count in Counter(kinds).items() if count > _MOTIONS}
     laws: dict[Any, list[Law]] = {}
-    moving: dict[int, list[tuple[int, int]]] = {}  # of each point, laws and their members
+    moving: dict[int, list[tuple[int, int]]] = {}  # for each point: the laws that move it, and their members
     for k, (effect, numbers, columns) in enumerate(placed):
         key = kinds[k] if kinds[k] in many else k
         members = laws.setdefault(key, [])
@@ -230,7 +230,7 @@ def _motions(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Law], 
 
 
 def _merged(laws: list[Law]) -> Law:
-    """Laws of one kind as one law with a member for each."""
+    """Merge laws of one kind into one law with a member for each of them."""
     if len(laws) == 1:
         return laws[0]
     effect = laws[0].effect
@@ -329,7 +329,7 @@ def _kind(effect: Effect) -> tuple:
 
 
 def _joined(groups: list[Group]) -> Group:
-    """One group of all members of groups of the same kind and sort."""
+    """Join groups of the same kind and sort into one group with all their members."""
     one = groups[0]
     if len(groups) == 1:
         return one
@@ -350,7 +350,7 @@ def _joined(groups: list[Group]) -> Group:
 
 
 def _fused(groups: list[Group]) -> list[Group]:
-    """Join groups on exactly the same points, so that what they have in common is computed once."""
+    """Join groups on exactly the same points, so that values that they share are computed once."""
     fused: dict[Any, Group] = {}
     for group in groups:
         arrays = (group.first, group.second, group.anchor, group.moved)

@@ -1,8 +1,8 @@
-"""Writes the code of a scene as Python source, with a loop for each group of effects, and compiles it with Numba.
+"""Write the code of a scene as Python source, with a loop for each group of effects, and compile it with Numba.
 
-Source has three advantages over closures. Users can read what is computed, with `inspect.getsource`. Effects on the
-same points share what they compute of these points. Scenes of the same structure share one compiled function, whatever
-their parameters.
+Source has three advantages over closures. Users can read the code with `inspect.getsource`. Effects on the same points
+share common values, such as a distance. Scenes of the same structure share one compiled function, because parameters
+are not part of the source.
 
 In the source, i and j are indices of masses and s is the index of a member of a group; w is an inverse mass; dx, dy, dz
 is the vector between the ends of a link, ex, ey, ez its rate, and r its length; fx, fy, fz is the force of the link on
@@ -36,7 +36,7 @@ _TINY = (
 
 @element
 def index(x):  # type: ignore[no-untyped-def]
-    """A number in p as an index. It is unsigned, so that the compiler omits the test for negative indices."""
+    """Convert a number in p to an index. It is unsigned, so that the compiler omits the test for negative indices."""
     return np.int64(np.uint32(x))
 
 
@@ -152,7 +152,7 @@ class _Source:
                     self._potentials(block, s, self._length(block, s, i, j, "potential"))
             self._write("return total")
 
-    # Their parts
+    # The parts of these functions
 
     def _every_mass(self, on_all: list[Block], row: Block | None, holding: list[Block]) -> None:
         """Set all accelerations, from the effects on all masses and, in the same loop, the longest row of links.
@@ -272,7 +272,7 @@ class _Source:
             self._write(f"d{axis} = {self._difference('u', block, axis, s, i, j)}")
 
     def _length(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        """Compute what these functions of a link's laws read, and what its pull needs, after `_separation`."""
+        """Compute the values that these functions of a link's laws, and its pull, need; call `_separation` first."""
         needs_rate = block.reads("rate", *functions) or "power" in functions
         needs_inverse = needs_rate or ("tension" in functions and bool(block.having("tension")))
         if needs_rate:
@@ -430,12 +430,12 @@ class _Source:
         with self._indented("for along in range(count):"):
             self._write("s, i = start + along, i0 + along")
             if block.joins_masses:
-                # with a constant difference the compiler sees that consecutive links share no mass
+                # If the difference is a constant, the compiler can prove that consecutive links share no mass.
                 self._write(f"j = i + {block.group.difference}" if block.group.difference else "j = j0 + along")
             yield "s", "i", "j"
 
     def _constants(self, blocks: Iterable[Block], *functions: str) -> None:
-        """Read what all members have in common before the loop: the compiler cannot prove that a and p do not alias."""
+        """Read common parameters before the loop: the compiler cannot prove that a and p do not alias."""
         for block in blocks:
             for law in block.laws:
                 for line in law.constants(*functions):
@@ -459,7 +459,7 @@ class _Source:
 
     @contextmanager
     def _function(self, head: str) -> Iterator[None]:
-        """Write a function that starts with what its loops may read: the common inverse mass, and moved supports."""
+        """Write a function that starts with values for its loops: the common inverse mass, and moved supports."""
         self._lines += [""] * bool(self._lines)
         self._write("@jit")
         with self._indented(f"def {head}:"):

@@ -1,4 +1,4 @@
-"""What an effect of a scene is: a record of its parameters, and compiled functions named by what they return."""
+"""The base classes of effects. An effect is a record of its parameters, with compiled functions such as `force`."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ class Effect:
 
     offers: ClassVar[
         dict[str, tuple[str, ...]]
-    ] = {}  # the functions that a kind of effect can have, and their arguments
+    ] = {}  # the functions that this kind of effect can have, and the arguments that they can take
     needs: ClassVar[tuple[str, ...]] = ()  # an effect has at least one of these functions
     takes: ClassVar[tuple[int, ...]] = ()  # the possible numbers of arguments of points
-    cutoff: ClassVar[str] = ""  # of a link, as `Link` describes it
+    cutoff: ClassVar[str] = ""  # see `Link`
 
     def __new__(cls, *values: Any, **fields: Any) -> Any:
-        # without the decorator, Python's own error would be about a number of arguments
+        # Without the decorator, Python would only complain about the number of arguments.
         known = getattr(cls, "__dataclass_fields__", None)
         if "__dataclass_fields__" not in vars(cls) and (known is None or inspect.get_annotations(cls).keys() - known):
             raise TypeError(f"{cls.__name__} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
@@ -104,12 +104,12 @@ class Effect:
         Raises
         ------
         TypeError, ValueError
-            For parameters that do not match the points, in a sentence that names the effect.
+            If the parameters do not match the points. The error names the effect.
         """
         return {name: self._column(name, shape, dimension) for name in self._read()}
 
     def _read(self) -> list[str]:
-        """The fields that the compiled functions read, a motion's direction, and a link's cutoff."""
+        """Return the fields that the compiled functions read, a motion's direction, and a link's cutoff."""
         compiled = [function for function in self.functions().values() if isinstance(function, Dispatcher)]
         read = {"direction", self.cutoff, *(argument for function in compiled for argument in arguments(function))}
         return [name for name in _fields(self) if name in read]
@@ -138,7 +138,7 @@ class Effect:
         return values
 
     def snapshot(self) -> Any:
-        """Return a copy that later changes of the caller's lists and arrays do not reach."""
+        """Return a copy that does not change if the caller later changes the lists and arrays that it passed."""
         fields = {name: getattr(self, name) for name in _given(self)}
         copies = {name: copy.copy(value) for name, value in fields.items() if isinstance(value, list | np.ndarray)}
         return dataclasses.replace(self, **copies) if copies else self  # type: ignore[type-var]
@@ -149,7 +149,7 @@ class Effect:
         Raises
         ------
         TypeError, ValueError
-            In a sentence that names the effect.
+            If it cannot. The error names the effect.
         """
         for name in ("vectors", "arrays"):
             if isinstance(getattr(self, name), str):
@@ -162,16 +162,16 @@ class Effect:
             raise TypeError(f"{self.title} must have a function {' or '.join(self.needs)}.")
         for name, function in functions.items():
             if not isinstance(function, Dispatcher):
-                what = ", and the name is not for a number" * (not callable(function))
+                what = f", and no field may have the name {name}" * (not callable(function))
                 raise TypeError(f"{name} of {self.title} must be compiled: decorate it with @eig3.jit{what}.")
             taken = [field for field in _fields(self) if field in self.offers[name]]
             if taken:
-                raise TypeError(f"{self.title} must not call a field {taken[0]}, which is what {name} is given.")
+                raise TypeError(f"{self.title} must rename its field {taken[0]}: {name} has an argument of this name.")
             offered = [*self.offers[name], *_fields(self)]
             unknown = [argument for argument in arguments(function) if argument not in offered]
             if unknown:
                 raise TypeError(
-                    f"{name} of {self.title} names {unknown[0]}, but can be given only {', '.join(offered)}."
+                    f"{name} of {self.title} has the argument {unknown[0]}, but can take only {', '.join(offered)}."
                 )
         if self.cutoff and self.cutoff not in _fields(self):
             raise TypeError(f"cutoff of {self.title} must be the name of a field, not {self.cutoff!r}.")
@@ -214,17 +214,17 @@ class Effect:
         Raises
         ------
         ValueError
-            In a sentence that names the effect.
+            If it cannot. The error names the effect.
         """
 
     def require(self, condition: Any, what: str) -> None:
-        """Raise a ValueError where a condition on a field does not hold; `what` is such as "width must be positive"."""
+        """Raise a ValueError if a condition on a field is false. `what` says it, as in "width must be positive"."""
         if not np.all(condition):
             name, _, rest = what.partition(" ")
             raise ValueError(f"{name} of {self.title} {rest}.")
 
     def require_unit(self, vector: str) -> None:
-        """Raise a ValueError where a field does not hold unit vectors."""
+        """Raise a ValueError if a field contains a vector that is not a unit vector."""
         length = np.linalg.norm(np.atleast_1d(self._reals(vector)), axis=-1)
         self.require(np.abs(length - 1) < 1e-9, f"{vector} must be a unit vector")
 
@@ -304,7 +304,7 @@ class Link(Effect):
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
     ) -> None:
         if ((masses[0] == 0) & (masses[1] == 0)).any():
-            raise ValueError(f"{self.title} joins two fixed points, where it moves nothing.")
+            raise ValueError(f"{self.title} joins two fixed points, so that it cannot move anything.")
         for name in {"length", self.cutoff} & set(columns):
             self.require(columns[name] >= 0, f"{name} must not be negative")
         if (self.needs_direction(columns) & (positions[0] == positions[1]).all(axis=-1)).any():
@@ -331,7 +331,7 @@ class Motion(Effect):
     takes: ClassVar[tuple[int, ...]] = (1,)
 
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
-        return super().columns((), dimension)  # one motion, whatever it moves
+        return super().columns((), dimension)  # one motion, however many points it moves
 
     def check(self, dimension: int) -> None:
         super().check(dimension)
@@ -356,5 +356,5 @@ def _fields(effect: Effect) -> list[str]:
 
 
 def _given(effect: Effect) -> list[str]:
-    """The fields that the caller gives; an effect may compute others."""
+    """Return the fields that the caller passes. An effect may compute other fields from them."""
     return [field.name for field in dataclasses.fields(effect) if field.init]  # type: ignore[arg-type]

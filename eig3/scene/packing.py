@@ -1,4 +1,4 @@
-"""Packs the parameters of a scene into one array p, and names what the source of the scene refers to."""
+"""Pack the parameters of a scene into one array p, and give names to the parameters and functions in its source."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from .effect import arguments
 
 @dataclass(frozen=True)
 class Column:
-    """The place of a parameter in p: one value if all members have the same, else a value for each, by component.
+    """The place of a parameter in p.
 
-    A component that is 0 in all members is written as 0.0 in the source, and the compiler removes it. A vector of an
-    effect that is 0 in all components is not, because an effect keeps its code whatever its parameters.
+    p contains one value if all members have the same value, and otherwise one value for each member; for a vector, this
+    holds for each component. A component that is 0 in all members is written as 0.0 in the source, so that the compiler
+    removes it. This is not done if all components of an effect's vector are 0, because the code of an effect must not
+    depend on its parameters.
     """
 
     offset: int
     members: int
-    zero: tuple[bool, ...] | None = None  # by component; None for numbers
+    zero: tuple[bool, ...] | None = None  # for each component of a vector, whether it is 0; None for numbers
 
     @property
     def is_uniform(self) -> bool:
@@ -60,7 +62,7 @@ class Array:
 
 @dataclass(frozen=True)
 class Arrays:
-    """The places of the arrays of several members in p; where each starts and ends is itself in p."""
+    """The places of the arrays of several members in p. Their starts and ends are also stored in p."""
 
     starts: Column
     ends: Column
@@ -88,7 +90,7 @@ class Symbols:
     members : int
         The number of motions that the law stands for; 1 for other effects.
     names : dict of str to str
-        Names in the source, of functions, of parameters that all members have in common, and, as "=force", of results.
+        Names in the source of functions, of parameters with one value for all members, and, as "=force", of results.
     cutoff : str
         The parameter that is the cutoff, or empty.
     """
@@ -104,13 +106,13 @@ class Symbols:
         return any(name in arguments(self.functions[f]) for f in functions if f in self.functions)
 
     def constants(self, *functions: str) -> Iterator[str]:
-        """Return assignments of those parameters of these functions that all members have in common."""
+        """Return assignments of those parameters of these functions that have one value for all members."""
         for name, column in self.columns.items():
             if column.is_uniform and (name == self.cutoff or self.reads(name, *functions)):
                 yield f"{self.names[name]} = {column.of('')}"
 
     def call(self, function: str, member: str, offered: dict[str, str]) -> str:
-        """Return a call for one member; `offered` has the source of the arguments that are not parameters."""
+        """Return the source of a call for one member; `offered` has the source of arguments that are not parameters."""
         values = (self._value(name, member, offered) for name in arguments(self.functions[function]))
         return f"{self.names[function]}({', '.join(values)})"
 
@@ -227,7 +229,7 @@ class Packing:
         return Arrays(self._column(starts), self._column(ends))
 
     def _name(self, wanted: str) -> str:
-        """A name that is not yet used in the source."""
+        """Return a name that is not yet used in the source."""
         number, name = 1, wanted
         while name in self._names:
             number += 1

@@ -1,4 +1,4 @@
-"""Scenes: points and the effects on them, compiled to a problem whose code contains nothing else."""
+"""Scenes: points and the effects on them. A scene is compiled to a problem with code for exactly these effects."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Points:
 
     def __len__(self) -> int:
         if not self.shape:
-            raise TypeError("one point has no length; an array of points has.")
+            raise TypeError("a single point has no length; only an array of points has one.")
         return len(self.numbers)
 
     def __iter__(self) -> Iterator[Points]:
@@ -73,7 +73,7 @@ class Points:
         Raises
         ------
         ValueError
-            For fixed points, which have no degrees of freedom, and for a run from before the last masses were added.
+            If a point is fixed, because it has no degrees of freedom, and if masses were added after the run.
         """
         return self.scene._values_of(self.numbers, np.asarray(values))
 
@@ -92,7 +92,7 @@ class Scene:
     Raises
     ------
     ValueError
-        For another dimension.
+        If dimension is not 1, 2 or 3.
     """
 
     def __init__(self, dimension: int) -> None:
@@ -137,7 +137,7 @@ class Scene:
         Raises
         ------
         TypeError, ValueError
-            For masses that are not positive, and shapes that do not match.
+            If a mass is not positive, or shapes do not match.
         """
         position = self._vectors(position, "position of masses")
         m = reals(m, "m of masses")
@@ -163,7 +163,7 @@ class Scene:
         Raises
         ------
         TypeError, ValueError
-            For points and parameters that do not match the effect, in one sentence that names the effect.
+            If the points or parameters do not match the effect. The error names the effect.
         """
         if not isinstance(effect, Effect):
             given = effect.__name__ if isinstance(effect, type) else type(effect).__name__
@@ -207,7 +207,7 @@ class Scene:
         Raises
         ------
         ValueError
-            For a scene without masses, and effects whose parameters do not match the number of masses.
+            If the scene has no masses, or the parameters of an effect do not match the number of masses.
         """
         check_span(t_span)
         cloud = self._cloud()
@@ -244,7 +244,7 @@ class Scene:
         return Points(self, _constant(numbers))
 
     def _cloud(self) -> Cloud:
-        """All points. The parts are joined once after points were added, because effects may be added one by one."""
+        """Return all points. Their parts are joined here, not when points are added, which may be one by one."""
         if len(self._parts) > 1:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
         if not self._parts:
