@@ -302,7 +302,8 @@ def raises_later(t, u, v, p):
 
 @eig3.jit
 def raises_later_vector(t, u, v, p, a):
-    a[:] = -u
+    for j in range(u.size):
+        a[j] = -u[j]
     if t > p[0]:
         raise ValueError("past the end of the record")
 
