@@ -97,7 +97,7 @@ def test_commands_are_those_that_run(readme):
     if readme == "README.md":
         assert len(commands) == 2
         assert commands[0].endswith("eig3 bench\n")
-        assert commands[1].endswith("pytest -q\n")
+        assert commands[1].endswith("pytest -q -n auto --dist worksteal\n")
         runner = (ROOT / ".ci" / "run").read_text()
         assert "readme_command 1" in runner
         assert "readme_command 2" in runner
