@@ -23,6 +23,7 @@ from .memory import aligned, check_workspace
 from .methods import Method
 
 _NEVER = 2**62  # `every` of a run that writes no states
+_FLOAT64 = np.dtype(np.float64)
 
 
 class Stepper:
@@ -142,6 +143,8 @@ class Stepper:
     @property
     def is_finite(self) -> bool:
         """Whether u and v are finite. If they are not, they stay so in all later steps."""
+        if self.form is SCALAR:
+            return math.isfinite(self._state[0]) and math.isfinite(self._state[1])
         return bool(np.isfinite(self._state[:2]).all())
 
     def advance(
@@ -227,6 +230,8 @@ class Stepper:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences about the solver of an implicit method, if the user may want to choose another solver."""
+        if not self.running.is_implicit:
+            return ()
         notes = []
         if self.changed_at is not None:
             notes.append(
@@ -325,7 +330,7 @@ class Stepper:
     def _check_rows(self, rows: np.ndarray | None, count: int) -> np.ndarray:
         if rows is None:
             rows = self._nowhere
-        if not (isinstance(rows, np.ndarray) and rows.dtype == np.float64 and rows.flags.carray):
+        if not (isinstance(rows, np.ndarray) and rows.dtype == _FLOAT64 and rows.flags.carray):
             raise ValueError("u_rows and v_rows must be writeable, C-contiguous arrays of float64.")
         if rows.shape[1:] != self._nowhere.shape[1:] or len(rows) < count:
             needed = (count, *self._nowhere.shape[1:])

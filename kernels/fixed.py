@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import sys
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -193,7 +194,7 @@ class Formulas:
 
 def formulas(name: str) -> Formulas:
     """Return the formulas of a module, given by its name. A module that was reloaded is read again."""
-    module = importlib.import_module(name)
+    module = sys.modules.get(name) or importlib.import_module(name)  # each run asks, and an import takes longer
     return _formulas(module, getattr(module, "step_scalar", None), getattr(module, "step_vector", None))
 
 
