@@ -58,8 +58,9 @@ def test_a_large_damped_system_takes_a_few_evaluations_a_step():
     assert any("differences of rhs" in note and "324 in each" in note for note in by_newton.notes)
 
 
-@pytest.mark.parametrize("inline", [False, True])
-@pytest.mark.parametrize("chunks", [[400], [1, 99, 1, 299], [100, 101, 199]])
+@pytest.mark.parametrize(
+    ("chunks", "inline"), [([400], False), ([1, 99, 1, 299], False), ([100, 101, 199], True)], ids=str
+)
 def test_newtons_method_takes_over_where_the_iteration_does_not_converge(chunks, inline):
     """h c / 2 is 0.0005 up to t = 1, and then 5: the iteration diverges at the step from there on."""
     options = {"h": 0.01, "params": 1000.0, "method": "cd", "inline": inline}

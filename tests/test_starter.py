@@ -76,20 +76,19 @@ def test_it_takes_one_file_of_some_forty_lines():
     assert len(code) < 50
 
 
-@pytest.mark.parametrize("inline", [False, True])
 @pytest.mark.parametrize(
-    ("rhs", "u0", "v0", "params"),
+    ("rhs", "u0", "v0", "params", "inline"),
     [
-        (oscillator, 1.0, 0.2, (2.0, 0.1)),
-        (coupled, [0.1, 0.2, -0.3], [0.0, 0.1, 0.0], (3.0, 1.0, 2.0)),
-        (gyroscope, [0.0, 0.0], [1.0, 0.0], (1.0,)),
+        (oscillator, 1.0, 0.2, (2.0, 0.1), False),
+        (coupled, [0.1, 0.2, -0.3], [0.0, 0.1, 0.0], (3.0, 1.0, 2.0), True),
+        (gyroscope, [0.0, 0.0], [1.0, 0.0], (1.0,), False),
     ],
-    ids=["damped", "damped and forced", "gyroscopic"],
+    ids=["damped", "damped and forced, inline", "gyroscopic"],
 )
 def test_order_is_four_from_the_first_step_on(ab4, rhs, u0, v0, params, inline):
     """Errors against RK4 at a step so short that its own are some 1e-13."""
     options = {"params": params, "inline": inline}
-    exact = eig3.integrate(rhs, (0, 4), u0, v0, h=1e-3, method="rk4", **options)
+    exact = eig3.integrate(rhs, (0, 4), u0, v0, h=1e-3, method="rk4", params=params)
     errors = []
     for h in (0.04, 0.02, 0.01):
         run = eig3.integrate(rhs, (0, 4), u0, v0, h=h, method="ab4", **options)
@@ -140,7 +139,6 @@ def take_five_steps_in_both_forms(method):
     ("change", "error", "message"),
     [
         ({"ROWS": 10}, Exception, "wrong tuple length"),
-        ({"ROWS": 8}, Exception, "wrong tuple length"),
         ({"PAST": 5}, Exception, "tuple"),
         ({"START_STEPS": 0}, TypeError, "must define START and START_STEPS together"),
     ],
