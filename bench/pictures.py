@@ -10,11 +10,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from eig3.drawing import NO_PICTURES
+
 from .article_runs import MeasuredTable
 from .reference import METRICS
 from .rivals import RIVALS
 from .sweep import WorkPrecisionSet
-from .text import NO_PICTURES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

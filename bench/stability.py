@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from eig3 import problems
+from eig3.drawing import NO_PICTURES
 from eig3.methods import Method
 from eig3.options import add_out
 from eig3.stability import explain, limit, spectral_radius
@@ -142,7 +143,7 @@ def render_words() -> str:
 def draw(out: Path) -> tuple[Sequence[str], str]:
     """Save the figures, each as PNG and SVG; return them as Markdown, and what to add to the list of written files."""
     if not pictures.is_possible():
-        return [], text.NO_PICTURES
+        return [], NO_PICTURES
     shown = ["## Figures"]
     for name, (figure, caption) in stability_pictures.PICTURES.items():
         text.status(f"picture {name}")

@@ -3,8 +3,6 @@
 import sys
 from collections.abc import Sequence
 
-from eig3.drawing import NO_PICTURES as NO_PICTURES
-
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """An aligned Markdown table: the first column is aligned left, the others right."""
