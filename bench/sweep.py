@@ -12,7 +12,6 @@ import numpy as np
 from eig3.integration import divide
 from eig3.methods import METHODS, Method
 from eig3.problem import Problem
-from eig3.solution import Status
 from eig3.stability import limit
 
 from . import text
@@ -137,8 +136,6 @@ def sweep(
         every = max(1, n_steps // STATES)
         text.status(f"{problem.name}, {label}, h = {h:.3g}")
         solution = problem.integrate(h=h, method=method, save_every=every)
-        if solution.status is Status.INTERRUPTED:
-            raise KeyboardInterrupt
         errors = judge.of_run(solution) if solution.success else {}
         point = Point(key, label, h, n_steps, solution.n_rhs, _is_stable(solution.success, errors), errors)
         start = problem.stepper(h=h, method=method)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dis
+import functools
 import inspect
 import re
 from collections.abc import Callable
@@ -13,8 +14,9 @@ from weakref import WeakKeyDictionary
 import numba
 from numba.core.dispatcher import Dispatcher
 
-from .kernels.jit import OPTIONS
-from .kernels.jit import cached as cached_jit
+from .kernels.cache import keep_on_disk
+from .kernels.interrupt import DeferredInterrupt
+from .kernels.jit import OPTIONS, compiled
 from .kernels.protocol import SCALAR, VECTOR, Form
 
 __all__ = ["Callback", "cached_jit", "check_callback", "gist", "jit", "reads_velocity"]
@@ -31,7 +33,8 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     function : function
         The function to compile. Without it, ``jit(**options)`` returns a decorator.
     **options
-        Options of ``numba.njit``, which replace those of the kernels.
+        Options of ``numba.njit``, which replace those of the kernels. With ``cache=True``, the compiled function is
+        kept on the disk. A damaged file is then compiled again, and a folder that cannot be written gives a warning.
 
     Returns
     -------
@@ -40,12 +43,20 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     Notes
     -----
     Numba compiles a global variable as a constant: a later assignment to it has no effect. Pass values that may change
-    as parameters. Numba does not check indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python
-    starts. A function with ``cache=True`` then also needs an empty NUMBA_CACHE_DIR, because Numba would load the
-    unchecked code from its cache.
+    as parameters. A cached function is compiled again if its own file changes, but not if the file of a function that
+    it calls does. Numba does not check indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python
+    starts.
     """
+    if function is None:
+        return functools.partial(jit, **options)
     options = {**OPTIONS, **options}
-    return numba.njit(**options) if function is None else numba.njit(**options)(function)
+    is_kept = options.pop("cache", False)
+    jitted = numba.njit(**options)(function)
+    return keep_on_disk(jitted) if is_kept else jitted
+
+
+#: The decorator for functions of the library, which are kept on the disk.
+cached_jit = jit(cache=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +123,12 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
         known = _checked.setdefault(function, {}).get((kind, form.name))
         # The user may have compiled the function anew. `dict.values` is used because the `values` method of Numba's
         # ordered dictionary hashes every type, which takes longer than the rest of this call.
-        if known is not None and any(known.compiled is compiled for compiled in dict.values(function.overloads)):
+        if known is not None and any(known.compiled is result for result in dict.values(function.overloads)):
             return known
-    compiled = _compile(function, kind, form, name or kind)
-    address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
-    callback = Callback(address, compiled.entry_point, compiled, reads_velocity(function))
+    with DeferredInterrupt():
+        result = _compile(function, kind, form, name or kind)
+        address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    callback = Callback(address, result.entry_point, result, reads_velocity(function))
     _checked[function][kind, form.name] = callback
     return callback
 
@@ -132,16 +144,15 @@ def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
         )
     _check_arguments(function.py_func, name, kind, form, wanted, len(signature.args))
     try:
-        function.compile(signature.args)
-        compiled = function.overloads[signature.args]
+        result = compiled(function, signature.args)
     except Exception as error:  # Numba raises its own errors and plain Python errors
         if "readonly array" in str(error):
             raise TypeError(f"{name} must not write to u, v or p; it may only read them.") from error
         raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
-    returned = compiled.signature.return_type
+    returned = result.signature.return_type
     if returned != signature.return_type:
         raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
-    return compiled
+    return result
 
 
 def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
@@ -151,7 +162,7 @@ def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
     the callback in the same way, so that the callback could not allocate arrays.
     """
     arguments = getattr(form, kind).args
-    function.compile(tuple(x.copy(readonly=False) if isinstance(x, numba.types.Array) else x for x in arguments))
+    compiled(function, tuple(x.copy(readonly=False) if isinstance(x, numba.types.Array) else x for x in arguments))
 
 
 def reads_velocity(function: Any) -> bool:

@@ -6,11 +6,13 @@ read there makes the result NaN, and a value that is written there is found afte
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from .callbacks import Callback
+from .checks import all_finite
 from .kernels.protocol import SCALAR, Form
 
 _CELLS = 64  # number of cells on each side of an array
@@ -38,7 +40,7 @@ def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
         If the result is not finite, or rhs writes beyond the end of a.
     """
     a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
-    if np.isfinite(a).all():
+    if math.isfinite(a) if form is SCALAR else all_finite(a):
         return a
     bad = int(np.flatnonzero(~np.isfinite(a))[0])
     beyond = _read_beyond(rhs, form, t, u, v, p)
@@ -59,7 +61,9 @@ def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells:
     row = np.full(u.size + 2 * _CELLS, np.nan)  # an entry that rhs does not write stays NaN
     a = row[_CELLS:-_CELLS]
     rhs.call(t, u, v, given["p"], a)
-    if not (np.isnan(row[:_CELLS]).all() and np.isnan(row[-_CELLS:]).all()):
+    kept = np.isnan(row)
+    kept[_CELLS:-_CELLS] = True
+    if not kept.all():
         raise ValueError(f"rhs writes beyond the end of a, which has {a.size} entries, one for each value of u0.")
     return a
 

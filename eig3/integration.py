@@ -5,28 +5,26 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.divergence import Divergence, find_blow_up, find_divergence
-from .checks import check_count, check_h, check_resolution, check_span
+from .checks import check_cancel, check_count, check_h, check_resolution, check_span
+from .kernels.interrupt import DeferredInterrupt
+from .kernels.protocol import VECTOR
 from .memory import check_history
 from .methods import Method
 from .observers.chunk import Chunk, Observer
 from .observers.growth import Growth
 from .observers.history import History
-from .observers.interrupt import Flag, deferred_interrupt
 from .observers.invariants import Watch, watches_of
 from .observers.progress import Progress, check_progress
+from .observers.written import Written
 from .solution import Solution, Status
-from .stepper import Stepper
+from .stepper import Cancel, Stepper
 
-_CHUNK_SECONDS = 0.1  # duration of a chunk; Ctrl-C and divergence are checked between chunks
-_CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next
-_SHORT_SECONDS = 1e-3  # a run that is expected to be shorter does not defer Ctrl-C
+_CHUNK_SECONDS = 0.1  # duration of a chunk, after which its observers see it
 
 
 class IntegrationError(RuntimeError):
@@ -60,6 +58,7 @@ def integrate(
     inline: bool = False,
     progress: bool = False,
     raise_on_failure: bool = False,
+    cancel: Cancel | None = None,
 ) -> Solution:
     """Integrate u'' = f(t, u, v) with a fixed step. All steps run in compiled code.
 
@@ -91,14 +90,15 @@ def integrate(
         Show a progress bar. This needs tqdm.
     raise_on_failure : bool
         Raise `IntegrationError` if the run does not complete.
+    cancel : threading.Event, optional
+        Set it in another thread to end the run, which then has the status INTERRUPTED.
 
     Returns
     -------
     Solution
         Its status is DIVERGED if the state becomes infinite or NaN, and the solution is then the finite part of the
         run. It is also DIVERGED if the motion stays finite, but grows by orders of magnitude because of the step. It is
-        NOT_CONVERGED if the solve of an implicit step fails, and INTERRUPTED after Ctrl-C, with the states up to then.
-        In a run shorter than about a millisecond, Ctrl-C raises KeyboardInterrupt as usual.
+        NOT_CONVERGED if the solve of an implicit step fails, and INTERRUPTED if `cancel` is set.
 
     Raises
     ------
@@ -110,6 +110,9 @@ def integrate(
         If `progress` is True and tqdm is not installed.
     IntegrationError
         If `raise_on_failure` is True and the run does not complete.
+    KeyboardInterrupt
+        After Ctrl-C, within a few milliseconds, or when the compiler is done. Its attribute `solution` contains the run
+        up to then; it is None if no run had started.
 
     Notes
     -----
@@ -118,21 +121,28 @@ def integrate(
 
     Numba does not check indices. The evaluation at the start detects a rhs that reads or writes just beyond its arrays.
     Later errors of this kind go undetected, and may overwrite other data, unless the environment variable
-    NUMBA_BOUNDSCHECK is 1 when Python starts. They then raise an IndexError. If rhs has ``cache=True``, this also needs
-    an empty NUMBA_CACHE_DIR, because Numba's cache does not distinguish checked code from unchecked code.
+    NUMBA_BOUNDSCHECK is 1 when Python starts. They then raise an IndexError.
     """
-    t0, t1 = check_span(t_span)
-    n_steps, h = divide(t1 - t0, check_h(h))
-    check_resolution(h, t0, t1)
-    every = n_steps if save_every is None else min(check_count(save_every, "save_every"), n_steps)
-    check_progress(progress)
-    stepper = Stepper(rhs, u0, v0, h=h, t0=t0, params=params, method=method, inline=inline)
-    check_history(n_steps, every, np.size(stepper.start[0]))
-    watches = watches_of(invariants, stepper, n_steps)
-    run = _Run(stepper, n_steps, History(n_steps, every, stepper, bool(watches)), watches, progress)
-    solution = run.solution()
-    if solution.n_steps == n_steps:
-        solution.t[-1] = t1  # t0 + n h may differ from t1 by round-off
+    run = None
+    try:
+        with DeferredInterrupt() as interrupt:
+            t0, t1 = check_span(t_span)
+            n_steps, h = divide(t1 - t0, check_h(h))
+            check_resolution(h, t0, t1)
+            every = n_steps if save_every is None else min(check_count(save_every, "save_every"), n_steps)
+            check_progress(progress)
+            stop = _Stop(interrupt, check_cancel(cancel))
+            stepper = Stepper(rhs, u0, v0, h=h, t0=t0, params=params, method=method, inline=inline)
+            check_history(n_steps, every, stepper.n)
+            watches = watches_of(invariants, stepper, n_steps)
+            run = _Run(stepper, n_steps, t1, History(n_steps, every, stepper, bool(watches)), watches, progress)
+            run.march(stop)
+        run.judge_growth()
+    except BaseException as error:  # raised by rhs, or after Ctrl-C
+        if run or isinstance(error, KeyboardInterrupt):
+            error.solution = run and run.result(error)  # type: ignore[union-attr]
+        raise
+    solution = run.result()
     if raise_on_failure and not solution.success:
         raise IntegrationError(solution)
     return solution
@@ -151,71 +161,74 @@ def divide(span: float, h: float) -> tuple[int, float]:
     return n_steps, span / n_steps
 
 
+class _Stop:
+    """Whether a chunk of steps should end: after Ctrl-C, after a cancellation, or after its usual duration."""
+
+    def __init__(self, interrupt: DeferredInterrupt, cancel: Cancel | None) -> None:
+        self._interrupt, self._cancel = interrupt, cancel
+        self._until = 0.0
+
+    def is_final(self) -> bool:
+        """Return whether the run should end too."""
+        return self._interrupt.is_set() or (self._cancel is not None and self._cancel.is_set())
+
+    def begin_chunk(self) -> None:
+        self._until = time.perf_counter() + _CHUNK_SECONDS
+
+    def is_set(self) -> bool:
+        return time.perf_counter() > self._until or self.is_final()
+
+
 class _Run:
     """A run in chunks of steps, with its observers."""
 
-    def __init__(self, stepper: Stepper, n_steps: int, history: History, watches: list[Watch], progress: bool) -> None:
-        self.stepper, self.n_steps = stepper, n_steps
+    def __init__(
+        self, stepper: Stepper, n_steps: int, t_end: float, history: History, watches: list[Watch], progress: bool
+    ) -> None:
+        self.stepper, self.n_steps, self.t_end = stepper, n_steps, t_end
         self.history, self.watches, self.growth = history, watches, Growth(stepper, n_steps)
         self.bar = Progress(n_steps) if progress else None
         self.observers: list[Observer] = [history, *watches, self.growth, *([self.bar] if self.bar else [])]
+        if stepper.form is VECTOR:
+            self.observers.append(Written(stepper))
         self.status = Status.COMPLETED
         self.message = "The run reached the end of its span."
         self.reason: Callable[[], str] | None = None
 
-    def solution(self) -> Solution:
-        """Run to the end, or until the run fails or is interrupted, and return the solution."""
+    def march(self, stop: _Stop) -> None:
+        """Run to the end, or until the run fails or should stop."""
         try:
-            with self._interrupt() as interrupt:
-                self._march(interrupt)
-        except Exception as error:
-            self._end(
-                Status.INTERRUPTED, f"A function of the run raised {type(error).__name__} after t = {self.stepper.t:g}."
-            )
-            error.solution = self._result()  # type: ignore[attr-defined]
-            raise
+            # A chunk in the middle of the run shows the size of a motion that starts at rest.
+            self._march_to(self.n_steps // 2 if self.growth.needs_half else self.n_steps, stop)
+            self._march_to(self.n_steps, stop)
         finally:
             if self.bar:
                 self.bar.close()
-        if self.status is Status.COMPLETED:
-            self._judge_growth()
-        return self._result()
+        self.stepper.note_pace()
 
-    def _interrupt(self) -> AbstractContextManager[Flag]:
-        """Defer Ctrl-C, except in a very short run: in a loop of such runs, an INTERRUPTED run could go unnoticed."""
-        pace = self.stepper.pace
-        return nullcontext(Flag()) if pace and pace * self.n_steps < _SHORT_SECONDS else deferred_interrupt()
-
-    def _march(self, interrupt: Flag) -> None:
-        stepper, failing = self.stepper, False
-        count = self._first_count()
-        while stepper.index < self.n_steps and self.status is Status.COMPLETED:
-            count = min(count, self.n_steps - stepper.index, self.history.most)
-            begin = time.perf_counter()
+    def _march_to(self, end: int, stop: _Stop) -> None:
+        stepper, most, growth = self.stepper, end, 0
+        while self.status is Status.COMPLETED and stepper.index < end:
+            if stop.is_final():
+                self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
+                return
+            stop.begin_chunk()
+            count = min(most, end - stepper.index, self.history.most)
             try:
-                chunk = self.history.advance(stepper, count)
+                chunk = self.history.advance(stepper, count, stop)
             except Exception:
                 if count == 1:
                     raise
-                failing, count = True, count // 2  # compute the steps before the one that raises
+                # Take the steps before the one that raises: double the steps of a chunk, and halve them from then on.
+                most, growth = (count // 2, 1) if growth else (1, 2)
                 continue
+            most *= growth or 1
             if not stepper.is_finite:
                 chunk = self._end_diverged(chunk)
-            elif stepper.index - chunk.first < count:
+            elif stepper.failed:
                 self._end_unsolved()
-            elif interrupt.raised:
-                self._end(Status.INTERRUPTED, f"The run was interrupted at t = {stepper.t:g}.")
             for observer in self.observers:
                 observer.see(chunk)
-            if not failing:
-                count = _next_count(count, time.perf_counter() - begin)
-        self.stepper.note_pace()
-
-    def _first_count(self) -> int:
-        """The steps of the first chunk: as many as fill its duration if the time per step is known, and 1 otherwise."""
-        most = (self.n_steps + 1) // 2 if self.growth.needs_half else self.n_steps
-        pace = self.stepper.pace
-        return min(most, max(1, int(_CHUNK_SECONDS / pace))) if pace else 1
 
     def _end(self, status: Status, message: str, reason: Callable[[], str] | None = None) -> None:
         self.status, self.message, self.reason = status, message, reason
@@ -243,16 +256,23 @@ class _Run:
             f"its residual is {stepper.residual:.3g}; {', '.join(remedies[:-1])} or {remedies[-1]} may help.",
         )
 
-    def _judge_growth(self) -> None:
+    def judge_growth(self) -> None:
         """Change the status to DIVERGED if the motion stayed finite, but grew because of its step."""
-        suspect = self.growth.suspect
+        suspect = self.growth.suspect if self.status is Status.COMPLETED else None
         blow_up = suspect and find_blow_up(self.stepper, suspect)
         if blow_up:
             self._end(Status.DIVERGED, blow_up.message, blow_up.explain)
 
-    def _result(self) -> Solution:
+    def result(self, error: BaseException | None = None) -> Solution:
+        """Return the run up to now; `error` is the exception that ended it, if there was one."""
         stepper = self.stepper
+        if error and self.status is Status.COMPLETED and (stepper.index < self.n_steps or self.growth.suspect):
+            raised = f"A function of the run raised {type(error).__name__}"
+            what = raised if isinstance(error, Exception) else "The run was interrupted"
+            self._end(Status.INTERRUPTED, f"{what} after t = {stepper.t:g}.")
         t, u, v = self.history.close(stepper)
+        if stepper.index == self.n_steps:
+            t[-1] = self.t_end  # t0 + n h may differ from it by round-off
         return Solution(
             t=t,
             u=u,
@@ -274,9 +294,3 @@ class _Run:
         for watch in self.watches if self.status is Status.COMPLETED else ():
             if watch.growth:
                 yield watch.note(self.stepper.method)
-
-
-def _next_count(count: int, seconds: float) -> int:
-    if seconds * _CHUNK_GROWTH <= _CHUNK_SECONDS:
-        return count * _CHUNK_GROWTH
-    return max(1, int(count * _CHUNK_SECONDS / seconds))

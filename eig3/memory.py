@@ -50,7 +50,7 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
     """
     size = math.prod(shape)
     buffer = np.zeros(size + _CACHE_LINE // 8)
-    start = -buffer.ctypes.data % _CACHE_LINE // 8
+    start = -buffer.__array_interface__["data"][0] % _CACHE_LINE // 8
     return buffer[start : start + size].reshape(shape)
 
 

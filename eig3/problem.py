@@ -137,8 +137,8 @@ class Problem:
         u0, v0 = (np.append(x, np.zeros(len(self.integrals))) for x in (self.u0, self.v0))
         try:
             solution = integrate(self.rhs, span, u0, v0, **options)
-        except Exception as error:
-            if hasattr(error, "solution"):
+        except BaseException as error:
+            if getattr(error, "solution", None):
                 self._separate_integrals(error.solution)
             raise
         self._separate_integrals(solution)

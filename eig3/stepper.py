@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import operator
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .callbacks import Callback, check_callback, compile_for_own_arrays
-from .checks import check_h, check_method, check_params, check_state, check_time
+from .checks import all_finite, check_h, check_method, check_params, check_state, check_time
 from .guard import first_acceleration, guarded
 from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
 from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Form, Run
@@ -24,6 +24,19 @@ from .methods import Method
 
 _NEVER = 2**62  # `every` of a run that writes no states
 _FLOAT64 = np.dtype(np.float64)
+_SLICE_SECONDS = 5e-4  # time in the kernel before it is asked whether to stop; steps may become much slower at any time
+_SLICE_GROWTH = 16  # largest factor from the steps of one slice to the steps of the next
+# At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system.
+# There is nothing to move after a multiple of 6 steps, because the methods rotate one, two or three rows.
+_TURN = 6
+_LARGE = 1000  # degrees of freedom from which on slices are such multiples
+
+
+class Cancel(Protocol):
+    """An object that tells whether to stop, such as a `threading.Event`."""
+
+    def is_set(self) -> bool:
+        """Return True to stop."""
 
 
 class Stepper:
@@ -44,6 +57,8 @@ class Stepper:
     ----------
     start : tuple of float or ndarray
         u0 and v0.
+    n : int
+        Number of degrees of freedom.
     first_acceleration : float or ndarray
         f(t0, u0, v0).
     h, t0 : float
@@ -58,6 +73,9 @@ class Stepper:
         The time from which the fallback of `method` takes the steps, because the solve of a step did not converge.
     index : int
         Number of steps taken.
+    failed : bool
+        Whether the solve of an implicit step failed in the last `advance`. The stepper is at the state before this
+        step.
     seconds : float
         Time spent in the kernel, s, without compilation.
 
@@ -67,6 +85,8 @@ class Stepper:
         If `eig3.integrate` would refuse the arguments, or the right-hand side is not finite at the start.
     MemoryError
         If the matrix of an implicit method does not fit in memory.
+    RuntimeError
+        If two threads use the stepper at the same time; it is raised by the method that the second thread calls.
     """
 
     def __init__(
@@ -90,17 +110,20 @@ class Stepper:
         self.index = 0
         self.seconds = 0.0
         self.changed_at: float | None = None
+        self.failed = False
         self._rhs = rhs
+        self._in_use = threading.Lock()
         self._callback = check_callback(rhs, "rhs", self.form)
         self.start = u, v
-        self._nowhere = np.empty((0,) if self.form is SCALAR else (0, u.size))
+        self.n = 1 if self.form is SCALAR else u.size
+        self._nowhere = np.empty(0 if self.form is SCALAR else (0, self.n))
         self._tally = np.zeros(4)
         self.first_acceleration = a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
-        running = self.method.for_force(self._callback.reads_velocity, np.size(u))
+        running = self.method.for_force(self._callback.reads_velocity, self.n)
         self._prepare(running)
         self._check_velocity(a)
         with np.errstate(over="ignore"):  # a past value that overflows makes the first step non-finite
-            past = running.formulas.start(u, v, a, self.h)
+            past = self._formulas.start(u, v, a, self.h)
         for k, values in enumerate((u, v, *past)):
             self._state[k] = values
         self._before = self._position()
@@ -145,7 +168,7 @@ class Stepper:
         """Whether u and v are finite. If they are not, they stay so in all later steps."""
         if self.form is SCALAR:
             return math.isfinite(self._state[0]) and math.isfinite(self._state[1])
-        return bool(np.isfinite(self._state[:2]).all())
+        return all_finite(self._state[:2].ravel())
 
     def advance(
         self,
@@ -153,6 +176,7 @@ class Stepper:
         every: int = _NEVER,
         u_rows: np.ndarray | None = None,
         v_rows: np.ndarray | None = None,
+        cancel: Cancel | None = None,
     ) -> int:
         """Take `count` steps.
 
@@ -165,12 +189,14 @@ class Stepper:
             written.
         u_rows, v_rows : ndarray, shape (rows,) or (rows, n), optional
             C-contiguous arrays of float64 for the states that are written, with at least one row for each of them.
+        cancel : threading.Event, optional
+            Set it in another thread to end the call after the steps of the next half a millisecond.
 
         Returns
         -------
         int
-            Number of steps taken. It is less than `count` if the solver of an implicit method failed. The stepper is
-            then at the state before the failed step.
+            Number of steps taken. It is less than `count` if `cancel` is set, or if the solver of an implicit method
+            failed, and `failed` is then True.
 
         Raises
         ------
@@ -186,41 +212,63 @@ class Stepper:
             raise ValueError(f"count must not be negative and every be at least 1, not {count} and {every}.")
         rows = (self.index + count) // every - self.index // every
         u_rows, v_rows = self._check_rows(u_rows, rows), self._check_rows(v_rows, rows)
-        self._save()
+        self._begin_use()
         try:
-            taken = self._call(self.index, count, every, u_rows, v_rows)
-            if taken < count and self._fall_back(self.index + taken):
-                written = (self.index + taken) // every - self.index // every
-                taken += self._call(self.index + taken, count - taken, every, u_rows[written:], v_rows[written:])
+            self._save()
+            taken = self._take(count, every, u_rows, v_rows, cancel)
         except BaseException:
-            self.back()
+            self._go_back()
             raise
+        finally:
+            self._in_use.release()
         self.index += taken
         return taken
 
     def back(self) -> None:
         """Go back to the state before the last `advance`. `seconds` still includes its time."""
+        self._begin_use()
+        try:
+            self._go_back()
+        finally:
+            self._in_use.release()
+
+    def fork(self) -> Stepper:
+        """Return an independent stepper at the same state, as `copy.copy` does too."""
+        self._begin_use()
+        try:
+            other = object.__new__(type(self))
+            vars(other).update(vars(self))
+            other._in_use = threading.Lock()
+            other._state, other._tally = aligned(self._state.shape), self._tally.copy()
+            np.copyto(other._state, self._state)
+        finally:
+            self._in_use.release()
+        other._before = other._position()
+        return other
+
+    __copy__ = fork
+
+    def __deepcopy__(self, memo: dict) -> Stepper:
+        return self.fork()
+
+    def before(self) -> Stepper:
+        """Return an independent stepper at the state before the last `advance`."""
+        other = self.fork()
+        other._before = self._before
+        other._go_back()
+        return other
+
+    def _begin_use(self) -> None:
+        if not self._in_use.acquire(blocking=False):
+            raise RuntimeError("another thread uses this stepper now: give each thread its own, made with fork().")
+
+    def _go_back(self) -> None:
         before = self._before
         if before.running is not self.running:
             self._prepare(before.running)
         self.index, self.changed_at = before.index, before.changed_at
         np.copyto(self._state, before.state)
         np.copyto(self._tally, before.tally)
-
-    def fork(self) -> Stepper:
-        """Return an independent stepper at the same state."""
-        other = copy.copy(self)
-        other._state, other._tally = aligned(self._state.shape), self._tally.copy()
-        np.copyto(other._state, self._state)
-        other._before = other._position()
-        return other
-
-    def before(self) -> Stepper:
-        """Return an independent stepper at the state before the last `advance`."""
-        other = self.fork()
-        other._before = self._before
-        other.back()
-        return other
 
     def restarted(self, h: float) -> Stepper:
         """Return a new stepper at t0, u0 and v0, with the step h."""
@@ -238,7 +286,7 @@ class Stepper:
                 f"From t = {self.changed_at:g} on, {self.method.label} solves for the velocity by Newton's method, "
                 "because fixed-point iteration took too long or did not converge."
             )
-        n, running = np.size(self.start[0]), self.running
+        n, running = self.n, self.running
         if running.formulas.matrix and running.jacobian is None and n * self.n_iterations > self.n_rhs / 2:
             notes.append(
                 f"Most of the {self.n_rhs} evaluations are differences of rhs for Newton's method, {n} in each "
@@ -264,6 +312,24 @@ class Stepper:
         self._callback.call(t, u, v, self.params, a)
         return a
 
+    def find_unwritten(self) -> int | None:
+        """Return an index j such that rhs, in the vector form, does not write a[j] in the present state, if any.
+
+        This takes one evaluation, which `n_rhs` does not count.
+        """
+        t, u, v = self.t, self._state[0], self._state[1]
+        a = np.full(u.size, np.nan)
+        try:
+            self._callback.call(t, u, v, self.params, a)
+            if not math.isnan(a.dot(a)):
+                return None
+            other = np.zeros(u.size)  # a value that rhs computes may be NaN too
+            self._callback.call(t, u, v, self.params, other)
+        except Exception:  # rhs may fail at a time at which the method does not evaluate it
+            return None
+        unwritten = np.flatnonzero(np.isnan(a) & (other == 0))
+        return int(unwritten[0]) if unwritten.size else None
+
     @property
     def pace(self) -> float | None:
         """Seconds per step of the last run with this right-hand side and kernel; None before the first run."""
@@ -276,10 +342,12 @@ class Stepper:
 
     def _prepare(self, running: Method) -> None:
         """Prepare the kernel of a record, and a state of the size that it needs."""
-        self.running, formulas = running, running.formulas
-        n = np.size(self.start[0])
+        self.running, n = running, self.n
+        self._formulas = formulas = running.formulas
         check_workspace(running, n)
         self._pace_key = formulas, n, self.inline
+        pace = self.pace
+        self._slice = self._whole_turns(_SLICE_SECONDS / pace) if pace else 1
         self._settings = np.array(running.settings, dtype=np.float64)
         self._state = np.zeros(2 + formulas.past) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
         jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", self.form)
@@ -290,19 +358,38 @@ class Stepper:
             self._callbacks = (self._callback.address, jacobian and jacobian.address)
             self._kernel = pointer_kernel(formulas, self.form, jacobian is not None)
 
-    def _call(self, first: int, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray) -> int:
-        run = Run(self.h, self.t0, self.params, first, count, every, u_rows, v_rows)
-        begin = time.perf_counter()
-        taken = self._kernel(self._callbacks, self._state, self._settings, self._tally, run)
-        self.seconds += time.perf_counter() - begin
+    def _take(self, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray, cancel: Cancel | None) -> int:
+        """Call the kernel for one slice of steps after the other, and return the number of steps taken."""
+        taken, self.failed = 0, False
+        while taken < count:
+            first, steps = self.index + taken, min(count - taken, self._slice)
+            written = first // every - self.index // every
+            run = Run(self.h, self.t0, self.params, first, steps, every, u_rows[written:], v_rows[written:])
+            begin = time.perf_counter()
+            done = self._kernel(self._callbacks, self._state, self._settings, self._tally, run)
+            seconds = time.perf_counter() - begin
+            self.seconds += seconds
+            self._slice = self._whole_turns(steps * min(_SLICE_GROWTH, _SLICE_SECONDS / (seconds + 1e-9)))
+            taken += done
+            if done < steps:
+                if not self._fall_back(first + done):
+                    self.failed = True
+                    break
+            elif cancel is not None and cancel.is_set():
+                break
         return taken
+
+    def _whole_turns(self, steps: float) -> int:
+        if self.n < _LARGE:
+            return max(1, int(steps))
+        return _TURN * max(1, int(steps / _TURN))
 
     def _fall_back(self, index: int) -> bool:
         """Change to the method's fallback at a step; return whether there is one.
 
         A method and its fallback pass the same values from step to step.
         """
-        fallback = self.method.fallback(np.size(self.start[0]))
+        fallback = self.method.fallback(self.n)
         if fallback is None or self.changed_at is not None or not math.isfinite(self.residual):
             return False
         state = self._state

@@ -14,10 +14,9 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-import numba
 from numba.types import Tuple, int64, none
 
-from .jit import KERNEL_OPTIONS, bound, compile_kernel, element, quiet
+from .jit import bound, compile_kernel, element
 from .march import march_scalar, march_vector, settle
 from .protocol import (
     EVALUATIONS,
@@ -41,7 +40,7 @@ STACKED_DEGREES = 6
 
 def scalar(callbacks, state, settings, tally, run):
     f = RHS(callbacks)
-    c = CONSTANTS(settings, run.h, Work(JACOBIAN(callbacks), tally, None))
+    c = CONSTANTS(settings, run.h, Work(tally, None, JACOBIAN(callbacks)))
     y, begin, row = floats(state, VALUES), run.first, 0
     if START_STEPS > 0:
         begin = max(run.first, min(run.first + run.count, START_STEPS))
@@ -56,7 +55,7 @@ def scalar(callbacks, state, settings, tally, run):
 def vector(callbacks, state, settings, tally, run):
     n = state.shape[1]
     f = RHS(callbacks)
-    c = CONSTANTS(settings, run.h, Work(JACOBIAN(callbacks), tally, state[ROWS:]))
+    c = CONSTANTS(settings, run.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
     y, begin, row = rows(state, ROWS), run.first, 0
     if START_STEPS > 0:
         begin = max(run.first, min(run.first + run.count, START_STEPS))
@@ -73,7 +72,7 @@ def vector(callbacks, state, settings, tally, run):
 
 def stacked(callbacks, state, settings, tally, run):
     f = RHS(callbacks)
-    c = CONSTANTS(settings, run.h, Work(JACOBIAN(callbacks), tally, state[ROWS:]))
+    c = CONSTANTS(settings, run.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
     kept, begin, row = rows(state, ROWS), run.first, 0
     y = stack_rows(N, ROWS)
     copy_rows(y, kept, N)
@@ -186,10 +185,10 @@ class Formulas:
         return names
 
     @property
-    def sources(self) -> tuple[str, ...]:
-        """The paths of the files that contain these formulas."""
-        files = (self.module.__file__,) if self.module.__file__ else ()
-        return files + (self.starter.sources if self.starter else ())
+    def is_own(self) -> bool:
+        """Whether all formulas are in this package."""
+        starter_is_own = self.starter is None or self.starter.is_own
+        return starter_is_own and self.module.__name__.rpartition(".")[0] == __package__
 
 
 def formulas(name: str) -> Formulas:
@@ -207,6 +206,9 @@ def _formulas(module: ModuleType, *steps: Any) -> Formulas:
 def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False) -> Any:
     """Compile the kernel of a method for callbacks given as addresses, or load it from the disk.
 
+    The kernel of a method outside this package is compiled in each process: its formulas may use other files, and a
+    change of these would go unnoticed.
+
     The kernel is called as ``kernel((rhs, jacobian or None), state, settings, tally, run)``, and returns the number of
     steps that it took. This is less than `run.count` if a solve failed.
     """
@@ -216,9 +218,8 @@ def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False) -
     names["JACOBIAN"] = element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian)
     callbacks = Tuple((int64, int64 if takes_jacobian else none))
     signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
-    label = f"{method.module.__name__}{'_jacobian' * takes_jacobian}"
-    kernel = compile_kernel(scalar if form is SCALAR else vector, names, signature, label, method.sources)
-    return kernel.overloads[signature.args].entry_point
+    label = f"{method.module.__name__}{'_jacobian' * takes_jacobian}" if method.is_own else ""
+    return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)
 
 
 def no_jacobian(callbacks):
@@ -238,6 +239,4 @@ def inline_kernel(method: Formulas, form: Form, rhs: Any, jacobian: Any, n: int)
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": n}))
     template = scalar if form is SCALAR else stacked if n else vector
     signature = int64(Tuple(()), form.state, vector_type, vector_type, form.run)
-    with quiet():
-        kernel = numba.njit(signature, **KERNEL_OPTIONS)(bound(template, names))
-    return kernel.overloads[signature.args].entry_point
+    return compile_kernel(template, names, signature)

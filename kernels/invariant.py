@@ -35,5 +35,4 @@ def invariant_kernel(form: Form) -> Any:
     """
     arguments = int64, float64, float64, vector_type, int64, form.state, form.state
     signature = UniTuple(float64, 2)(*arguments)
-    kernel = compile_kernel(extent, {"INVARIANT": function_at(form.invariant)}, signature, form.name)
-    return kernel.overloads[signature.args].entry_point
+    return compile_kernel(extent, {"INVARIANT": function_at(form.invariant)}, signature, form.name)

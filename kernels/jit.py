@@ -6,16 +6,19 @@ is compiled for one right-hand side, which LLVM inlines. This gives the fastest 
 again.
 """
 
-import contextlib
 import types
-import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.errors import NumbaExperimentalFeatureWarning
+
+from .cache import check_cache, keep_on_disk
+from .interrupt import DeferredInterrupt
+
+if numba.config.DISABLE_JIT:
+    raise ImportError("eig3 runs compiled code only: unset NUMBA_DISABLE_JIT, which turns Numba's compiler off.")
 
 # "contract" allows LLVM to fuse a*b + c; "nsz" allows it to ignore the sign of zero. Full fastmath would remove the
 # tests for NaN and infinity. With the error model of NumPy, 1/0 is infinite. Python's error model raises an exception,
@@ -32,44 +35,37 @@ KERNEL_OPTIONS: dict[str, Any] = {"_nrt": False, **OPTIONS}
 element = numba.njit(forceinline=True, **KERNEL_OPTIONS)
 
 
-def compile_kernel(
-    template: Callable, names: dict[str, Any], signature: Any, label: str, sources: tuple[str, ...] = ()
-) -> Any:
-    """Compile a template for a signature, or load it from the disk.
+def compiled(function: Any, arguments: tuple) -> Any:
+    """Compile a jitted function for types of arguments, or load it from the disk, and return Numba's compile result.
+
+    Every compilation of eig3 goes through this function: Ctrl-C waits until it is done.
+    """
+    with DeferredInterrupt():
+        check_cache(function)
+        function.compile(arguments)
+        return function.overloads[arguments]
+
+
+def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, label: str = "") -> Any:
+    """Compile a template for a signature, and return the compiled function without the checks of its arguments.
 
     Parameters
     ----------
     template : function
-        A plain Python function in a file.
+        A plain Python function in a file of this folder.
     names : dict
         Globals that the template uses besides those of its own file.
     signature : Numba signature
     label : str
-        Text that distinguishes this kernel from others with the same template.
-    sources : tuple of str
-        Paths of files outside this folder that define some of the names.
-
-    Returns
-    -------
-    Numba dispatcher
-
-    Notes
-    -----
-    Numba's cache detects a change of the template's file, but not of the files whose functions the template calls. The
-    name of the kernel therefore contains the label and a checksum of all these files.
+        If it is not empty, the kernel is kept on the disk, and loaded from there. The label distinguishes it from other
+        kernels with the same template. All `names` must come from this folder: the name of the kernel on the disk
+        contains a checksum of the files of this folder, so that a kernel is compiled again after a change, but Numba
+        cannot detect a change of other files.
     """
     function = bound(template, names)
-    function.__qualname__ = f"{template.__name__}_{label}_{fingerprint(sources)}"
-    with quiet():
-        return cached(function, signature, **KERNEL_OPTIONS)
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Suppress the warning that first-class functions are experimental in Numba, as they have been since 2019."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-        yield
+    function.__qualname__ = f"{template.__name__}_{label}_{_fingerprint()}"
+    kernel = numba.njit(**KERNEL_OPTIONS)(function)
+    return compiled(keep_on_disk(kernel) if label else kernel, signature.args).entry_point
 
 
 def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:
@@ -79,24 +75,9 @@ def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:
     return function
 
 
-def cached(function: Callable, signature: Any = None, **options: Any) -> Any:
-    """Compile with the disk cache.
-
-    The cache is not used if no folder can be written, or if indices are checked: Numba's cache does not distinguish
-    checked code from unchecked code, and would load one in place of the other.
-    """
-    options = options or OPTIONS
-    try:
-        return numba.njit(signature, cache=not numba.config.BOUNDSCHECK, **options)(function)
-    except RuntimeError as error:
-        if "cannot cache" not in str(error):
-            raise
-        return numba.njit(signature, **options)(function)
-
-
-def fingerprint(sources: tuple[str, ...] = ()) -> str:
-    """Return a checksum of the source files of all kernels and of the files `sources`."""
+def _fingerprint() -> str:
+    """Return a checksum of the source files of all kernels."""
     checksum = 0
-    for path in [*sorted(Path(__file__).parent.glob("*.py")), *map(Path, sources)]:
+    for path in sorted(Path(__file__).parent.glob("*.py")):
         checksum = zlib.crc32(path.read_bytes(), checksum)
     return f"{checksum:08x}"

@@ -37,12 +37,12 @@ class At(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arguments of a method that solves equations: the jacobian or None, the tally, and, for n degrees of freedom, an
-    n x n matrix."""
+    """Arguments of a method that solves equations: the tally, for n degrees of freedom an n x n matrix, and the
+    jacobian or None. (If the jacobian were first, Numba would warn that tuples of functions are experimental.)"""
 
-    jacobian: Any
     tally: Any
     matrix: Any
+    jacobian: Any
 
 
 vector_type, matrix_type = Array(float64, 1, "C"), Array(float64, 2, "C")

@@ -13,7 +13,7 @@ import numpy as np
 from ..checks import check_method
 from ..methods import LIBRARY, Method
 from ..problem import Problem
-from ..solution import Solution, Status
+from ..solution import Solution
 from .critical import longest_stable_step
 from .linear import Linearised, linearise
 
@@ -305,8 +305,6 @@ class Pilot:
         h = (t_end - self.problem.t_span[0]) / n_steps
         watched: dict[str, Any] = {"invariants": {}} if self.metric == "trajectory" else {}
         solution = self.problem.integrate(h=h, method=self.method, t_end=t_end, save_every=every, **watched)
-        if solution.status is Status.INTERRUPTED:
-            raise KeyboardInterrupt
         self.spent += time.perf_counter() - begin
         self.evaluated += solution.n_rhs * np.size(self.problem.u0)
         return solution

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..memory import n_rows
-from ..stepper import Stepper
+from ..stepper import Cancel, Stepper
 from .chunk import Chunk
 
 _SCRATCH_VALUES = 2**19  # values in an array of states that are not saved: 4 MB, so that it stays in the cache
@@ -21,7 +21,8 @@ class History:
         u, v = stepper.start
         rows = n_rows(n_steps, every)
         self.every = every
-        self.u, self.v = (np.empty((rows, *np.shape(u))) for _ in range(2))
+        shape = rows, *np.shape(u)
+        self.u, self.v = np.empty(shape), np.empty(shape)
         self.u[0], self.v[0] = u, v
         self._t = np.arange(rows, dtype=np.float64)  # made before the run, so that memory cannot run out later
         self._t *= every
@@ -30,13 +31,13 @@ class History:
         self._t += stepper.t0
         self._chunk_every = 1 if all_states else every
         #: Largest number of steps in a chunk.
-        self.most = max(1, _SCRATCH_VALUES // np.size(u)) if all_states and every > 1 else n_steps
+        self.most = max(1, _SCRATCH_VALUES // stepper.n) if all_states and every > 1 else n_steps
 
-    def advance(self, stepper: Stepper, count: int) -> Chunk:
-        """Take `count` steps, or fewer if a solve fails, and return them as a chunk."""
+    def advance(self, stepper: Stepper, count: int, cancel: Cancel) -> Chunk:
+        """Take `count` steps, or fewer if a solve fails or `cancel` is set, and return them as a chunk."""
         first, every = stepper.index, self._chunk_every
         u, v = self._rows(first, count)
-        taken = stepper.advance(count, every, u, v)
+        taken = stepper.advance(count, every, u, v, cancel)
         states = (first + taken) // every - first // every
         return Chunk(first, every, u[:states], v[:states], stepper)
 

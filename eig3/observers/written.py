@@ -1,0 +1,33 @@
+"""Detect a right-hand side that stops writing an entry of a in the middle of a run.
+
+The entry would keep its value from an earlier evaluation, and the run would look well. An array that is filled with NaN
+before each evaluation in the kernel would show this, but takes time in each step. So rhs is evaluated once more at the
+ends of chunks.
+"""
+
+from __future__ import annotations
+
+from ..stepper import Stepper
+from .chunk import Chunk
+
+_LEAST_STEPS = 100  # the evaluation costs at most a hundredth of the steps before it
+
+
+class Written:
+    """Whether the right-hand side, in the vector form, writes every entry of a at the ends of chunks."""
+
+    def __init__(self, stepper: Stepper) -> None:
+        self._last = stepper.index
+
+    def see(self, chunk: Chunk) -> None:
+        """Raise a ValueError if rhs leaves out an entry of a at the end of the chunk."""
+        stepper = chunk.stepper
+        if stepper.index - self._last < _LEAST_STEPS:
+            return
+        self._last = stepper.index
+        j = stepper.find_unwritten()
+        if j is not None:
+            raise ValueError(
+                f"rhs does not write a[{j}] at t = {stepper.t:g}, so that a[{j}] keeps its value from an earlier "
+                "evaluation; write every a[j] in every evaluation."
+            )

@@ -1,0 +1,126 @@
+"""Compiled code on the disk: Numba's cache, made to survive damaged files, full disks and folders that are read-only.
+
+Numba keeps an index of a function's signatures in one file, and the machine code in others. It loads both as they are:
+a damaged file raises an error in every later process, or crashes it. Here each signature has one file, which begins
+with a checksum of its content, and an error of the cache is a warning: the function is then compiled in this process.
+"""
+
+import contextlib
+import hashlib
+import pickle
+import uuid
+import warnings
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+from numba.core.caching import FunctionCache
+
+_CHECKSUM_BYTES = 32
+_folders: set[Path] = set()  # of the functions of this library
+_warned: set[str] = set()
+
+
+class CheckedCache(FunctionCache):
+    """The cache of one function."""
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file = _Files(Path(self._cache_path), self._impl.filename_base, self._cache_file._source_stamp)
+        if function.__module__.startswith("eig3."):
+            _folders.add(Path(self._cache_path))
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:
+            _warn("load", self._cache_path, error)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except Exception as error:
+            _warn("keep", self._cache_path, error)
+
+
+class _Files:
+    """The files of one function: one for each signature, version of the source, processor and version of Numba."""
+
+    def __init__(self, folder: Path, name: str, source_stamp: Any) -> None:
+        self._folder, self._name = folder, name
+        # Code that checks indices must not be taken for code that does not.
+        self._versions = source_stamp, numba.__version__, llvmlite.__version__, numba.config.BOUNDSCHECK
+
+    def _path(self, key: Any) -> Path:
+        text = repr((key, self._versions))
+        return self._folder / f"{self._name}.{hashlib.sha256(text.encode()).hexdigest()[:16]}.nbc"
+
+    def load(self, key: Any) -> Any:
+        path = self._path(key)
+        try:
+            content = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        checksum, data = content[:_CHECKSUM_BYTES], content[_CHECKSUM_BYTES:]
+        if checksum != hashlib.sha256(data).digest():
+            path.unlink()
+            raise ValueError(f"{path.name} was damaged")
+        return pickle.loads(data)
+
+    def save(self, key: Any, data: Any) -> None:
+        content = pickle.dumps(data)
+        path = self._path(key)
+        temporary = path.with_name(f"{path.name}.{uuid.uuid4().hex[:16]}")
+        try:
+            temporary.write_bytes(hashlib.sha256(content).digest() + content)
+            temporary.replace(path)  # at once, so that no other process reads a part of the file
+        except BaseException:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+            raise
+
+
+def keep_on_disk(function: Any) -> Any:
+    """Give a jitted function, which is not compiled yet, a cache on the disk; return the function."""
+    try:
+        function._cache = CheckedCache(function.py_func)
+    except RuntimeError as error:
+        if "no locator available" not in str(error):
+            raise
+        _warn("keep", "any folder", error)
+    return function
+
+
+def check_cache(function: Any) -> None:
+    """Give a jitted function of a user that has Numba's cache a `CheckedCache` instead."""
+    if type(function._cache) is FunctionCache:
+        keep_on_disk(function)
+
+
+def folders() -> list[Path]:
+    """Return the folders that contain compiled functions of this library, of those that were imported so far."""
+    return sorted(_folders)
+
+
+def clear(folder: Path) -> int:
+    """Delete compiled code in a folder, and return the number of files."""
+    files = [path for pattern in ("*.nbi", "*.nbc", "*.nbc.*") for path in folder.glob(pattern)]
+    for path in files:
+        path.unlink()
+    return len(files)
+
+
+def _warn(what: str, folder: str, error: Exception) -> None:
+    """Warn once in a process: all functions of a folder usually have the same problem."""
+    if _warned:
+        return
+    _warned.add(what)
+    reason = str(error) or type(error).__name__
+    warnings.warn(
+        f"eig3 cannot {what} compiled code in {folder} ({reason}), so it is compiled in this process: `eig3 cache "
+        "--clear` clears the folder of eig3, and the environment variable NUMBA_CACHE_DIR chooses another one.",
+        RuntimeWarning,
+        stacklevel=2,
+    )

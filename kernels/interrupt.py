@@ -1,0 +1,57 @@
+"""Ctrl-C while Numba compiles, and while a run advances.
+
+Python calls the handler of Ctrl-C between any two instructions of the main thread, and the handler raises
+KeyboardInterrupt there. In Numba's compiler, this leaves objects that LLVM frees twice, and the process crashes. In a
+run, it leaves a history that is half updated. So the handler has to wait until it does no harm.
+"""
+
+from __future__ import annotations
+
+import sys
+from _signal import getsignal, signal  # those of the module signal convert to enums, which takes 10 microseconds a run
+from signal import SIGINT, default_int_handler
+from threading import get_ident, main_thread
+from typing import Any
+
+
+class DeferredInterrupt:
+    """A block in which Ctrl-C waits until the end of the outermost block, where it raises KeyboardInterrupt as usual.
+
+    A block that lasts should ask `is_set`. Nothing changes in threads other than the main thread, because Python calls
+    handlers only in the main thread, and in programs that ignore Ctrl-C or leave it to the system. If a program has a
+    handler of its own, that handler is called instead.
+    """
+
+    def __init__(self) -> None:
+        self._handler: Any = None  # the handler that this block replaces; None for an inner block
+        self._is_noted = False
+
+    def __enter__(self) -> DeferredInterrupt:
+        if get_ident() == main_thread().ident:
+            before = getsignal(SIGINT)
+            if isinstance(before, DeferredInterrupt):
+                return before
+            if callable(before):
+                self._handler = before
+                signal(SIGINT, self)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._handler is not None:
+            signal(SIGINT, self._handler)
+            self._deliver()
+
+    def __call__(self, signum: int, frame: object) -> None:
+        """Note the signal: within the block, this object is the handler."""
+        self._is_noted = True
+
+    def is_set(self) -> bool:
+        """Return whether Ctrl-C should end the work now."""
+        if self._is_noted and self._handler is not default_int_handler:
+            self._deliver()
+        return self._is_noted
+
+    def _deliver(self) -> None:
+        if self._is_noted:
+            self._is_noted = False
+            self._handler(SIGINT, sys._getframe())
