@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from .callbacks import Callback
-from .checks import all_finite
 from .kernels.protocol import SCALAR, Form
 
 _CELLS = 64  # number of cells on each side of an array
@@ -40,7 +39,7 @@ def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
         If the result is not finite, or rhs writes beyond the end of a.
     """
     a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
-    if math.isfinite(a) if form is SCALAR else all_finite(a):
+    if math.isfinite(a) if form is SCALAR else np.isfinite(a).all():
         return a
     bad = int(np.flatnonzero(~np.isfinite(a))[0])
     beyond = _read_beyond(rhs, form, t, u, v, p)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .callbacks import Callback, check_callback, compile_for_own_arrays
-from .checks import all_finite, check_h, check_method, check_params, check_state, check_time
+from .checks import check_h, check_method, check_params, check_state, check_time
 from .guard import first_acceleration, guarded
 from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
 from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Form, Run
@@ -168,7 +168,7 @@ class Stepper:
         """Whether u and v are finite. If they are not, they stay so in all later steps."""
         if self.form is SCALAR:
             return math.isfinite(self._state[0]) and math.isfinite(self._state[1])
-        return all_finite(self._state[:2].ravel())
+        return bool(np.isfinite(self._state[:2]).all())
 
     def advance(
         self,
@@ -321,7 +321,7 @@ class Stepper:
         a = np.full(u.size, np.nan)
         try:
             self._callback.call(t, u, v, self.params, a)
-            if not math.isnan(a.dot(a)):
+            if not np.isnan(a).any():
                 return None
             other = np.zeros(u.size)  # a value that rhs computes may be NaN too
             self._callback.call(t, u, v, self.params, other)
