@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import functools
 import inspect
+from collections.abc import Collection
 from typing import Any, ClassVar
 
 import numba
@@ -15,6 +16,7 @@ from numba.types import unliteral
 
 from ..callbacks import gist
 from ..checks import reals
+from .fields import annotations, check_fields
 
 _REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
 _ARRAY = numba.types.Array(numba.float64, 1, "C", readonly=True)
@@ -26,9 +28,12 @@ class Effect:
     Derive from `Body`, `Link` or `Motion`, and decorate the class with ``@dataclass(frozen=True, eq=False)``.
 
     The fields are the parameters. A field is a number, or an array with one number for each of the points, unless it is
-    named in `vectors` or `arrays`. The functions are static methods compiled with ``eig3.jit``. The names of their
-    arguments say what they read: fields, and what `Body`, `Link` or `Motion` offers. A function without v or rate does
-    not read the velocity, and the scene then does not compute it.
+    named in `vectors` or `arrays`. A field with ``init=False`` is a number or an array that ``__post_init__`` computes.
+    A field must not have the name of an attribute of the base class, such as `source`.
+
+    The functions are static methods compiled with ``eig3.jit``. The names of their arguments say what they read:
+    fields, and what `Body`, `Link` or `Motion` offers. A function without v or rate does not read the velocity, and the
+    scene then does not compute it.
 
     Attributes
     ----------
@@ -59,10 +64,14 @@ class Effect:
     takes: ClassVar[tuple[int, ...]] = ()  # the possible numbers of arguments of points
     cutoff: ClassVar[str] = ""  # see `Link`
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        check_fields(cls, next(base for base in cls.__mro__[1:] if base.__module__ == __name__))
+
     def __new__(cls, *values: Any, **fields: Any) -> Any:
         # Without the decorator, Python would only complain about the number of arguments.
         known = getattr(cls, "__dataclass_fields__", None)
-        if "__dataclass_fields__" not in vars(cls) and (known is None or inspect.get_annotations(cls).keys() - known):
+        if "__dataclass_fields__" not in vars(cls) and (known is None or annotations(cls).keys() - known):
             raise TypeError(f"{cls.__name__} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
         return super().__new__(cls)
 
@@ -70,6 +79,7 @@ class Effect:
         """Check the parameters. An effect with checks of its own calls this method first."""
         for name in set(self._read()) & set(_given(self)):
             self._reals(name)
+        self._check_names("nonnegative")
         for name in self.nonnegative:
             self.require(self._reals(name) >= 0, f"{name} must not be negative")
 
@@ -111,7 +121,7 @@ class Effect:
     def _read(self) -> list[str]:
         """Return the fields that the compiled functions read, a motion's direction, and a link's cutoff."""
         compiled = [function for function in self.functions().values() if isinstance(function, Dispatcher)]
-        read = {"direction", self.cutoff, *(argument for function in compiled for argument in arguments(function))}
+        read = ["direction", self.cutoff, *(argument for function in compiled for argument in arguments(function))]
         return [name for name in _fields(self) if name in read]
 
     def _column(self, name: str, shape: tuple[int, ...], dimension: int) -> np.ndarray:
@@ -151,9 +161,9 @@ class Effect:
         TypeError, ValueError
             If it cannot. The error names the effect.
         """
-        for name in ("vectors", "arrays"):
-            if isinstance(getattr(self, name), str):
-                raise TypeError(f"{name} of {self.title} must be a tuple of names, not a string.")
+        self._check_computed()
+        for what in ("vectors", "arrays"):
+            self._check_names(what)
         if dimension not in self.dimensions:
             allowed = " or ".join(map(str, self.dimensions))
             raise ValueError(f"{self.title} needs a scene of {allowed} dimensions, not {dimension}.")
@@ -179,6 +189,28 @@ class Effect:
             self._values(name, dimension)
         for name, function in functions.items():
             self._compile(name, function, dimension)
+
+    def _check_computed(self) -> None:
+        """Refuse computed fields without a value, and lists: `snapshot` computes anew what a caller may have filled."""
+        computed = [name for name in _fields(self) if name not in _given(self)]
+        for name in computed:
+            if isinstance(getattr(self, name, []), list):
+                raise TypeError(
+                    f"{name} of {self.title} must be a number or an array that __post_init__ computes, not a list or "
+                    "nothing, because the field has init=False."
+                )
+
+    def _check_names(self, what: str) -> None:
+        """Check that a class variable is a tuple of names of fields that have a value."""
+        names = getattr(self, what)
+        if isinstance(names, str) or not isinstance(names, Collection):
+            raise TypeError(f"{what} of {self.title} must be a tuple of names, not {names!r}.")
+        known = [name for name in _fields(self) if hasattr(self, name)]
+        for name in names:
+            if name not in known:
+                remedy = ", unless it is computed before super().__post_init__()" * (name in _fields(self))
+                allowed = ", ".join(known) or "fields"
+                raise TypeError(f"{what} of {self.title} can name only {allowed}, not {name!r}{remedy}.")
 
     def _compile(self, name: str, function: Any, dimension: int) -> None:
         """Compile a function for the arguments that a scene gives it, so that an error names the function."""

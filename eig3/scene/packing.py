@@ -11,6 +11,7 @@ import numpy as np
 
 from .assembly import Assembly, Group, Law
 from .effect import arguments
+from .names import identifier
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,8 @@ class Packing:
 
     def __init__(self, assembly: Assembly) -> None:
         self._parts: list[np.ndarray] = []
-        self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}  # names in every source
+        # the names with an underscore in every source; `_name` makes no name without one
+        self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}
         self._names |= {
             f"{axis}_{name}_{number}"
             for axis in "xyz"
@@ -229,11 +231,8 @@ class Packing:
         return Arrays(self._column(starts), self._column(ends))
 
     def _name(self, wanted: str) -> str:
-        """Return a name that is not yet used in the source."""
-        number, name = 1, wanted
-        while name in self._names:
-            number += 1
-            name = f"{wanted}_{number}"
+        """Return an identifier that is not yet used in the source. `wanted` contains an underscore."""
+        name = identifier(wanted, self._names)
         self._names.add(name)
         return name
 
