@@ -14,6 +14,7 @@ import numpy as np
 import eig3
 from eig3 import effects
 from eig3.effects import Body
+from eig3.kernels.jit import compiled
 from eig3.kernels.protocol import VECTOR
 from eig3.options import add_out
 from eig3.problem import Problem
@@ -95,7 +96,7 @@ def instructions() -> list[list[str]]:
 
 def assembly(rhs: Any) -> list[str]:
     """The instructions of a right-hand side without names of functions, since their numbers differ from run to run."""
-    rhs.compile(VECTOR.rhs.args)
+    compiled(rhs, VECTOR.rhs.args)
     lines = (line.strip() for line in rhs.inspect_asm(VECTOR.rhs.args).splitlines())
     return [
         line for line in lines if line and not line.startswith((".", "#")) and "_ZN" not in line and ":" not in line

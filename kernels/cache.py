@@ -18,7 +18,6 @@ import numba
 from numba.core.caching import FunctionCache
 
 _CHECKSUM_BYTES = 32
-_folders: set[Path] = set()  # of the functions of this library
 _warned: set[str] = set()
 
 
@@ -28,8 +27,6 @@ class CheckedCache(FunctionCache):
     def __init__(self, function: Any) -> None:
         super().__init__(function)
         self._cache_file = _Files(Path(self._cache_path), self._impl.filename_base, self._cache_file._source_stamp)
-        if function.__module__.startswith("eig3."):
-            _folders.add(Path(self._cache_path))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -99,9 +96,15 @@ def check_cache(function: Any) -> None:
         keep_on_disk(function)
 
 
-def folders() -> list[Path]:
-    """Return the folders that contain compiled functions of this library, of those that were imported so far."""
-    return sorted(_folders)
+def folder_of(function: Any) -> Path:
+    """Return the folder for the compiled code of a function, and of all others in files of the same folder.
+
+    Raises
+    ------
+    RuntimeError
+        If no folder can be written.
+    """
+    return Path(CheckedCache(function).cache_path)
 
 
 def clear(folder: Path) -> int:

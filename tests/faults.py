@@ -9,6 +9,7 @@ import collections
 import contextlib
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -109,7 +110,7 @@ def interrupts_while_compiling(number):
         eig3.Stepper(chain, [1.0], [0.0], h=0.1, inline=True)
 
     choose = random.Random(number).choice
-    return count_lost(25, lambda k: random.Random(100 * number + k).uniform(0.001, 0.4), set_up)
+    return count_lost(25, lambda k: random.Random(100 * number + k).uniform(0.001, 0.3), set_up)
 
 
 @fault("20 times Ctrl-C in a loop of short runs", 2)
@@ -186,16 +187,17 @@ def interrupt_of_a_dear_rhs(number):
 
 
 def use_cache(most: int = 1) -> str | None:
-    """Run all kernels of two methods, and compare with values that were computed without a cache."""
+    """Run all kernels of two methods, and compare with the exact solution."""
     import eig3
 
-    warnings.simplefilter("always")
     rhs, chain, energy = new_functions()
+    exact = 0.5549917206178984  # exp(-g) (cos w + g/w sin w) for g = 0.05 and w^2 = 1 - g^2
     with warnings.catch_warnings(record=True) as seen:
-        for method, expected in (("eig3", 0.5130298438870556), ("rk4", 0.5130296398246867)):
+        warnings.simplefilter("always")
+        for method in ("eig3", "rk4"):
             solution = eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.001, method=method, invariants={"e": energy})
             vector = eig3.integrate(chain, (0, 1), [1.0], [0.0], h=0.001, method=method)
-            if abs(solution.u[-1] - expected) > 1e-6 or abs(vector.u[-1, 0] - expected) > 1e-6:
+            if abs(solution.u[-1] - exact) > 1e-6 or abs(vector.u[-1, 0] - exact) > 1e-6:
                 return "wrong numbers"
     return None if len(seen) <= most else f"{len(seen)} warnings"
 
@@ -338,9 +340,11 @@ def name_that_is_code(number):
     import dataclasses
 
     import eig3
-    from eig3.scene import Body, Scene
+    from eig3.effects import Body
+    from eig3.scene import Scene
 
-    name = ["x\nimport os; os.environ['RAN'] = '1'\n", "My Spring", "north-wind", "class"][number]
+    code = "x=0\n__import__('os').environ['RAN'] = '1'\ndef f():\n    x=0#"
+    name = [code, "My Spring", "north-wind", "3D"][number]
 
     @eig3.jit
     def force(x, stiffness):
@@ -373,11 +377,14 @@ def pickled_problem(number):
 def shared_stepper(number):
     import eig3
 
-    rhs, _, _ = new_functions()
+    @eig3.jit
+    def rhs(t, u, v, p):
+        return -u
+
     stepper = eig3.Stepper(rhs, 1.0, 0.0, h=1e-3)
-    first = threading.Thread(target=stepper.advance, args=(3 * 10**8,))
+    first = threading.Thread(target=stepper.advance, args=(2 * 10**8,))
     first.start()
-    time.sleep(0.2)
+    time.sleep(0.05)
     try:
         stepper.advance(10)
     except RuntimeError as error:
@@ -418,7 +425,7 @@ def outcome(name: str, number: int, cache: Path) -> str:
     if result.returncode < 0:
         return f"crash ({signal.Signals(-result.returncode).name})"
     if result.returncode:
-        return result.stderr.strip().splitlines()[-1][:90]
+        return re.sub(r": '/.*", "", result.stderr.strip().splitlines()[-1])  # without the name of the file
     return result.stdout.strip().splitlines()[-1]
 
 

@@ -7,11 +7,11 @@ import sys
 from collections.abc import Sequence
 
 from .._version import __version__
-from . import bench, plan, run
+from . import bench, cache, plan, run
 
 __all__ = ["main"]
 
-_COMMANDS = {"bench": bench, "run": run, "plan": plan}
+_COMMANDS = {"bench": bench, "run": run, "plan": plan, "cache": cache}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -16,6 +16,7 @@ from numba.types import unliteral
 
 from ..callbacks import gist
 from ..checks import reals
+from ..kernels.jit import compiled
 from .fields import annotations, check_fields
 
 _REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
@@ -120,8 +121,8 @@ class Effect:
 
     def _read(self) -> list[str]:
         """Return the fields that the compiled functions read, a motion's direction, and a link's cutoff."""
-        compiled = [function for function in self.functions().values() if isinstance(function, Dispatcher)]
-        read = ["direction", self.cutoff, *(argument for function in compiled for argument in arguments(function))]
+        jitted = [function for function in self.functions().values() if isinstance(function, Dispatcher)]
+        read = ["direction", self.cutoff, *(argument for function in jitted for argument in arguments(function))]
         return [name for name in _fields(self) if name in read]
 
     def _column(self, name: str, shape: tuple[int, ...], dimension: int) -> np.ndarray:
@@ -220,7 +221,7 @@ class Effect:
         given |= dict.fromkeys(self.arrays, _ARRAY)
         types = tuple(given.get(argument, numba.float64) for argument in arguments(function))
         try:
-            function.compile(types)
+            compiled(function, types)
             returned = function.overloads[types].signature.return_type
         except Exception as error:
             raise TypeError(f"{name} of {self.title} does not compile: {gist(error)}.") from error

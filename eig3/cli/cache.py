@@ -1,0 +1,27 @@
+"""Show or clear the folders in which eig3 keeps compiled kernels and problems for later processes."""
+
+from __future__ import annotations
+
+import argparse
+
+SUMMARY = "show or clear the folders of compiled code"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--path", action="store_true", help="print the folders")
+    what.add_argument("--clear", action="store_true", help="delete the compiled code in these folders")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    from .. import integrate, plan, problems
+    from ..kernels.cache import clear, folder_of
+    from ..kernels.fixed import scalar
+
+    for function in (scalar, problems.duffing, integrate, plan):  # one function in each folder with compiled code
+        try:
+            folder = folder_of(function)
+            print(f"{folder}: {clear(folder)} files deleted" if options.clear else folder)
+        except (RuntimeError, OSError) as error:
+            raise SystemExit(f"eig3 cache: {error}") from None

@@ -1,0 +1,23 @@
+"""The faults of `faults.py`, with a part of its trials: each must come out as it should."""
+
+import pytest
+
+from . import faults
+
+TRIALS = {"interrupts_while_compiling": 4, "flipped_bit": 6, "truncated_file": 2, "name_that_is_code": 1}
+TESTED_ELSEWHERE = {"pickled_problem"}  # tests/test_pools.py
+
+
+@pytest.fixture(scope="module")
+def warm_cache(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cache")
+    faults.warm_cache(folder)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [(name, k) for name in faults.FAULTS for k in range(TRIALS.get(name, 1)) if name not in TESTED_ELSEWHERE],
+)
+def test_fault_comes_out_as_it_should(name, number, warm_cache):
+    assert faults.outcome(name, number, warm_cache) == faults.HELD

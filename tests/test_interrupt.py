@@ -1,0 +1,227 @@
+"""Ctrl-C and cancellation: the run ends soon, nothing is lost, and no result changes."""
+
+import asyncio
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3.kernels.interrupt import DeferredInterrupt
+
+STEP = 2.0**-10  # exact in binary, so that t = n STEP is exact too
+
+
+@eig3.jit
+def oscillator(t, u, v, p):
+    return -u
+
+
+@eig3.jit
+def oscillators(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -u[j]
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return u * u + v * v
+
+
+@pytest.fixture(autouse=True, scope="module")
+def compiled():
+    """The time until Ctrl-C is for the run, not for the compiler."""
+    eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, invariants={"e": energy})
+    eig3.integrate(oscillators, (0, 1), [1.0], [0.0], h=0.1)
+
+
+@pytest.fixture(autouse=True)
+def python_handler():
+    """Python's own handler of SIGINT: a shell starts jobs in the background with the signal ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def ctrl_c_soon():
+    """Ctrl-C after a third of a second."""
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    yield
+    timer.join()
+
+
+def press(*arguments):
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def endless(form="scalar", **options):
+    rhs, u0, v0 = (oscillator, 1.0, 0.0) if form == "scalar" else (oscillators, np.ones(2), np.zeros(2))
+    return eig3.integrate(rhs, (0, 2**40 * STEP), u0, v0, h=STEP, **{"save_every": 2**30, **options})
+
+
+@pytest.mark.usefixtures("ctrl_c_soon")
+@pytest.mark.parametrize(
+    ("form", "options"),
+    [("scalar", {}), ("scalar", {"save_every": None}), ("vector", {}), ("scalar", {"invariants": {"e": energy}})],
+)
+def test_ctrl_c_raises_with_the_run_up_to_then(form, options):
+    begin = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt) as caught:
+        endless(form, **options)
+    run = caught.value.solution
+    assert run.status is eig3.Status.INTERRUPTED
+    assert "interrupted" in run.message
+    assert time.perf_counter() - begin < 30  # the run would take an hour
+    assert 0 < run.n_steps < 2**40
+    assert run.t[-1] == run.n_steps * STEP
+    assert run.n_rhs == 1 + run.n_steps
+    again = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    again.advance(run.n_steps)
+    np.testing.assert_array_equal(run.u[-1], np.broadcast_to(again.u, run.u[-1].shape))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_after_the_last_step_comes_with_the_complete_run(monkeypatch):
+    run = KeyboardInterrupt()
+    monkeypatch.setattr(eig3.Stepper, "note_pace", press)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        run = eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=STEP)
+    assert isinstance(run, KeyboardInterrupt)  # nothing was returned
+    assert caught.value.solution.status is eig3.Status.COMPLETED
+    assert caught.value.solution.t[-1] == 1
+
+
+def test_an_interrupt_does_not_hide_a_divergence(monkeypatch):
+    monkeypatch.setattr(eig3.Stepper, "note_pace", press)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        eig3.integrate(oscillator, (0, 1e5), 1.0, 0.0, h=2.5)
+    assert caught.value.solution.status is eig3.Status.DIVERGED
+
+
+def test_a_motion_that_grew_is_not_complete_before_its_growth_is_judged(monkeypatch):
+    monkeypatch.setattr(eig3.Stepper, "note_pace", press)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        eig3.integrate(oscillator, (0, 210), 1.0, 0.0, h=2.1)
+    assert caught.value.solution.status is eig3.Status.INTERRUPTED
+    assert caught.value.solution.n_steps == 100
+
+
+def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch):
+    monkeypatch.setattr(eig3.stepper, "first_acceleration", press)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)
+    assert caught.value.solution is None
+
+
+def test_problems_hand_on_the_run_with_its_integrals(monkeypatch):
+    monkeypatch.setattr(eig3.Stepper, "note_pace", press)
+    problem = eig3.problems.shear_building()
+    with pytest.raises(KeyboardInterrupt) as caught:
+        problem.integrate(h=1e-3, t_end=0.01)
+    assert caught.value.solution.u.shape[1] == np.size(problem.u0)
+    assert set(caught.value.solution.integrals) == set(problem.integrals)
+
+
+@pytest.mark.usefixtures("ctrl_c_soon")
+def test_a_handler_of_the_program_is_called_in_the_run_which_goes_on():
+    cancel = threading.Event()
+    signal.signal(signal.SIGINT, lambda *arguments: cancel.set())
+    run = endless(cancel=cancel)
+    assert run.status is eig3.Status.INTERRUPTED
+
+
+@pytest.mark.usefixtures("ctrl_c_soon")
+def test_an_exception_of_such_a_handler_ends_the_run():
+    def stop(*arguments):
+        raise SystemExit("stopped")
+
+    signal.signal(signal.SIGINT, stop)
+    with pytest.raises(SystemExit, match="stopped") as caught:
+        endless()
+    assert caught.value.solution.n_steps > 0
+
+
+def test_the_interrupt_comes_at_the_end_of_the_outer_block():
+    reached = []
+
+    def blocks():
+        with DeferredInterrupt() as outer:
+            with DeferredInterrupt() as inner:
+                press()
+                reached.append("inner")
+            reached.append("outer")
+            assert outer is inner
+            assert outer.is_set()
+        reached.append("after")
+
+    with pytest.raises(KeyboardInterrupt):
+        blocks()
+    assert reached == ["inner", "outer"]
+    with DeferredInterrupt() as block:
+        assert not block.is_set()
+
+
+def test_programs_that_ignore_ctrl_c_go_on_to_do_so():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with DeferredInterrupt():
+        press()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def test_a_run_in_a_thread_is_cancelled():
+    async def main():
+        cancel = threading.Event()
+        run = asyncio.create_task(asyncio.to_thread(endless, cancel=cancel))
+        await asyncio.sleep(0.1)
+        cancel.set()
+        return await run
+
+    run = asyncio.run(main())
+    assert run.status is eig3.Status.INTERRUPTED
+    assert 0 < run.n_steps < 2**40
+
+
+def test_a_cancelled_run_does_not_begin():
+    cancel = threading.Event()
+    cancel.set()
+    run = endless(cancel=cancel)
+    assert run.status is eig3.Status.INTERRUPTED
+    assert run.n_steps == 0
+    np.testing.assert_array_equal(run.u, [1.0])
+
+
+def test_cancel_must_be_an_event():
+    with pytest.raises(TypeError, match=r"cancel must be a threading.Event, not True\."):
+        endless(cancel=True)
+
+
+def test_a_long_advance_is_cancelled_with_the_state_of_its_steps():
+    cancel = threading.Event()
+    stepper = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    timer = threading.Timer(0.1, cancel.set)
+    timer.start()
+    taken = stepper.advance(2**40, cancel=cancel)
+    assert 0 < taken == stepper.index < 2**40
+    assert not stepper.failed
+    again = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    again.advance(taken)
+    assert stepper.u == again.u
+
+
+def test_a_second_thread_cannot_use_a_stepper_at_the_same_time():
+    cancel = threading.Event()
+    stepper = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    thread = threading.Thread(target=stepper.advance, args=(2**40,), kwargs={"cancel": cancel})
+    thread.start()
+    time.sleep(0.05)
+    for use in (lambda: stepper.advance(1), stepper.back, stepper.fork):
+        with pytest.raises(RuntimeError, match=r"another thread uses this stepper now: .* fork\(\)"):
+            use()
+    cancel.set()
+    thread.join()
+    stepper.advance(1)
