@@ -43,7 +43,7 @@ FAULTS: dict[str, Fault] = {}
 def fault(title: str, trials: int, prepare: Callable[[Path, int], None] | None = None):
     """Register the function of a trial. It returns what went wrong, or None if all is as it should be.
 
-    `prepare` gets the folder of the cache before the trial begins, and damages it.
+    With `prepare`, the trial gets a copy of a warm cache of its own; `prepare` damages it before the trial begins.
     """
 
     def register(trial):
@@ -51,6 +51,47 @@ def fault(title: str, trials: int, prepare: Callable[[Path, int], None] | None =
         return trial
 
     return register
+
+
+# What is done to a warm cache before a trial ------------------------------------------------------------------------
+
+
+def kept(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.suffix in (".nbi", ".nbc"))
+
+
+def truncate_one(folder, number):
+    files = kept(folder)
+    os.truncate(files[number % len(files)], 100)
+
+
+def empty_one(folder, number):
+    files = kept(folder)
+    os.truncate(files[number % len(files)], 0)
+
+
+def flip_a_bit(folder, number):
+    chance = random.Random(number)
+    path = chance.choice(kept(folder))
+    content = bytearray(path.read_bytes())
+    content[chance.randrange(len(content))] ^= 1 << chance.randrange(8)
+    path.write_bytes(content)
+
+
+def put_a_folder(folder, number):
+    files = kept(folder)
+    path = files[number % len(files)]
+    path.unlink()
+    path.mkdir()
+
+
+def clear_all(folder, number):
+    for path in kept(folder):
+        path.unlink()
+
+
+def leave(folder, number):
+    pass
 
 
 # Ctrl-C --------------------------------------------------------------------------------------------------------------
@@ -99,7 +140,7 @@ def new_functions():
     return rhs, chain, energy
 
 
-@fault("25 times Ctrl-C while functions and kernels compile", 12)
+@fault("25 times Ctrl-C while functions and kernels compile", 12, clear_all)
 def interrupts_while_compiling(number):
     import eig3
 
@@ -202,35 +243,6 @@ def use_cache(most: int = 1) -> str | None:
     return None if len(seen) <= most else f"{len(seen)} warnings"
 
 
-def kept(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.suffix in (".nbi", ".nbc"))
-
-
-def truncate_one(folder, number):
-    files = kept(folder)
-    os.truncate(files[number % len(files)], 100)
-
-
-def empty_one(folder, number):
-    files = kept(folder)
-    os.truncate(files[number % len(files)], 0)
-
-
-def flip_a_bit(folder, number):
-    chance = random.Random(number)
-    path = chance.choice(kept(folder))
-    content = bytearray(path.read_bytes())
-    content[chance.randrange(len(content))] ^= 1 << chance.randrange(8)
-    path.write_bytes(content)
-
-
-def put_a_folder(folder, number):
-    files = kept(folder)
-    path = files[number % len(files)]
-    path.unlink()
-    path.mkdir()
-
-
 @fault("a file of the cache is cut to 100 bytes", 10, truncate_one)
 def truncated_file(number):
     return use_cache()
@@ -251,7 +263,7 @@ def folder_for_a_file(number):
     return use_cache()
 
 
-@fault("no file of the cache can be read (a disk error)", 1)
+@fault("no file of the cache can be read (a disk error)", 1, leave)
 def unreadable_file(number):
     import builtins
     import io
@@ -263,11 +275,6 @@ def unreadable_file(number):
 
     opened, builtins.open, io.open = io.open, failing, failing
     return use_cache()
-
-
-def clear_all(folder, number):
-    for path in kept(folder):
-        path.unlink()
 
 
 @fault("no file can be written (as on a full disk)", 1, clear_all)
@@ -411,14 +418,15 @@ def copied_stepper(number):
 
 
 def outcome(name: str, number: int, cache: Path) -> str:
-    """Run one trial in a process with a copy of a cache, and say what came of it."""
+    """Run one trial in a process of its own, and say what came of it. `cache` is a warm cache."""
+    environment = {**os.environ, "PYTHONWARNINGS": "ignore"}
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder, "cache")
-        shutil.copytree(cache, copy)
-        if FAULTS[name].prepare:
-            FAULTS[name].prepare(copy, number)
+        prepare = FAULTS[name].prepare
+        if prepare:
+            copy = shutil.copytree(cache, Path(folder, "cache"))
+            prepare(copy, number)
+            environment["NUMBA_CACHE_DIR"] = str(copy)
         command = [sys.executable, __file__, "--trial", name, str(number)]
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(copy), "PYTHONWARNINGS": "ignore"}
         result = subprocess.run(
             command, env=environment, capture_output=True, text=True, timeout=_PATIENCE, cwd=folder, check=False
         )
