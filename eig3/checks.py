@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .kernels.protocol import SCALAR, VECTOR, Form
-from .methods import METHODS, Method
+from .methods import METHODS, Method, shown
 
 
 def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
@@ -43,7 +43,7 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     """Return the first and the last time of the span as floats."""
     ends = reals(t_span, "t_span")
     if ends.shape != (2,):
-        raise ValueError(f"t_span must be the two times (t0, t1), not {_shown(t_span)}.")
+        raise ValueError(f"t_span must be the two times (t0, t1), not {shown(t_span)}.")
     t0, t1 = ends.tolist()
     if not (math.isfinite(t0) and math.isfinite(t1)):
         raise ValueError(f"t_span must be finite, not ({t0}, {t1}).")
@@ -58,7 +58,7 @@ def check_time(t: float, name: str) -> float:
     """Return a finite time as a float."""
     time = t if type(t) is float else reals(t, name)
     if np.ndim(time) != 0 or not math.isfinite(time):
-        raise ValueError(f"{name} must be a finite number, not {_shown(t)}.")
+        raise ValueError(f"{name} must be a finite number, not {shown(t)}.")
     return float(time)
 
 
@@ -66,7 +66,7 @@ def check_h(h: float) -> float:
     """Return the step, which must be positive and finite, as a float."""
     step = h if type(h) is float else reals(h, "h")
     if np.ndim(step) != 0 or not (math.isfinite(step) and step > 0):
-        raise ValueError(f"h must be a positive, finite number of time units, not {_shown(h)}.")
+        raise ValueError(f"h must be a positive, finite number of time units, not {shown(h)}.")
     return float(step)
 
 
@@ -80,27 +80,27 @@ def check_resolution(h: float, t0: float, t1: float) -> None:
 def check_count(value: Any, name: str) -> int:
     """Return a whole number of at least 1 as an int."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{name} must be a whole number of at least 1, not {_shown(value)}.")
+        raise ValueError(f"{name} must be a whole number of at least 1, not {shown(value)}.")
     return int(value)
 
 
 def check_cancel(cancel: Any) -> Any:
     """Return the event that cancels a run, or None."""
     if cancel is not None and not callable(getattr(cancel, "is_set", None)):
-        raise TypeError(f"cancel must be a threading.Event, not {_shown(cancel)}.")
+        raise TypeError(f"cancel must be a threading.Event, not {shown(cancel)}.")
     return cancel
 
 
 def check_method(method: str | Method) -> Method:
     """Return the record of a method, which is given by its name, as a record, or as a record's class."""
-    if isinstance(method, Method):
+    if isinstance(method, Method) and hasattr(method, "kernel"):
         return method
     if isinstance(method, str) and method.lower() in METHODS:
         return _default(METHODS[method.lower()])
-    if isinstance(method, type) and issubclass(method, Method):
+    if isinstance(method, type) and issubclass(method, Method) and hasattr(method, "kernel"):
         return _default(method)
     raise ValueError(
-        f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {_shown(method)}."
+        f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {shown(method)}."
     )
 
 
@@ -117,10 +117,4 @@ def reals(value: Any, name: str) -> np.ndarray:
             raise TypeError
         return np.array(array, dtype=np.float64, order="C")
     except (TypeError, ValueError):
-        raise TypeError(f"{name} must be made of real numbers, not {_shown(value)}.") from None
-
-
-def _shown(value: Any) -> str:
-    """Return the repr of a value, cut to 60 characters."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else f"{text[:57]}..."
+        raise TypeError(f"{name} must be made of real numbers, not {shown(value)}.") from None

@@ -1,8 +1,8 @@
 """Records of the methods: the name, order, cost and options of each method, and the kernel that runs it."""
 
 import dataclasses
-import math
 import numbers
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -12,6 +12,8 @@ from .kernels.fixed import Formulas, formulas
 #: Largest number of degrees of freedom n for which "auto" changes to Newton's method, whose differences take n + 1
 #: evaluations in each iteration.
 _MOST_DIFFERENCES = 64
+
+_LARGEST = sys.float_info.max
 
 #: The record class of every method, by its short name. A class is added here when it is defined.
 METHODS: dict[str, Any] = {}
@@ -122,8 +124,8 @@ class EIG3(Method):
 
     def __post_init__(self) -> None:
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):
-            if not (isinstance(value, numbers.Real) and math.isfinite(value)):
-                raise ValueError(f"{name} must be a finite number, not {value!r}.")
+            if not (isinstance(value, numbers.Real) and -_LARGEST <= value <= _LARGEST):
+                raise ValueError(f"{name} must be a finite number, not {shown(value)}.")
         if self.velocity not in ("auto", "explicit", "none"):
             raise ValueError(f"velocity must be 'auto', 'explicit' or 'none', not {self.velocity!r}.")
 
@@ -205,9 +207,9 @@ class CentralDifference(Method):
                 "jacobian is used by Newton's method only; leave it out, or take velocity='implicit', solver='newton'."
             )
         if not (isinstance(self.tol, numbers.Real) and 0 < self.tol < 1):
-            raise ValueError(f"tol must be a number between 0 and 1, not {self.tol!r}.")
-        if not (isinstance(self.max_iterations, numbers.Integral) and self.max_iterations >= 1):
-            raise ValueError(f"max_iterations must be a whole number of at least 1, not {self.max_iterations!r}.")
+            raise ValueError(f"tol must be a number between 0 and 1, not {shown(self.tol)}.")
+        if not (isinstance(self.max_iterations, numbers.Integral) and 1 <= self.max_iterations <= _LARGEST):
+            raise ValueError(f"max_iterations must be a whole number of at least 1, not {shown(self.max_iterations)}.")
 
     def __repr__(self) -> str:
         changed = [f for f in dataclasses.fields(self) if getattr(self, f.name) != f.default]
@@ -311,3 +313,12 @@ class AB3(Method):
 
 #: The record classes of the library's own methods. `METHODS` also contains the methods that a user defines.
 LIBRARY: tuple[type[Method], ...] = (EIG3, CentralDifference, RK2, RK3, RK4, AB2, AB3)
+
+
+def shown(value: Any) -> str:
+    """Return the repr of a value for an error message, cut to 60 characters."""
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # Python converts no integer of thousands of digits
+        return "an integer of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -24,7 +24,7 @@ from .methods import Method
 
 _NEVER = 2**62  # `every` of a run that writes no states
 _FLOAT64 = np.dtype(np.float64)
-_SLICE_SECONDS = 5e-4  # time in the kernel before it is asked whether to stop; steps may become much slower at any time
+_SLICE_SECONDS = 3e-4  # time in the kernel before it is asked whether to stop; steps may become much slower at any time
 _SLICE_GROWTH = 16  # largest factor from the steps of one slice to the steps of the next
 # At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system.
 # There is nothing to move after a multiple of 6 steps, because the methods rotate one, two or three rows.
@@ -190,7 +190,7 @@ class Stepper:
         u_rows, v_rows : ndarray, shape (rows,) or (rows, n), optional
             C-contiguous arrays of float64 for the states that are written, with at least one row for each of them.
         cancel : threading.Event, optional
-            Set it in another thread to end the call after the steps of the next half a millisecond.
+            Set it in another thread to end the call within some milliseconds.
 
         Returns
         -------

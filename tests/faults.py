@@ -151,7 +151,7 @@ def interrupts_while_compiling(number):
         eig3.Stepper(chain, [1.0], [0.0], h=0.1, inline=True)
 
     choose = random.Random(number).choice
-    return count_lost(25, lambda k: random.Random(100 * number + k).uniform(0.001, 0.3), set_up)
+    return count_lost(25, lambda k: random.Random(100 * number + k).uniform(0.001, 0.2), set_up)
 
 
 @fault("20 times Ctrl-C in a loop of short runs", 2)
@@ -169,7 +169,7 @@ def interrupts_in_short_runs(number):
     return count_lost(20, lambda k: random.Random(100 * number + k).uniform(0.001, 0.1), loop)
 
 
-@fault("20 times Ctrl-C in eig3.plan", 2)
+@fault("10 times Ctrl-C in eig3.plan", 4)
 def interrupts_in_plan(number):
     import eig3
 
@@ -179,7 +179,7 @@ def interrupts_in_plan(number):
         eig3.plan(problem, 1e-4, methods=["eig3", "rk4"])
 
     plan()
-    return count_lost(20, lambda k: random.Random(100 * number + k).uniform(0.001, 0.2), plan)
+    return count_lost(10, lambda k: random.Random(100 * number + k).uniform(0.001, 0.2), plan)
 
 
 @fault("10 times Ctrl-C in a run that diverges", 1)
@@ -205,7 +205,7 @@ def interrupt_of_a_dear_rhs(number):
     def dear(t, u, v, p):
         a = -u
         if t > p[0]:
-            for _ in range(20000):
+            for _ in range(3500):
                 a = 0.5 * (a - u)
         return a
 
@@ -227,20 +227,19 @@ def interrupt_of_a_dear_rhs(number):
 # The cache on the disk -----------------------------------------------------------------------------------------------
 
 
-def use_cache(most: int = 1) -> str | None:
-    """Run all kernels of two methods, and compare with the exact solution."""
+def use_cache() -> str | None:
+    """Run the kernels of both forms, and compare with the exact solution."""
     import eig3
 
     rhs, chain, energy = new_functions()
     exact = 0.5549917206178984  # exp(-g) (cos w + g/w sin w) for g = 0.05 and w^2 = 1 - g^2
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
-        for method in ("eig3", "rk4"):
-            solution = eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.001, method=method, invariants={"e": energy})
-            vector = eig3.integrate(chain, (0, 1), [1.0], [0.0], h=0.001, method=method)
-            if abs(solution.u[-1] - exact) > 1e-6 or abs(vector.u[-1, 0] - exact) > 1e-6:
-                return "wrong numbers"
-    return None if len(seen) <= most else f"{len(seen)} warnings"
+        solution = eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.001, invariants={"e": energy})
+        vector = eig3.integrate(chain, (0, 1), [1.0], [0.0], h=0.001)
+    if abs(solution.u[-1] - exact) > 1e-6 or abs(vector.u[-1, 0] - exact) > 1e-6:
+        return "wrong numbers"
+    return None if len(seen) <= 1 else f"{len(seen)} warnings"
 
 
 @fault("a file of the cache is cut to 100 bytes", 10, truncate_one)
