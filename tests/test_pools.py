@@ -48,7 +48,7 @@ def run(task):
 
 
 if __name__ == "__main__":
-    options = {"curtain": {"n": 10}, "rail_joint": {"work": True}}
+    options = {"curtain": {"n": 10}, "shear_building": {"work": True}}
     built = {name: getattr(problems, name)(**options.get(name, {})) for name in problems.__all__}
     built["own"] = eig3.Problem(name="own", rhs=rhs, u0=1.0, v0=0.0, params=(4.0,), t_span=(0.0, 10.0))
     built["closure"] = spring(4.0)
@@ -91,7 +91,7 @@ def test_workers_return_the_solutions_of_the_parent(tmp_path):
     }
     parent = fields.pop("parent")
     assert {*eig3.problems.__all__, "own", "closure"} <= {*parent}
-    assert parent["rail_joint"]["integrals"]["work"].any()
+    assert parent["shear_building"]["integrals"]["work"].any()
     assert parent["diverges"]["status"] is eig3.Status.DIVERGED
     assert "non-finite" in parent["diverges"]["message"]
     assert parent["grows slowly"]["drift"]["energy"] > 0
