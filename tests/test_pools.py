@@ -67,7 +67,7 @@ if __name__ == "__main__":
 """
 
 
-def output(path, text, *arguments, seconds=120):
+def output(path, text, *arguments, seconds=300):
     """What a script prints. If it hangs, it is killed together with its workers."""
     path.write_text(text)
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
