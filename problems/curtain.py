@@ -1,6 +1,7 @@
 """A curtain that falls: a net of springs in air, held at two corners."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -64,25 +65,25 @@ def curtain(
     scene.add(Gravity((0, 0, -G)))
     scene.add(QuadraticDrag(drag / n**2))
 
-    def draw(figure, solution):
-        for share in (0, 1 / 6, 1 / 2):
-            k = np.abs(solution.t - share * solution.t[-1]).argmin()
-            axes = drawing.picture(figure, projection="3d")
-            x, y, z = np.moveaxis(cloth.of(solution.u[k]), -1, 0)
-            axes.plot_wireframe(x, y, z, rcount=n // 2, ccount=n // 2, linewidth=0.5)
-            axes.scatter(*np.transpose(grid[0, [0, -1]]), color="C3", s=12)
-            axes.set(title=f"t = {solution.t[k]:.2g} s", xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
-            axes.set(xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side))
-            axes.set(xticks=(-side, 0, side), yticks=(side,), zticks=(-side, 0))
-            axes.set_box_aspect((2, 1, 1.5), zoom=0.8)
-        edge = cloth[-1].of(solution.u)
-        for j, name in ((0, "x"), (2, "z")):
-            axes = drawing.time_panel(figure, f"{name} of the free edge\n(m)")
-            drawing.lines(axes, solution.t, edge[:, [n // 2, 0], j], ["middle", "corner"])
-
     return replace(
         scene.problem((0.0, t_end), name="curtain", work=work),
         source="mass-spring cloth of computer graphics, after Provot (1995)",
         h=2e-4,
-        draw=draw,
+        draw=partial(draw, n=n, side=side),
     )
+
+
+def draw(figure, solution, n, side):
+    coordinates = solution.u.reshape(-1, 3, n, n)
+    for share in (0, 1 / 6, 1 / 2):
+        k = np.abs(solution.t - share * solution.t[-1]).argmin()
+        axes = drawing.picture(figure, projection="3d")
+        axes.plot_wireframe(*coordinates[k], rcount=n // 2, ccount=n // 2, linewidth=0.5)
+        axes.scatter([0, 0], [0, side], [0, 0], color="C3", s=12)
+        axes.set(title=f"t = {solution.t[k]:.2g} s", xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+        axes.set(xlim=(-side, side), ylim=(0, side), zlim=(-1.3 * side, 0.2 * side))
+        axes.set(xticks=(-side, 0, side), yticks=(side,), zticks=(-side, 0))
+        axes.set_box_aspect((2, 1, 1.5), zoom=0.8)
+    for j, name in ((0, "x"), (2, "z")):
+        axes = drawing.time_panel(figure, f"{name} of the free edge\n(m)")
+        drawing.lines(axes, solution.t, coordinates[:, j, -1, [n // 2, 0]], ["middle", "corner"])

@@ -1,6 +1,7 @@
 """Two point masses on two rods that swing in a plane: both accelerations depend on both velocities."""
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -66,21 +67,6 @@ def double_pendulum(
     for name, value in (("m1", m1), ("m2", m2), ("l1", l1), ("l2", l2)):
         if not value > 0:
             raise ValueError(f"{name} must be positive, not {value}.")
-
-    def draw(figure, solution):
-        theta1, theta2 = solution.u.T
-        x1, y1 = l1 * np.sin(theta1), -l1 * np.cos(theta1)
-        x2, y2 = x1 + l2 * np.sin(theta2), y1 - l2 * np.cos(theta2)
-        plane = drawing.picture(figure, aspect="equal")
-        drawing.path(plane, x2, y2, "C1", "path of mass 2")
-        drawing.path(plane, x1, y1, "C0", "path of mass 1")
-        plane.plot([0, x1[0], x2[0]], [0, y1[0], y2[0]], "k", linewidth=1, label="rods at the start")
-        plane.set(xlabel="x (m)", ylabel="y (m)")
-        drawing.legend(plane)
-        names = [r"$\theta_1$", r"$\theta_2$"]
-        drawing.lines(drawing.time_panel(figure, "angle (rad)"), solution.t, solution.u, names)
-        drawing.lines(drawing.time_panel(figure, "angular velocity\n(rad/s)"), solution.t, solution.v, names)
-
     return Problem(
         name="double_pendulum",
         rhs=rhs,
@@ -91,5 +77,20 @@ def double_pendulum(
         energy=energy,
         source="Landau and Lifshitz, Mechanics, section 5, problem 1",
         h=1e-3,
-        draw=draw,
+        draw=partial(draw, l1=l1, l2=l2),
     )
+
+
+def draw(figure, solution, l1, l2):
+    theta1, theta2 = solution.u.T
+    x1, y1 = l1 * np.sin(theta1), -l1 * np.cos(theta1)
+    x2, y2 = x1 + l2 * np.sin(theta2), y1 - l2 * np.cos(theta2)
+    plane = drawing.picture(figure, aspect="equal")
+    drawing.path(plane, x2, y2, "C1", "path of mass 2")
+    drawing.path(plane, x1, y1, "C0", "path of mass 1")
+    plane.plot([0, x1[0], x2[0]], [0, y1[0], y2[0]], "k", linewidth=1, label="rods at the start")
+    plane.set(xlabel="x (m)", ylabel="y (m)")
+    drawing.legend(plane)
+    names = [r"$\theta_1$", r"$\theta_2$"]
+    drawing.lines(drawing.time_panel(figure, "angle (rad)"), solution.t, solution.u, names)
+    drawing.lines(drawing.time_panel(figure, "angular velocity\n(rad/s)"), solution.t, solution.v, names)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.callbacks import cached_jit
@@ -79,7 +80,9 @@ def elastic_bar(
         energy=energy,
         energy_unit="1/s^2",
         exact=standing_waves(u0, lumped_frequencies(n, length, wave_speed), np.zeros(n)),
-        continuum=travelling_waves(x * length, length, wave_speed, centre, width),
+        continuum=partial(
+            travelling_waves, x=x * length, length=length, wave_speed=wave_speed, centre=centre, width=width
+        ),
         source="d'Alembert; the lumped frequencies are from Lagrange's loaded string",
         draw=drawing_of_bar(x * length),
     )
@@ -105,6 +108,13 @@ def odd_pulse(x: np.ndarray, centre: float, width: float) -> np.ndarray:
     return np.sum([sign * np.exp(-(((x - place) / width) ** 2) / 2) for sign, place in places], axis=0)
 
 
+def slope(x: np.ndarray, centre: float, width: float) -> np.ndarray:
+    """The derivative of `odd_pulse`."""
+    x = (x + 1) % 2 - 1
+    places = [(sign, sign * centre + k) for k in (-2, 0, 2) for sign in (1, -1)]
+    return np.sum([-sign * (x - q) / width**2 * np.exp(-(((x - q) / width) ** 2) / 2) for sign, q in places], axis=0)
+
+
 def stiffness(n: int, length: float, wave_speed: float) -> float:
     """Stiffness of the spring between two masses, per mass of one lump, 1/s^2."""
     return (wave_speed * (n + 1) / length) ** 2
@@ -117,18 +127,18 @@ def lumped_frequencies(n: int, length: float, wave_speed: float) -> np.ndarray:
 
 def standing_waves(u0: np.ndarray, omega: np.ndarray, xi: np.ndarray) -> Callable:
     """Return ``exact(t) -> (u, v)`` from rest at u0: each sine mode has a frequency omega and a damping ratio xi."""
-    amplitudes = sine_transform(u0)
     root = np.sqrt((xi * xi - 1).astype(complex))
     root[root == 0] = 1e-12  # critical damping: separates the two equal roots by a negligible amount
     fast, slow = omega * (-xi - root), omega * (-xi + root)
+    return partial(modes, amplitudes=sine_transform(u0), fast=fast, slow=slow)
 
-    def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        t = np.asarray(t, dtype=np.float64)[..., None]
-        one, two = amplitudes * np.exp(fast * t) / (slow - fast), amplitudes * np.exp(slow * t) / (slow - fast)
-        u, v = (slow * one - fast * two).real, (slow * fast * (one - two)).real
-        return sine_transform(u), sine_transform(v)
 
-    return exact
+def modes(t: ArrayLike, amplitudes: np.ndarray, fast: np.ndarray, slow: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return u and v at the times t of the sum of all modes, each with two exponents and an amplitude at the start."""
+    t = np.asarray(t, dtype=np.float64)[..., None]
+    one, two = amplitudes * np.exp(fast * t) / (slow - fast), amplitudes * np.exp(slow * t) / (slow - fast)
+    u, v = (slow * one - fast * two).real, (slow * fast * (one - two)).real
+    return sine_transform(u), sine_transform(v)
 
 
 def sine_transform(x: np.ndarray) -> np.ndarray:
@@ -139,20 +149,11 @@ def sine_transform(x: np.ndarray) -> np.ndarray:
     return -np.fft.rfft(odd).imag[..., 1 : n + 1] / np.sqrt(2 * (n + 1))
 
 
-def travelling_waves(x: np.ndarray, length: float, wave_speed: float, centre: float, width: float) -> Callable:
-    """Return ``continuum(t) -> (u, v)``: d'Alembert's two waves at the places x."""
-
-    def slope(z: np.ndarray) -> np.ndarray:
-        z = (z + 1) % 2 - 1
-        places = [(sign, sign * centre + k) for k in (-2, 0, 2) for sign in (1, -1)]
-        return np.sum(
-            [-sign * (z - q) / width**2 * np.exp(-(((z - q) / width) ** 2) / 2) for sign, q in places], axis=0
-        )
-
-    def continuum(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        way = wave_speed * np.asarray(t, dtype=np.float64)[..., None]
-        right, left = (x - way) / length, (x + way) / length
-        u = (odd_pulse(right, centre, width) + odd_pulse(left, centre, width)) / 2
-        return u, wave_speed / length * (slope(left) - slope(right)) / 2
-
-    return continuum
+def travelling_waves(
+    t: ArrayLike, x: np.ndarray, length: float, wave_speed: float, centre: float, width: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return u and v at the times t of d'Alembert's two waves at the places x."""
+    way = wave_speed * np.asarray(t, dtype=np.float64)[..., None]
+    right, left = (x - way) / length, (x + way) / length
+    u = (odd_pulse(right, centre, width) + odd_pulse(left, centre, width)) / 2
+    return u, wave_speed / length * (slope(left, centre, width) - slope(right, centre, width)) / 2

@@ -1,9 +1,10 @@
 """A planet around a fixed sun: on an eccentric orbit, the short passage near the sun needs the smallest steps."""
 
 import math
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.callbacks import cached_jit
@@ -58,49 +59,35 @@ def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None 
             raise ValueError(f"{name} must be positive, not {value}.")
     if not 0 <= e < 1:
         raise ValueError(f"e must be at least 0 and below 1, as on an orbit that returns, not {e}.")
-    exact = ellipse(GM, a, e)
-
-    def draw(figure, solution):
-        orbit = drawing.picture(figure, aspect="equal")
-        drawing.path(orbit, *solution.u.T, "C0", "planet's path")
-        period = np.linspace(0, 2 * math.pi * math.sqrt(a**3 / GM), 1000)
-        orbit.plot(*exact(period)[0].T, "k--", linewidth=1, label="exact orbit")
-        orbit.plot(0, 0, "C1o", markersize=9, label="sun (focus)")
-        orbit.set(xlabel="x (m)", ylabel="y (m)")
-        drawing.legend(orbit)
-        drawing.histories(figure, solution, ["x", "y"])
-
+    exact = partial(ellipse, GM=GM, a=a, e=e)
+    period = 2 * math.pi * math.sqrt(a**3 / GM)
     return Problem(
         name="kepler",
         rhs=rhs,
         u0=(a * (1 - e), 0.0),
         v0=(0.0, math.sqrt(GM / a * (1 + e) / (1 - e))),
         params=(GM,),
-        t_span=(0.0, 40 * math.pi * math.sqrt(a**3 / GM) if t_end is None else t_end),
+        t_span=(0.0, 20 * period if t_end is None else t_end),
         energy=energy,
         energy_unit="J/kg",
         exact=exact,
         source="Kepler, Astronomia nova, chapter 60; as a test, Hairer, Lubich and Wanner, Geometric Numerical "
         "Integration, section I.2",
         h=1e-3,
-        draw=draw,
+        draw=partial(draw, exact=exact, period=period),
     )
 
 
-def ellipse(GM: float, a: float, e: float) -> Callable:
-    """Return ``exact(t) -> (u, v)`` of the motion that starts at the perihelion."""
+def ellipse(t: ArrayLike, GM: float, a: float, e: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the place and the velocity at the times t of the motion that starts at the perihelion."""
+    t = np.asarray(t, dtype=np.float64)
     rate, b = math.sqrt(GM / a) / a, a * math.sqrt((1 - e) * (1 + e))
-
-    def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        t = np.asarray(t, dtype=np.float64)
-        # sin and cos reduce the angle by the exact 2 pi; a remainder by the rounded 2 pi adds an error every orbit
-        E = eccentric_anomaly(np.arctan2(np.sin(rate * t), np.cos(rate * t)), e)
-        sine, cosine = np.sin(E), np.cos(E)
-        E_rate = rate / (1 - e * cosine)
-        u = np.stack([a * (cosine - e), b * sine], axis=-1)
-        return u, np.stack([-a * E_rate * sine, b * E_rate * cosine], axis=-1)
-
-    return exact
+    # sin and cos reduce the angle by the exact 2 pi; a remainder by the rounded 2 pi adds an error every orbit
+    E = eccentric_anomaly(np.arctan2(np.sin(rate * t), np.cos(rate * t)), e)
+    sine, cosine = np.sin(E), np.cos(E)
+    E_rate = rate / (1 - e * cosine)
+    u = np.stack([a * (cosine - e), b * sine], axis=-1)
+    return u, np.stack([-a * E_rate * sine, b * E_rate * cosine], axis=-1)
 
 
 def eccentric_anomaly(M: np.ndarray, e: float) -> np.ndarray:
@@ -116,3 +103,13 @@ def eccentric_anomaly(M: np.ndarray, e: float) -> np.ndarray:
         if not (lower < E).any():
             return sign * E
         E = lower
+
+
+def draw(figure, solution, exact, period):
+    orbit = drawing.picture(figure, aspect="equal")
+    drawing.path(orbit, *solution.u.T, "C0", "planet's path")
+    orbit.plot(*exact(np.linspace(0, period, 1000))[0].T, "k--", linewidth=1, label="exact orbit")
+    orbit.plot(0, 0, "C1o", markersize=9, label="sun (focus)")
+    orbit.set(xlabel="x (m)", ylabel="y (m)")
+    drawing.legend(orbit)
+    drawing.histories(figure, solution, ["x", "y"])

@@ -1,6 +1,7 @@
 """A quarter of a car on a sampled road: the wheel on the tyre and the body on the suspension."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -70,21 +71,20 @@ def quarter_car(
     scene.add(LinearDamper(damper), axle, seat)
     scene.add(SampledMotion(x / speed, z), ground)
 
-    def draw(figure, solution):
-        t, u = solution.t, solution.u
-        below = np.interp(t, x / speed, z)
-        heights = np.column_stack([axle.of(u) - 0.3, seat.of(u) - 0.8, below])
-        drawing.lines(
-            drawing.time_panel(figure, "height above rest\n(mm)"), t, 1e3 * heights, ["wheel", "body", "road"]
-        )
-        squeeze = 0.3 + sag[1] - axle.of(u) + below
-        loads = drawing.time_panel(figure, "force of tyre\non road (kN)")
-        loads.axhline(1e-3 * G * (body + wheel), color="0.6", label="at rest")
-        drawing.lines(loads, t, 1e-3 * tyre * squeeze, ["driving"])
-
     return replace(
         scene.problem((0.0, t_end), name="quarter_car", work=work),
         source="the quarter-car model of vehicle dynamics; road: ISO 8608",
         h=2e-5,
-        draw=draw,
+        draw=partial(draw, times=x / speed, profile=z, tyre=tyre, weight=G * (body + wheel)),
     )
+
+
+def draw(figure, solution, times, profile, tyre, weight):
+    t, (wheel, body) = solution.t, solution.u.T
+    below = np.interp(t, times, profile)
+    heights = np.column_stack([wheel - 0.3, body - 0.8, below])
+    drawing.lines(drawing.time_panel(figure, "height above rest\n(mm)"), t, 1e3 * heights, ["wheel", "body", "road"])
+    squeeze = 0.3 + weight / tyre - wheel + below
+    loads = drawing.time_panel(figure, "force of tyre\non road (kN)")
+    loads.axhline(1e-3 * weight, color="0.6", label="at rest")
+    drawing.lines(loads, t, 1e-3 * tyre * squeeze, ["driving"])

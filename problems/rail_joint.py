@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -104,25 +105,26 @@ def rail_joint(
     meeting = RollingContact(contact, REACH, speed, start=1.0, half=0.5, angle=angle)
     scene.add(meeting, head, centre)
 
-    def draw(figure, solution):
-        t = solution.t
-        heights = np.column_stack([part.of(solution.u) for part in (head, tie, centre, body)])
-        names = ["rail", "sleeper", "wheel", "car"]
-        above = drawing.time_panel(figure, "height above rest\n(mm)")
-        drawing.lines(above, t, 1e3 * (heights - heights[0]), names)
-        constants = dataclasses.astuple(meeting)
-        force = [-meeting.tension(*at, *constants) for at in zip(t, heights[:, 2] - heights[:, 0], strict=True)]
-        below = drawing.time_panel(figure, "contact force (kN)")
-        below.axhline(1e-3 * carried[2], color="0.6", label="at rest")
-        drawing.lines(below, t, 1e-3 * np.array(force), ["rolling"])
-        for axes in (above, below):
-            axes.axvline(1 / speed, color="k", linestyle=":", linewidth=1, label="at the joint")
-            drawing.legend(axes)
-
     return replace(
         scene.problem((0.0, t_end), name="rail_joint", work=work),
         source="Jenkins and others, The effect of track and vehicle parameters on wheel/rail vertical dynamic forces "
         "(1974), with two layers of track",
         h=1e-5,
-        draw=draw,
+        draw=partial(draw, meeting=meeting, weight=carried[2]),
     )
+
+
+def draw(figure, solution, meeting, weight):
+    t = solution.t
+    heights = solution.u[:, [1, 0, 2, 3]]
+    names = ["rail", "sleeper", "wheel", "car"]
+    above = drawing.time_panel(figure, "height above rest\n(mm)")
+    drawing.lines(above, t, 1e3 * (heights - heights[0]), names)
+    constants = dataclasses.astuple(meeting)
+    force = [-meeting.tension(*at, *constants) for at in zip(t, heights[:, 2] - heights[:, 0], strict=True)]
+    below = drawing.time_panel(figure, "contact force (kN)")
+    below.axhline(1e-3 * weight, color="0.6", label="at rest")
+    drawing.lines(below, t, 1e-3 * np.array(force), ["rolling"])
+    for axes in (above, below):
+        axes.axvline(meeting.start / meeting.speed, color="k", linestyle=":", linewidth=1, label="at the joint")
+        drawing.legend(axes)

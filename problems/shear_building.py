@@ -1,6 +1,7 @@
 """A building of three storeys in an earthquake."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -67,16 +68,17 @@ def shear_building(
         scene.add(LinearDamper(damping), below, above)
     scene.add(SampledMotion(t, x), ground)
 
-    def draw(figure, solution):
-        u = 1e3 * np.column_stack([np.interp(solution.t, t, x), floors.of(solution.u)])
-        names = ["ground", "third floor"]
-        drawing.lines(drawing.time_panel(figure, "displacement (mm)"), solution.t, u[:, [0, 3]], names)
-        names = ["storey 1", "storey 2", "storey 3"]
-        drawing.lines(drawing.time_panel(figure, "drift of the storey\n(mm)"), solution.t, np.diff(u), names)
-
     return replace(
         scene.problem((0.0, t_end), name="shear_building", work=work),
         source="the shear building of structural dynamics; record: Kanai (1957) and Tajimi (1960)",
         h=1e-4,
-        draw=draw,
+        draw=partial(draw, times=t, ground=x),
     )
+
+
+def draw(figure, solution, times, ground):
+    u = 1e3 * np.column_stack([np.interp(solution.t, times, ground), solution.u])
+    names = ["ground", "third floor"]
+    drawing.lines(drawing.time_panel(figure, "displacement (mm)"), solution.t, u[:, [0, 3]], names)
+    names = ["storey 1", "storey 2", "storey 3"]
+    drawing.lines(drawing.time_panel(figure, "drift of the storey\n(mm)"), solution.t, np.diff(u), names)

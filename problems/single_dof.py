@@ -1,8 +1,10 @@
 """u'' + 2 xi omega u' + omega^2 u = F cos(omega_f t): the linear oscillator; zero terms are not compiled."""
 
-from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.callbacks import cached_jit
@@ -81,41 +83,43 @@ def single_dof(
         t_span=(0.0, t_end),
         energy=None if is_damped or is_forced else energy,
         energy_unit="J/kg",
-        exact=exact_solution(omega, xi, force, force_omega, u0, v0),
+        exact=partial(exact_solution, omega=omega, xi=xi, force=force, force_omega=force_omega, u0=u0, v0=v0),
         source="EIG-3 article, section 4.1",
         h=1e-2,
         draw=drawing.oscillator,
     )
 
 
-def exact_solution(omega: float, xi: float, force: float, force_omega: float, u0: float, v0: float) -> Callable:
-    """Return ``exact(t) -> (u, v)``: a particular solution plus two solutions of the homogeneous equation."""
+def exact_solution(
+    t: ArrayLike, omega: float, xi: float, force: float, force_omega: float, u0: float, v0: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return u and v at the times t: a particular solution plus a solution of the homogeneous equation."""
+    t = np.asarray(t, dtype=np.float64)
+    constants = (omega, xi, force, force_omega)
+    (u_start, v_start), (u_forced, v_forced) = particular(0.0, *constants), particular(t, *constants)
+    u_free, v_free = free(t, omega, xi, u0 - u_start, v0 - v_start)
+    return u_forced + u_free, v_forced + v_free
+
+
+def particular(t: float | np.ndarray, omega: float, xi: float, force: float, force_omega: float) -> tuple[Any, Any]:
+    """A solution with the force, which grows with time at resonance without damping."""
+    if xi == 0 and force_omega == omega:
+        c = force / (2 * omega)
+        return c * t * np.sin(omega * t), c * (np.sin(omega * t) + omega * t * np.cos(omega * t))
+    response = force / (omega**2 - force_omega**2 + 2j * xi * omega * force_omega)
+    wave = response * np.exp(1j * force_omega * t)
+    return wave.real, (1j * force_omega * wave).real
+
+
+def free(t: np.ndarray, omega: float, xi: float, u0: float, v0: float) -> tuple[np.ndarray, np.ndarray]:
+    """The solution without the force that starts at u0 and v0."""
+    if xi == 1:
+        rate = v0 + omega * u0
+        decay = np.exp(-omega * t)
+        return (u0 + rate * t) * decay, (v0 - omega * rate * t) * decay
     root = np.sqrt(complex(xi * xi - 1))
     fast, slow = omega * (-xi - root), omega * (-xi + root)
-    resonant = xi == 0 and force_omega == omega
-    response = 0.0 if resonant else force / (omega**2 - force_omega**2 + 2j * xi * omega * force_omega)
-    u_rest, v_rest = u0 - np.real(response), v0 - np.real(1j * force_omega * response)
-
-    def particular(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if resonant:
-            c = force / (2 * omega)
-            return c * t * np.sin(omega * t), c * (np.sin(omega * t) + omega * t * np.cos(omega * t))
-        wave = response * np.exp(1j * force_omega * t)
-        return wave.real, (1j * force_omega * wave).real
-
-    def free(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if xi == 1:
-            rate = v_rest + omega * u_rest
-            decay = np.exp(-omega * t)
-            return (u_rest + rate * t) * decay, (v_rest - omega * rate * t) * decay
-        a = (v_rest - slow * u_rest) / (fast - slow)
-        b = u_rest - a
-        one, two = a * np.exp(fast * t), b * np.exp(slow * t)
-        return (one + two).real, (fast * one + slow * two).real
-
-    def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        t = np.asarray(t, dtype=np.float64)
-        (u_forced, v_forced), (u_free, v_free) = particular(t), free(t)
-        return u_forced + u_free, v_forced + v_free
-
-    return exact
+    a = (v0 - slow * u0) / (fast - slow)
+    b = u0 - a
+    one, two = a * np.exp(fast * t), b * np.exp(slow * t)
+    return (one + two).real, (fast * one + slow * two).real

@@ -53,17 +53,6 @@ def spring_pendulum(
     t_end : float
         Duration, s.
     """
-
-    def draw(figure, solution):
-        r, theta = solution.u.T
-        plane = drawing.picture(figure, aspect="equal")
-        drawing.path(plane, r * np.sin(theta), -r * np.cos(theta), "C0", "path of the mass")
-        plane.plot(0, 0, "k^", label="support")
-        plane.set(xlabel="x (m)", ylabel="y (m)")
-        drawing.legend(plane)
-        drawing.lines(drawing.time_panel(figure, "length r (m)"), solution.t, r)
-        drawing.lines(drawing.time_panel(figure, r"angle $\theta$ (rad)"), solution.t, theta)
-
     return Problem(
         name="spring_pendulum",
         rhs=rhs,
@@ -76,3 +65,14 @@ def spring_pendulum(
         h=1e-3,
         draw=draw,
     )
+
+
+def draw(figure, solution):
+    r, theta = solution.u.T
+    plane = drawing.picture(figure, aspect="equal")
+    drawing.path(plane, r * np.sin(theta), -r * np.cos(theta), "C0", "path of the mass")
+    plane.plot(0, 0, "k^", label="support")
+    plane.set(xlabel="x (m)", ylabel="y (m)")
+    drawing.legend(plane)
+    drawing.lines(drawing.time_panel(figure, "length r (m)"), solution.t, r)
+    drawing.lines(drawing.time_panel(figure, r"angle $\theta$ (rad)"), solution.t, theta)

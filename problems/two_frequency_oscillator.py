@@ -1,8 +1,9 @@
 """A slow and a fast oscillator without coupling: the fast one limits the step, the slow one sets the duration."""
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.callbacks import cached_jit
@@ -46,14 +47,6 @@ def two_frequency_oscillator(
     for name, value in (("omega", omega), ("omega_fast", omega_fast)):
         if not value > 0:
             raise ValueError(f"{name} must be positive, not {value}.")
-
-    def draw(figure, solution):
-        drawing.lines(drawing.time_panel(figure, "slow mode (m)"), solution.t, solution.u[:, 0])
-        # dots, since the fast mode may have many periods between two saved states
-        fast = drawing.time_panel(figure, "fast mode (m),\nsaved states")
-        fast.plot(solution.t, solution.u[:, 1], linestyle="none", marker=".", markersize=2)
-        drawing.first_periods(figure, solution, solution.v[:, 0])
-
     return Problem(
         name="two_frequency_oscillator",
         rhs=rhs,
@@ -63,17 +56,21 @@ def two_frequency_oscillator(
         t_span=(0.0, t_end),
         energy=energy,
         energy_unit="J/kg",
-        exact=two_cosines(np.array([omega, omega_fast]), np.array(u0)),
+        exact=partial(two_cosines, omega=np.array([omega, omega_fast]), u0=np.array(u0)),
         source="The linear part of Hairer, Lubich and Wanner, Geometric Numerical Integration, chapter XIII",
         draw=draw,
     )
 
 
-def two_cosines(omega: np.ndarray, u0: np.ndarray) -> Callable:
-    """Return ``exact(t) -> (u, v)`` of two oscillators that start from rest at u0."""
+def two_cosines(t: ArrayLike, omega: np.ndarray, u0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the displacements and velocities at the times t of two oscillators that start from rest at u0."""
+    phase = np.asarray(t, dtype=np.float64)[..., None] * omega
+    return u0 * np.cos(phase), -u0 * omega * np.sin(phase)
 
-    def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        phase = np.asarray(t, dtype=np.float64)[..., None] * omega
-        return u0 * np.cos(phase), -u0 * omega * np.sin(phase)
 
-    return exact
+def draw(figure, solution):
+    drawing.lines(drawing.time_panel(figure, "slow mode (m)"), solution.t, solution.u[:, 0])
+    # dots, since the fast mode may have many periods between two saved states
+    fast = drawing.time_panel(figure, "fast mode (m),\nsaved states")
+    fast.plot(solution.t, solution.u[:, 1], linestyle="none", marker=".", markersize=2)
+    drawing.first_periods(figure, solution, solution.v[:, 0])

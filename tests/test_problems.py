@@ -1,9 +1,13 @@
 """The problems: their constants do what they say, exact solutions solve them, energies are constant along them."""
 
+import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -274,3 +278,26 @@ def test_bad_constants_are_refused(build, name, value, what):
 def test_invariants_can_be_replaced():
     run = problems.single_dof().integrate(h=0.1, t_end=10, invariants={})
     assert run.drift == {}
+
+
+def picture(problem, solution):
+    figure = Figure(dpi=40)
+    problem.draw(figure, solution)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())
+
+
+@pytest.mark.parametrize("name", problems.__all__)
+def test_copies_of_a_problem_have_its_exact_solution_and_its_picture(name):
+    problem = getattr(problems, name)()
+    h = problem.h or min(0.1 * problem.critical_step().h, 1e-3 * problem.t_span[1])
+    solution = problem.integrate(h=h, t_end=20 * h)
+    drawn = picture(problem, solution)
+    for other in (pickle.loads(pickle.dumps(problem)), copy.deepcopy(problem)):
+        for function in ("exact", "continuum"):
+            one, two = getattr(problem, function), getattr(other, function)
+            assert (one is None) == (two is None)
+            if one is not None:
+                np.testing.assert_array_equal(two(solution.t), one(solution.t))
+        np.testing.assert_array_equal(picture(other, solution), drawn)

@@ -1,0 +1,109 @@
+"""Problems go to the workers of a pool, and solutions come back, as from a user's script."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+
+import numpy as np
+
+import eig3
+
+from .conftest import BLOCKS
+
+#: "fork" is the last: its workers know the compiled functions that they inherit only if these were pickled before.
+STARTS = ["spawn", "forkserver", "fork"]
+
+SCRIPT = """
+import multiprocessing
+import pickle
+import sys
+from concurrent.futures import ProcessPoolExecutor
+
+import eig3
+from eig3 import problems
+
+
+@eig3.jit
+def rhs(t, u, v, p):
+    return -p[0] * u
+
+
+def spring(stiffness):
+    @eig3.jit
+    def rhs(t, u, v, p):
+        return -stiffness * u
+
+    @eig3.jit
+    def energy(t, u, v, p):
+        return v * v / 2 + stiffness * u * u / 2
+
+    return eig3.Problem(name="closure", rhs=rhs, energy=energy, u0=1.0, v0=0.0, params=(), t_span=(0.0, 10.0))
+
+
+def run(task):
+    problem, options = task
+    return problem.integrate(**options)
+
+
+if __name__ == "__main__":
+    options = {"curtain": {"n": 10}, "shear_building": {"work": True}}
+    built = {name: getattr(problems, name)(**options.get(name, {})) for name in problems.__all__}
+    built["own"] = eig3.Problem(name="own", rhs=rhs, u0=1.0, v0=0.0, params=(4.0,), t_span=(0.0, 10.0))
+    built["closure"] = spring(4.0)
+    tasks = {}
+    for name, problem in built.items():
+        h = problem.h or min(0.1 * problem.critical_step().h, 1e-3 * problem.t_span[1])
+        tasks[name] = problem, {"h": h, "t_end": 100 * h}
+    tasks["diverges"] = built["single_dof"], {"h": 0.7}
+    tasks["grows slowly"] = built["single_dof"], {"h": 0.05, "method": "rk2", "save_every": None}
+    solutions = {"parent": [run(task) for task in tasks.values()]}
+    for start in sys.argv[1:]:
+        with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context(start)) as pool:
+            solutions[start] = list(pool.map(run, tasks.values()))
+    named = {start: dict(zip(tasks, solutions[start], strict=True)) for start in solutions}
+    pickle.dump(named, sys.stdout.buffer)
+"""
+
+
+def output(path, text, *arguments, seconds=300):
+    """What a script prints. If it hangs, it is killed together with its workers."""
+    path.write_text(text)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, path, *arguments], **pipes, start_new_session=True) as process:
+        try:
+            printed, errors = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+    assert errors.decode() == ""
+    assert process.returncode == 0
+    return printed
+
+
+def test_workers_return_the_solutions_of_the_parent(tmp_path):
+    """The script forks while it has no other thread; a worker of pytest-xdist always has one."""
+    solutions = pickle.loads(output(tmp_path / "script.py", SCRIPT, *STARTS))
+    fields = {
+        start: {name: {**vars(solution), "kernel_seconds": None} for name, solution in runs.items()}
+        for start, runs in solutions.items()
+    }
+    parent = fields.pop("parent")
+    assert {*eig3.problems.__all__, "own", "closure"} <= {*parent}
+    assert parent["shear_building"]["integrals"]["work"].any()
+    assert parent["diverges"]["status"] is eig3.Status.DIVERGED
+    assert "non-finite" in parent["diverges"]["message"]
+    assert parent["grows slowly"]["drift"]["energy"] > 0
+    assert parent["grows slowly"]["notes"][0].startswith("energy grows steadily")
+    np.testing.assert_equal(fields, dict.fromkeys(STARTS, parent))
+
+
+def test_the_example_of_the_readme_is_a_script(tmp_path):
+    """`test_readme` does not run what the script does only where it is the main module."""
+    (example,) = (text for _, text in BLOCKS["problems/README.md"] if "ProcessPoolExecutor" in text)
+    expected = ""
+    for e in (0.0, 0.3, 0.6, 0.9):
+        solution = eig3.problems.kepler(e=e).integrate(h=1e-3)
+        expected += f"e = {e}: drift {solution.drift['energy']:.1e} J/kg\n"
+    assert output(tmp_path / "example.py", example).decode() == expected
