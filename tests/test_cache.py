@@ -4,12 +4,25 @@ import os
 import shutil
 import subprocess
 import sys
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-import eig3.kernels.fixed
-import eig3.kernels.jit
+import eig3
+from eig3.kernels import cache, jit
+
+USER = """
+import numba
+import eig3
+
+@numba.njit(cache=True)
+def rhs(t, u, v, p):
+    return -u
+
+print(eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.1).u[-1])
+"""
 
 SCRIPT = """
 import sys
@@ -70,30 +83,103 @@ def test_no_method_compiles_a_kernel_that_is_on_disk():
 
 def test_a_change_of_any_kernel_file_is_noticed(tmp_path, monkeypatch):
     copy = tmp_path / "kernels"
-    shutil.copytree(Path(eig3.kernels.jit.__file__).parent, copy)
-    monkeypatch.setattr(eig3.kernels.jit, "__file__", str(copy / "jit.py"))
-    fingerprint = eig3.kernels.jit.fingerprint
-    before = fingerprint()
+    shutil.copytree(Path(jit.__file__).parent, copy)
+    monkeypatch.setattr(jit, "__file__", str(copy / "jit.py"))
+    before = jit._fingerprint()
     (copy / "march.py").write_text((copy / "march.py").read_text() + "\n")
-    assert fingerprint() != before
+    assert jit._fingerprint() != before
 
 
-def test_without_a_place_for_the_cache_kernels_are_compiled(monkeypatch):
-    def nowhere(*arguments, **options):
-        if options.get("cache"):
-            raise RuntimeError("cannot cache function 'scalar': no locator available for file 'x'")
-        return njit(*arguments, **options)
-
-    njit = eig3.kernels.jit.numba.njit
-    monkeypatch.setattr(eig3.kernels.jit.numba, "njit", nowhere)
-    kernel = eig3.kernels.fixed.pointer_kernel.__wrapped__(eig3.RK4().formulas, eig3.kernels.protocol.SCALAR)
-    assert callable(kernel)
+@eig3.jit
+def square(x):
+    return x * x
 
 
-def test_other_errors_of_the_compiler_come_through(monkeypatch):
-    def broken(*arguments, **options):
+def test_without_a_place_for_the_cache_functions_are_compiled_with_a_warning(monkeypatch):
+    def nowhere(function):
+        raise RuntimeError("cannot cache function 'square': no locator available for file 'x'")
+
+    monkeypatch.setattr(cache, "_warned", set())
+    monkeypatch.setattr(cache, "CheckedCache", nowhere)
+    with pytest.warns(RuntimeWarning, match=r"cannot keep compiled code in any folder .* NUMBA_CACHE_DIR chooses"):
+        function = eig3.jit(square.py_func, cache=True)
+    assert function(3.0) == 9.0
+
+
+def test_the_warning_comes_once_and_names_the_folder_and_the_command(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "_warned", set())
+    monkeypatch.setattr(cache.CheckedCache, "cache_path", str(tmp_path))
+    functions = [eig3.jit(square.py_func, cache=True) for _ in range(2)]
+    for function in functions:
+        function._cache._cache_path = str(tmp_path)
+        function._cache._cache_file._folder = tmp_path / "a file"
+    (tmp_path / "a file").touch()
+    with pytest.warns(RuntimeWarning) as caught:
+        values = [function(3.0) for function in functions]
+    assert values == [9.0, 9.0]
+    (warning,) = caught
+    assert str(tmp_path) in str(warning.message)
+    assert "eig3 cache --clear" in str(warning.message)
+
+
+def test_other_errors_of_numba_come_through(monkeypatch):
+    def broken(function):
         raise RuntimeError("out of registers")
 
-    monkeypatch.setattr(eig3.kernels.jit.numba, "njit", broken)
+    monkeypatch.setattr(cache, "CheckedCache", broken)
     with pytest.raises(RuntimeError, match="out of registers"):
-        eig3.kernels.jit.cached(test_other_errors_of_the_compiler_come_through, "int64()")
+        eig3.jit(square.py_func, cache=True)
+
+
+def test_a_users_function_in_numbas_cache_survives_damage(tmp_path):
+    (tmp_path / "user.py").write_text(USER)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-W", "ignore", "user.py"]
+
+    def printed():
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
+
+    first = printed()
+    files = list((tmp_path / "cache").rglob("*user*.nb*"))
+    assert files
+    for path in files:
+        os.truncate(path, 100)
+    assert printed() == first
+
+
+def test_cache_command_shows_and_clears_the_folders(tmp_path):
+    command = [sys.executable, "-m", "eig3", "cache"]
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def printed(option):
+        run = subprocess.run([*command, option], env=environment, capture_output=True, text=True, check=True)
+        return run.stdout.splitlines()
+
+    compilations("rk2", cache=tmp_path)
+    kept = sorted(path.parent for path in tmp_path.rglob("*.nbc"))
+    assert kept
+    assert {str(folder) for folder in kept} <= set(printed("--path"))
+    deleted = [int(line.split()[-3]) for line in printed("--clear")]
+    assert sum(deleted) == len(kept)
+    assert not list(tmp_path.rglob("*.nbc"))
+
+
+def test_compilation_in_threads_leaves_the_filters_of_warnings_as_they_were():
+    def compile_new(number):
+        @eig3.jit
+        def rhs(t, u, v, p):
+            return -u - 0.1 * v
+
+        method = ("cd", "eig3", eig3.CentralDifference(jacobian=slope))[number % 3]
+        return eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.1, method=method, inline=number % 2 == 0).u[-1]
+
+    before = list(warnings.filters)
+    with ThreadPoolExecutor(6) as pool:
+        values = list(pool.map(compile_new, range(6)))
+    assert warnings.filters == before
+    assert len(values) == 6
+
+
+@eig3.jit
+def slope(t, u, v, p):
+    return -0.1
