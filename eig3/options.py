@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_LONGEST = 150  # bytes of a file name without its ending; systems allow 255, some encrypted folders 143 characters
+_LONGEST = 100  # bytes of a file name without its ending; most systems allow 255 with it
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)  # Windows takes these for devices
 
 
@@ -73,7 +73,7 @@ class Files:
 
     def __init__(self, folder: Path, command: str) -> None:
         self.folder, self.command = folder, command
-        self._failed: dict[str, str] = {}  # each name with the reason, empty if the file was written
+        self._reasons: dict[str, str] = {}  # why each file could not be written; empty if it was
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
@@ -87,19 +87,19 @@ class Files:
                 for file in place.iterdir():
                     file.replace(self.folder / file.name)
         except OSError as error:
-            self._failed[name] = _reason(error)
+            self._reasons[name] = _reason(error)
         else:
-            self._failed[name] = ""
+            self._reasons[name] = ""
 
     def finish(self, write: Callable[[str], None], note: str = "") -> None:
         """Write the names of the files that are there, and `note`; then `check`."""
-        written = ", ".join(name for name, reason in self._failed.items() if not reason)
+        written = ", ".join(name for name, reason in self._reasons.items() if not reason)
         write(f"\nWritten to {self.folder}: {written or 'nothing'}{note}")
         self.check()
 
     def check(self) -> None:
         """Raise SystemExit if the last attempt to write one of the files has failed."""
-        failed = ", ".join(f"{name} ({reason})" for name, reason in self._failed.items() if reason)
+        failed = ", ".join(f"{name} ({reason})" for name, reason in self._reasons.items() if reason)
         if failed:
             raise SystemExit(
                 f"{self.command}: cannot write to the folder {self.folder}: {failed}. Choose another folder with --out."
@@ -107,7 +107,7 @@ class Files:
 
 
 def file_name(name: str) -> str:
-    """Convert any name to a plain file name without an ending, which can leave no folder and is readable."""
+    """Convert any name to a readable file name without an ending. The file cannot leave its folder."""
     plain = re.sub(r"[^\w.+ -]", "_", name).strip(". ")
     plain = plain.encode()[:_LONGEST].decode(errors="ignore") or "problem"
     return f"_{plain}" if _DEVICE.match(plain) else plain

@@ -252,7 +252,7 @@ def test_any_name_becomes_a_plain_file_name(name):
     assert plain
     assert not plain.startswith(".")
     assert not set(plain) & set('/\\:*?"<>|\0\r\n')
-    assert len(f"{plain}.npz".encode()) < 160
+    assert len(f"{plain}.npz".encode()) < 110
 
 
 def test_dollars_in_a_name_are_no_formula():
