@@ -1,10 +1,13 @@
 """Measure the time per step (ns) of the kernels in both modes, and of the article's algorithms in C99.
 
-The system's compiler builds the C code during the benchmark, and its loops run in the same process.
+The system's compiler, cc or the one that the environment variable CC names, builds the C code during the benchmark.
+Its loops run in the same process.
 """
 
 import argparse
 import ctypes
+import os
+import shlex
 import shutil
 import subprocess
 import tempfile
@@ -79,30 +82,74 @@ class Library:
 def build(flags: Sequence[str], folder: Path) -> Library:
     """Compile the C code with the system's compiler into `folder`."""
     target = folder / f"baseline{len(list(folder.iterdir()))}.so"
-    command = ["cc", "-std=c99", *flags, "-shared", "-fPIC", str(SOURCE), "-o", str(target), "-lm"]
-    subprocess.run(command, check=True, capture_output=True, text=True)
+    compile_with("-std=c99", *flags, "-shared", "-fPIC", str(SOURCE), "-o", str(target), "-lm")
     return Library(ctypes.CDLL(str(target)))
 
 
-def compiler() -> str | None:
-    """The first line of the version of the system's compiler; None if there is no compiler."""
-    if shutil.which("cc") is None:
-        return None
-    lines = subprocess.run(["cc", "--version"], check=True, capture_output=True, text=True).stdout.splitlines()
-    return lines[0]
+def build_all() -> dict[str, Library]:
+    """The C code built with each set of flags; nothing if there is no compiler.
+
+    Raises
+    ------
+    SystemExit
+        If the compiler fails, or the temporary folder cannot hold the compiled code or does not let it run.
+    """
+    if not has_compiler():
+        return {}
+    try:
+        with tempfile.TemporaryDirectory() as folder:  # code that is loaded no longer needs its file
+            return {name: build(flags, Path(folder)) for name, flags in FLAGS.items()}
+    except OSError as error:
+        raise SystemExit(
+            f"eig3 bench c: the temporary folder cannot hold and run the C code ({error}). "
+            "Name another folder with TMPDIR=..."
+        ) from None
+
+
+def compiler() -> list[str]:
+    """The command that calls the C compiler."""
+    return os.environ.get("CC", "").split() or ["cc"]
+
+
+def has_compiler() -> bool:
+    return shutil.which(compiler()[0]) is not None
+
+
+def compile_with(*arguments: str) -> str:
+    """Call the compiler; return what it prints.
+
+    Raises
+    ------
+    SystemExit
+        If the compiler fails. The message ends with the compiler's command and its own message.
+    """
+    command = [*compiler(), *arguments]
+    try:
+        return subprocess.run(command, check=True, capture_output=True, text=True, errors="replace").stdout
+    except (OSError, subprocess.CalledProcessError) as error:
+        message = getattr(error, "stderr", str(error)).strip() or "It printed no message."
+        raise SystemExit(
+            "eig3 bench c: the C compiler failed. Name another compiler with CC=... or, if its message is about space, "
+            f"another temporary folder with TMPDIR=...\n{shlex.join(command)}\n{message}"
+        ) from None
+
+
+def version() -> str:
+    """The first line of the compiler's version, or that there is no compiler."""
+    if not has_compiler():
+        return f"no compiler ({compiler()[0]}) here, so its columns are empty; install one, or name one with CC=..."
+    return compile_with("--version").partition("\n")[0]
 
 
 def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print) -> None:
     """Print ns/step of C and of both modes, with ratios. Without a compiler the columns of C hold dashes."""
     chosen = choose(methods, METHODS_IN_C)
-    version = compiler()
+    libraries = build_all()
     write(f"Machine: {in_words()}")
-    write(f"C: {version or 'no compiler (cc) here, so its columns are empty'}")
+    write(f"C: {version()}")
     write(f"ns/step, every state stored: medians of {repeats} interleaved runs of {loops.N_STEPS} steps.")
     write("C has the article's order of operations. / C is the ratio to C -O3, with the rhs through a pointer.\n")
-    with tempfile.TemporaryDirectory() as folder:
-        libraries = {name: build(flags, Path(folder)) for name, flags in FLAGS.items()} if version else {}
-        rows = [compare(make(), h, name, libraries, repeats) for make, h in loops.ARTICLE_PROBLEMS for name in chosen]
+    rows = [compare(make(), h, name, libraries, repeats) for make, h in loops.ARTICLE_PROBLEMS for name in chosen]
     write(text.table(HEADER, rows))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from eig3.options import add_out, count
+from eig3.options import Files, add_out, count
 
 from . import pictures, text
 from .article import FOOTNOTES, TABLES, Entry, Table
@@ -55,6 +55,7 @@ def benchmark(
         "from Python, about 20 microseconds, which is visible at the largest steps."
     )
     write(heading)
+    files = None if out is None else Files(out, "eig3 bench")
     pages, results = [heading], []
     for table in TABLES:
         if only not in (None, table.number):
@@ -62,15 +63,15 @@ def benchmark(
         results.append(measure(table, steps_of(table, quick), repeats))
         pages.append(render(results[-1]))
         write("\n" + pages[-1])
-        if out is not None:
-            save(out, results, pages, settings)
+        if files:
+            save(files, results, pages, settings)
     pages += [render_footnotes(results), render_relative(results), render_claims(results)]
     for page in pages[-3:]:
         write("\n" + page)
-    if out is not None:
-        save(out, results, pages, settings)
+    if files:
+        save(files, results, pages, settings)
         figures = {f"table{result.table.number}.png": partial(pictures.article_table, result) for result in results}
-        write(f"\nWritten to {out}: results.json, tables.md{pictures.draw(figures, out)}")
+        files.finish(write, pictures.draw(figures, files))
     return results
 
 
@@ -211,7 +212,7 @@ CLAIMS = (
 )
 
 
-def save(out: Path, results: list[MeasuredTable], pages: list[str], settings: dict) -> None:
+def save(files: Files, results: list[MeasuredTable], pages: list[str], settings: dict) -> None:
     """Write results.json and tables.md. Both are complete after every table, so an interrupted run loses nothing."""
     tables = [
         {
@@ -226,5 +227,7 @@ def save(out: Path, results: list[MeasuredTable], pages: list[str], settings: di
         for result in results
     ]
     content = {"environment": environment(), "settings": settings, "tables": tables}
-    (out / "results.json").write_text(json.dumps(content, indent=1))
-    (out / "tables.md").write_text("\n\n".join(pages) + "\n")
+    with files.writing("results.json") as path:
+        path.write_text(json.dumps(content, indent=1))
+    with files.writing("tables.md") as path:
+        path.write_text("\n\n".join(pages) + "\n")

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eig3.drawing import NO_PICTURES
+from eig3.options import Files
 
 from .article_runs import MeasuredTable
 from .reference import METRICS
@@ -57,13 +57,15 @@ def is_possible() -> bool:
     return True
 
 
-def draw(figures: Mapping[str, Callable[[], Figure]], out: Path, *, dpi: int = 130) -> str:
-    """Save each figure in `out` under its name; return what to add to a list of written files."""
+def draw(figures: Mapping[str, Callable[[], Figure]], files: Files, *, dpi: int = 130) -> str:
+    """Save each figure under its name; return what to add to the list of written files."""
     if not is_possible():
         return NO_PICTURES
     for name, figure in figures.items():
-        figure().savefig(out / name, dpi=dpi)
-    return f" and {len(figures)} picture{'s' * (len(figures) > 1)}"
+        drawn = figure()
+        with files.writing(name) as path:
+            drawn.savefig(path, dpi=dpi)
+    return ""
 
 
 def article_table(result: MeasuredTable) -> Figure:

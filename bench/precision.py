@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from eig3.options import add_methods, add_out
+from eig3.options import Files, add_methods, add_out
 
 from . import pictures, text
 from .environment import environment, in_words
@@ -64,18 +64,20 @@ def benchmark(
 ) -> None:
     """Measure, print each problem as soon as it is complete, and save after each problem in `out`."""
     names, methods = choose(only, list(PROBLEM_SET), "--problem"), choose(methods, METHOD_NAMES)
+    files = None if out is None else Files(out, "eig3 bench")
     pages, results = [heading(repeats, longest)], []
     write(pages[0])
     for name in names:
         results.append(measure(name, PROBLEM_SET[name], methods, repeats, longest, rivals))
         pages.append(render(results[-1]))
         write("\n" + pages[-1])
-        if out is not None:
-            save(out, results)
-            (out / "precision.md").write_text("\n\n".join(pages) + "\n")
-    if out is not None:
+        if files:
+            save(files, results)
+            with files.writing("precision.md") as path:
+                path.write_text("\n\n".join(pages) + "\n")
+    if files:
         figures = {f"precision_{result.name}.png": partial(pictures.work_precision, result) for result in results}
-        write(f"\nWritten to {out}: precision.json, precision.md{pictures.draw(figures, out, dpi=110)}")
+        files.finish(write, pictures.draw(figures, files, dpi=110))
 
 
 def heading(repeats: int, longest: float) -> str:
@@ -182,7 +184,7 @@ def front(result: WorkPrecisionSet, metric: str) -> str:
     return f"Pareto front, from fast to accurate: {', '.join(words)}."
 
 
-def save(out: Path, results: Sequence[WorkPrecisionSet]) -> None:
+def save(files: Files, results: Sequence[WorkPrecisionSet]) -> None:
     """Write precision.json, with every run."""
     data = {
         "environment": environment(),
@@ -198,4 +200,5 @@ def save(out: Path, results: Sequence[WorkPrecisionSet]) -> None:
             for result in results
         ],
     }
-    (out / "precision.json").write_text(json.dumps(data, indent=1) + "\n")
+    with files.writing("precision.json") as path:
+        path.write_text(json.dumps(data, indent=1) + "\n")

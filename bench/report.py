@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from eig3.options import add_methods, add_out
+from eig3.options import Files, add_methods, add_out
 
 from . import c, paper, pictures, plan, precision
 from .environment import in_words
@@ -60,9 +60,11 @@ def benchmark(
     in_c = [name for name in chosen if name in c.METHODS_IN_C]
     if not pictures.is_possible():
         raise SystemExit("eig3 bench report: the pictures need matplotlib; install it with pip install 'eig3[bench]'.")
-    page = Page(out)
+    c.build_all()  # a compiler that fails ends the report here, and not after minutes of measuring
+    files = Files(out, "eig3 bench")
+    page = Page(files)
     page.add("# eig3: what accuracy costs in time", f"Machine: {in_words()}", _HOW_TO_READ)
-    page.add(*_article_tables(out, repeats))
+    page.add(*_article_tables(files, repeats))
     write("the article's tables: done")
     page.add("## Beside C", _collected(lambda line: c.benchmark(methods=in_c, repeats=repeats, write=line)))
     write("C: done")
@@ -70,25 +72,31 @@ def benchmark(
     results: list[WorkPrecisionSet] = []
     for name in names:
         results.append(measure(name, PROBLEM_SET[name], chosen, repeats, LONGEST, rivals=True))
-        page.add(*_work_precision(out, results[-1]))
-        precision.save(out, results)
+        page.add(*_work_precision(files, results[-1]))
+        precision.save(files, results)
     write("work and precision: done")
     page.add("## What eig3.plan predicts", _collected(lambda line: plan.benchmark(only=only, write=line)))
-    write(f"Written to {out}: report.html, report.md, precision.json and the pictures")
+    files.finish(write)
 
 
 class Page:
-    """The report so far. Each addition writes it again, so that an interruption loses nothing."""
+    """The report so far. Each addition writes it again, so that an interruption loses nothing.
 
-    def __init__(self, out: Path) -> None:
-        self.out = out
+    The numbers are not printed. So a file that cannot be written ends the measurements.
+    """
+
+    def __init__(self, files: Files) -> None:
+        self.files = files
         self.sections: list[str] = []
 
     def add(self, *sections: str) -> None:
         self.sections += sections
         markdown = "\n\n".join(self.sections) + "\n"
-        (self.out / "report.md").write_text(markdown)
-        (self.out / "report.html").write_text(html(markdown, self.out))
+        with self.files.writing("report.md") as path:
+            path.write_text(markdown)
+        with self.files.writing("report.html") as path:
+            path.write_text(html(markdown, self.files.folder))
+        self.files.check()
 
 
 def html(markdown: str, folder: Path) -> str:
@@ -106,19 +114,19 @@ def html(markdown: str, folder: Path) -> str:
     return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
 
 
-def _article_tables(out: Path, repeats: int) -> list[str]:
+def _article_tables(files: Files, repeats: int) -> list[str]:
     lines: list[str] = []
     results = paper.benchmark(repeats=repeats, quick=True, write=lines.append)
     pages = ["## The article's tables and claims", *(line.strip("\n") for line in lines)]
     figures = {f"table{result.table.number}.svg": partial(pictures.article_table, result) for result in results}
-    pictures.draw(figures, out)
+    pictures.draw(figures, files)
     shown = zip(figures, results, strict=True)
     return pages + [f"![Table {result.table.number}: error against time]({name})" for name, result in shown]
 
 
-def _work_precision(out: Path, result: WorkPrecisionSet) -> list[str]:
+def _work_precision(files: Files, result: WorkPrecisionSet) -> list[str]:
     name = f"precision_{result.name}.svg"
-    pictures.draw({name: partial(pictures.work_precision, result)}, out)
+    pictures.draw({name: partial(pictures.work_precision, result)}, files)
     picture = f"![{result.problem.title}: error against time and evaluations]({name})"
     return [precision.render(result).replace("## ", "### "), picture]
 

@@ -16,7 +16,7 @@ from eig3 import effects
 from eig3.effects import Body
 from eig3.kernels.jit import compiled
 from eig3.kernels.protocol import VECTOR
-from eig3.options import add_out
+from eig3.options import Files, add_out
 from eig3.problem import Problem
 from eig3.scene import Scene, codegen
 from eig3.stepper import Stepper
@@ -59,8 +59,8 @@ def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str
     labels = [f"+ {name}" if k else name for k, name in enumerate(names)]
     write(text.table(["effect", "effects", "ns/step"], [[x, str(k + 1), f"{ns[k]:.0f}"] for k, x in enumerate(labels)]))
     if out is not None:
-        drawn = pictures.draw({"scenes.png": partial(_bars, labels, ns)}, out)
-        write(f"\nWritten to {out}: {'scenes.png' if pictures.is_possible() else f'nothing{drawn}'}")
+        files = Files(out, "eig3 bench")
+        files.finish(write, pictures.draw({"scenes.png": partial(_bars, labels, ns)}, files))
 
 
 def by_hand(repeats: int) -> list[list[str]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from eig3 import problems
 from eig3.drawing import NO_PICTURES
 from eig3.methods import Method
-from eig3.options import add_out
+from eig3.options import Files, add_out
 from eig3.stability import explain, limit, spectral_radius
 from eig3.stepper import Stepper
 
@@ -47,9 +47,11 @@ def benchmark(*, out: Path | None = None, write: Callable[[str], None] = print) 
         text.status("")
         write("\n" + pages[-1])
     if out is not None:
-        pictures, said = draw(out)
-        (out / "stability.md").write_text("\n\n".join([*pages, *pictures]) + "\n")
-        write(f"\nWritten to {out}: stability.md{said}")
+        files = Files(out, "eig3 bench")
+        pictures, note = draw(files)
+        with files.writing("stability.md") as path:
+            path.write_text("\n\n".join([*pages, *pictures]) + "\n")
+        files.finish(write, note)
 
 
 _HEADING = (
@@ -140,14 +142,16 @@ def render_words() -> str:
     return f"## In words\n\n```text\n{words}\n```"
 
 
-def draw(out: Path) -> tuple[Sequence[str], str]:
+def draw(files: Files) -> tuple[Sequence[str], str]:
     """Save the figures, each as PNG and SVG; return them as Markdown, and what to add to the list of written files."""
     if not pictures.is_possible():
         return [], NO_PICTURES
     shown = ["## Figures"]
     for name, (figure, caption) in stability_pictures.PICTURES.items():
         text.status(f"picture {name}")
-        stability_pictures.save(figure(), out / name)
+        drawn = figure()
+        with files.writing(name) as path:
+            stability_pictures.save(drawn, path)
         shown.append(f"![{name}]({name}.svg)\n\n{caption}")
     text.status("")
-    return shown, f" and {len(stability_pictures.PICTURES)} pictures, each as PNG and SVG"
+    return shown, "; each figure as PNG and SVG"

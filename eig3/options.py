@@ -1,9 +1,16 @@
-"""Command-line options that several commands and benchmarks share."""
+"""Command-line options that several commands and benchmarks share, and the files that they write with `--out`."""
 
 from __future__ import annotations
 
 import argparse
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+_LONGEST = 100  # bytes of a file name without its ending; most systems allow 255 with it
+_DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)  # Windows takes these for devices
 
 
 def count(text: str) -> int:
@@ -14,18 +21,96 @@ def count(text: str) -> int:
 
 
 def folder(text: str) -> Path:
-    """Convert the text of an option to a folder, and create it: an error is then raised before the command runs."""
+    """Convert the text of an option to a folder. Create it and write to it: errors are raised before the command runs.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If the folder cannot be created, or a file of one block cannot be written there.
+    """
     path = Path(text)
-    try:
+    with _usage_error(f"cannot create the folder {text!r}"):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise argparse.ArgumentTypeError(f"cannot create the folder {text!r}: {error.strerror}") from None
+    with _usage_error(f"cannot write to the folder {text!r}"), _unfinished(path) as place:
+        (place / "block").write_bytes(bytes(4096))
     return path
+
+
+@contextmanager
+def _usage_error(what: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{what}: {_reason(error)}; choose another folder") from None
+
+
+@contextmanager
+def _unfinished(path: Path) -> Iterator[Path]:
+    """Give a new folder in the folder `path`; remove it with all that is left in it."""
+    with tempfile.TemporaryDirectory(dir=path, prefix="unfinished-") as place:
+        yield Path(place)
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)
 
 
 def add_out(parser: argparse.ArgumentParser, text: str, *, required: bool = False) -> None:
     """Add the option `--out DIR`, the folder for results; `text` is its help."""
     parser.add_argument("--out", type=folder, metavar="DIR", required=required, help=text)
+
+
+class Files:
+    """The files that a command writes into the folder of `--out`. If one cannot be written, the others are still tried.
+
+    Parameters
+    ----------
+    folder : Path
+        An existing folder.
+    command : str
+        The command, for its error message.
+    """
+
+    def __init__(self, folder: Path, command: str) -> None:
+        self.folder, self.command = folder, command
+        self._reasons: dict[str, str] = {}  # why each file could not be written; empty if it was
+
+    @contextmanager
+    def writing(self, name: str) -> Iterator[Path]:
+        """Give the path at which to write the file `name`, and keep the reason if the system refuses.
+
+        The file gets its place in the folder when it is complete. Until then an older one stays.
+        """
+        try:
+            with _unfinished(self.folder) as place:
+                yield place / name
+                for file in place.iterdir():
+                    file.replace(self.folder / file.name)
+        except OSError as error:
+            self._reasons[name] = _reason(error)
+        else:
+            self._reasons[name] = ""
+
+    def finish(self, write: Callable[[str], None], note: str = "") -> None:
+        """Write the names of the files that are there, and `note`; then `check`."""
+        written = ", ".join(name for name, reason in self._reasons.items() if not reason)
+        write(f"\nWritten to {self.folder}: {written or 'nothing'}{note}")
+        self.check()
+
+    def check(self) -> None:
+        """Raise SystemExit if the last attempt to write one of the files has failed."""
+        failed = ", ".join(f"{name} ({reason})" for name, reason in self._reasons.items() if reason)
+        if failed:
+            raise SystemExit(
+                f"{self.command}: cannot write to the folder {self.folder}: {failed}. Choose another folder with --out."
+            )
+
+
+def file_name(name: str) -> str:
+    """Convert any name to a readable file name without an ending. The file cannot leave its folder."""
+    plain = re.sub(r"[^\w.+ -]", "_", name).strip(". ")
+    plain = plain.encode()[:_LONGEST].decode(errors="ignore") or "problem"
+    return f"_{plain}" if _DEVICE.match(plain) else plain
 
 
 def add_methods(parser: argparse.ArgumentParser) -> None:

@@ -14,6 +14,7 @@ from . import drawing
 from .analysis.critical import NoCriticalStepError
 from .checks import check_h, check_span
 from .methods import Method
+from .options import Files, file_name
 from .problem import Problem
 from .solution import Solution
 
@@ -58,6 +59,8 @@ def run(
     ------
     TypeError, ValueError
         For bad arguments, as `eig3.integrate` raises them.
+    SystemExit
+        If a file cannot be written. The others are written, and the report is complete.
     """
     options: dict[str, Any] = {"work": True} if "work" in inspect.signature(build).parameters else {}
     if t_end is not None:
@@ -76,7 +79,8 @@ def run(
     elif solution.success:
         write("  energy: this problem defines none")
     if out is not None:
-        write(f"\nWritten to {out}: {_save(problem, solution, balance, out)}")
+        files = Files(out, "eig3 run")
+        files.finish(write, _save(problem, solution, balance, files))
     return solution
 
 
@@ -145,27 +149,28 @@ class Balance:
         drawing.legend(axes)
 
 
-def _save(problem: Problem, solution: Solution, balance: Balance | None, out: Path) -> str:
-    """Write the files that can be written; return their names."""
+def _save(problem: Problem, solution: Solution, balance: Balance | None, files: Files) -> str:
+    """Write the files; return what to add to the list of written files."""
     t, u, v = solution.t, solution.u, solution.v
-    names = [f"{problem.name}.npz"]
+    name = file_name(problem.name)
     arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.integrals}
-    np.savez_compressed(out / names[0], **arrays)
+    with files.writing(f"{name}.npz") as path:
+        np.savez_compressed(path, **arrays)
     table = np.column_stack([t, u, v, *solution.integrals.values()])
     if table.size <= _CSV_VALUES:
-        names.append(f"{problem.name}.csv")
         columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
         header = ",".join(["t", *columns, *solution.integrals])
-        np.savetxt(out / names[-1], table, delimiter=",", header=header, comments="")
+        with files.writing(f"{name}.csv") as path:
+            np.savetxt(path, table, delimiter=",", header=header, comments="")
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        return ", ".join(names) + drawing.NO_PICTURES
+        return drawing.NO_PICTURES
     figure = Figure(layout="constrained")
     draw(figure, problem, solution, balance)
-    names.append(f"{problem.name}.png")
-    figure.savefig(out / names[-1], dpi=130)
-    return ", ".join(names)
+    with files.writing(f"{name}.png") as path:
+        figure.savefig(path, dpi=130)
+    return ""
 
 
 def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | None = None) -> None:
@@ -183,7 +188,7 @@ def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | N
             drawing.growth(figure, solution, n)
             what = "growth begins"
         drawing.mark(figure, shown.t[-1], what)
-    figure.suptitle(title)
+    figure.suptitle(title, parse_math=False)  # the name of a problem may contain dollar signs
     width, height = _PANEL
     is_wide = bool(drawing.pictures(figure))
     figure.set_size_inches((2 if is_wide else 1.4) * width, max(2, len(drawing.time_panels(figure))) * height + 0.5)

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +12,9 @@ from eig3.bench import BENCHMARKS, article_runs, handwritten, loops, options, pa
 from eig3.bench.article import TABLES, Table
 from eig3.bench.problem_set import BenchmarkProblem
 from eig3.cli import main
+from eig3.options import Files
+
+WITH_OUT = ("paper", "precision", "stability", "scenes", "report")
 
 
 def test_version_and_help(capsys):
@@ -38,6 +42,41 @@ def test_wrong_usage_is_refused(arguments, message, capsys):
         main(arguments)
     assert caught.value.code == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs /proc, in which nobody can write")
+@pytest.mark.parametrize("command", ["run kepler", "bench", *(f"bench {name}" for name in WITH_OUT)])
+def test_a_folder_that_cannot_be_written_is_refused_before_the_run(command, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([*command.split(), "--out", "/proc"])
+    assert caught.value.code == 2
+    printed = capsys.readouterr()
+    assert "error: argument --out: cannot write to the folder '/proc': " in printed.err
+    assert printed.err.endswith("; choose another folder\n")
+    assert printed.out == ""
+
+
+def test_a_file_that_cannot_be_written_leaves_the_older_one_and_the_others(tmp_path):
+    resource = pytest.importorskip("resource")
+    (tmp_path / "long").write_text("older")
+    files, printed = Files(tmp_path, "eig3 run"), []
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))
+    try:
+        for name, size in (("long", 6000), ("short", 10)):
+            with files.writing(name) as path:
+                path.write_text("x" * size)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    message = r"^eig3 run: cannot write to the folder .*: long \(File too large\)\. Choose another folder with --out\.$"
+    with pytest.raises(SystemExit, match=message):
+        files.finish(printed.append)
+    assert printed == [f"\nWritten to {tmp_path}: short"]
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"long": "older", "short": "x" * 10}
+    with files.writing("long") as path:
+        path.write_text("newer")
+    files.check()
+    assert (tmp_path / "long").read_text() == "newer"
 
 
 def test_the_command_is_installed():
@@ -129,6 +168,23 @@ def test_paper_prints_keeps_and_draws_everything(tmp_path, capsys):
     assert (out / "tables.md").read_text().strip() in printed
     for number in (1, 2, 3, 4):
         assert (out / f"table{number}.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.usefixtures("short_tables")
+def test_paper_prints_and_writes_all_that_it_can(tmp_path, capsys):
+    (tmp_path / "results.json").mkdir()
+    with pytest.raises(SystemExit, match=r"^eig3 bench: cannot write to .*: results\.json \(.+\)\. Choose another"):
+        main(["bench", "paper", "--repeats", "1", "--table", "2", "--out", str(tmp_path)])
+    assert f"Written to {tmp_path}: tables.md, table2.png\n" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"results.json", "tables.md", "table2.png"}
+
+
+def test_report_does_not_measure_what_it_cannot_write(tmp_path, monkeypatch):
+    monkeypatch.setenv("CC", "no-such-compiler")  # compiling C would only take time
+    monkeypatch.setattr(paper, "benchmark", lambda **settings: pytest.fail("measured"))
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(SystemExit, match=r"^eig3 bench: cannot write to .*: report\.html \("):
+        main(["bench", "report", "--out", str(tmp_path)])
 
 
 @pytest.mark.usefixtures("short_tables")
@@ -232,6 +288,16 @@ def test_run_takes_any_problem_method_and_step(tmp_path, capsys):
     header, first = (tmp_path / "kepler.csv").read_text().splitlines()[:2]
     assert header == "t,u0,u1,v0,v1"
     assert first.count(",") == 4
+
+
+def test_run_prints_and_writes_all_that_it_can(tmp_path, capsys):
+    (tmp_path / "hertz_impact.npz").mkdir()
+    with pytest.raises(SystemExit, match=r"^eig3 run: cannot write to .*: hertz_impact\.npz \(.+\)\. Choose another"):
+        main(["run", "hertz_impact", "--out", str(tmp_path)])
+    printed = capsys.readouterr().out
+    assert "change of energy: " in printed
+    assert printed.endswith(f"Written to {tmp_path}: hertz_impact.csv, hertz_impact.png\n")
+    assert {path.suffix for path in tmp_path.iterdir()} == {".npz", ".csv", ".png"}
 
 
 def test_run_finds_a_step_and_needs_no_energy_or_folder(capsys):

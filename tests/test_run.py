@@ -7,9 +7,12 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from eig3 import Status, drawing, problems
+from eig3.options import file_name
 from eig3.run import Balance, draw, run
 
 
@@ -209,6 +212,53 @@ def test_without_matplotlib_the_history_is_written_all_the_same(tmp_path, monkey
     run(problems.hertz_impact, out=tmp_path, write=printed.append)
     assert {path.name for path in tmp_path.iterdir()} == {"hertz_impact.npz", "hertz_impact.csv"}
     assert printed[-1].endswith(drawing.NO_PICTURES)
+
+
+@pytest.mark.parametrize("name", ["../../x", "..", "a/b", "/etc/x", ".", "", "con"])
+def test_no_name_of_a_problem_leaves_the_folder(name, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    out = tmp_path / "a" / "b"
+    out.mkdir(parents=True)
+    run(lambda: problems.hertz_impact().with_(name=name), out=out, write=lambda line: None)
+    assert {path for path in tmp_path.rglob("*") if path.is_file()} == set(out.iterdir())
+    assert {path.name for path in out.iterdir()} == {f"{file_name(name)}.npz", f"{file_name(name)}.csv"}
+
+
+@pytest.mark.parametrize(
+    ("name", "plain"),
+    [
+        ("quarter car, 2+1 dof-v1.5", "quarter car_ 2+1 dof-v1.5"),
+        ("Brücke", "Brücke"),
+        ("../../x", "_.._x"),
+        ("/etc/x", "_etc_x"),
+        ("C:\\x", "C__x"),
+        ("a\0b\nc", "a_b_c"),
+        (".hidden", "hidden"),
+        *((name, "problem") for name in ("", ".", "..", "  ")),
+        *((name, f"_{name}") for name in ("con", "COM1", "nul.x")),
+        ("console", "console"),
+    ],
+)
+def test_a_file_name_stays_readable(name, plain):
+    assert file_name(name) == plain
+
+
+@given(st.text(st.characters(), max_size=500))
+@example("x" * 500)
+@example("\U0001d538" * 500)
+@example("\ud800")
+def test_any_name_becomes_a_plain_file_name(name):
+    plain = file_name(name)
+    assert plain
+    assert not plain.startswith(".")
+    assert not set(plain) & set('/\\:*?"<>|\0\r\n')
+    assert len(f"{plain}.npz".encode()) < 110
+
+
+def test_dollars_in_a_name_are_no_formula():
+    figure, _ = drawn(problems.hertz_impact().with_(name=r"$\frac$"), h=1e-4)
+    figure.draw_without_rendering()
+    assert figure.get_suptitle().startswith(r"$\frac$, ")
 
 
 def test_the_energy_has_the_unit_of_the_problem():
