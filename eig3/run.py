@@ -54,6 +54,7 @@ def run(
     Returns
     -------
     Solution
+        After Ctrl-C, the run up to then, on which this function reports too.
 
     Raises
     ------
@@ -70,7 +71,12 @@ def run(
     h = _step(problem, method, span) if h is None else check_h(h)
     states = min(_STATES, _VALUES // (2 * np.size(problem.u0)))
     every = max(1, round(min(span / h, 2**53) / states))
-    solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
+    try:
+        solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
+    except KeyboardInterrupt as interrupt:
+        solution = getattr(interrupt, "solution", None)
+        if solution is None:
+            raise
     write(f"{problem.name}: {problem.source}")
     write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
     balance = Balance.of(problem, solution) if problem.energy is not None and solution.success else None
