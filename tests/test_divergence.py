@@ -386,3 +386,11 @@ def test_the_step_that_is_named_is_shorter_than_the_one_that_failed():
     assert run.status is eig3.Status.DIVERGED
     assert problem.critical_step().limit > 1e-2
     assert said(r"; h = ([\d.e-]+) was tried and is stable", run.explain()) < 1e-3
+
+
+def test_the_reason_does_not_depend_on_the_chunks_of_the_run():
+    """The length of chunks depends on the speed of the machine, and on whether the time per step is known."""
+    problem = problems.double_pendulum()
+    runs = [problem.integrate(h=0.2, t_end=2000, method="eig3") for _ in range(3)]
+    assert runs[0].status is eig3.Status.DIVERGED
+    assert len({run.explain() for run in runs}) == 1

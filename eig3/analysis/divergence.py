@@ -23,6 +23,7 @@ _BROUGHT_ABOUT = 1e-3  # a critical step shorter than this part of h is a result
 _SAME_LIMIT = 0.02  # two critical steps whose relative difference is less than this are reported as one
 _SAFETY = 0.9  # factor from a critical step to the longest step that is tried
 _HALVINGS = 8  # number of steps to try, each half as long as the one before
+_STRIDE_GROWTH = 16  # factor from one stride to the next in the search for the beginning of the growth
 _PATIENCE = 2.5  # largest number of steps of all trials together, relative to the steps of the run
 _LEAST_WORK = 3e7  # the trials may also take this many steps, divided by the degrees of freedom plus 10
 
@@ -163,8 +164,25 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
 
 
 def last_sane(before: Stepper, bad_index: int, start: Stepper) -> Stepper:
-    """Return a stepper at the last state before step `bad_index` that is less than 1000 times the start."""
-    return _last(before, bad_index, lambda s: _size(s) < (_BLOWN_UP * _size(start) or _OVERFLOWING))
+    """Return a stepper at the last state before step `bad_index` that is less than 1000 times the start.
+
+    If the first step is not, return the state after this step. A run that does not take long is repeated up to this
+    state: then the result does not depend on `before`, the end of a chunk, whose length depends on the machine.
+    """
+
+    def is_sane(stepper: Stepper) -> bool:
+        return _size(stepper) < (_BLOWN_UP * _size(start) or _OVERFLOWING)
+
+    if bad_index > _LEAST_WORK / (10 + start.n):
+        return _last(before, bad_index, is_sane)
+    last, stride = start.fork(), 1
+    while last.index + stride < bad_index:
+        ahead = last.fork()
+        ahead.advance(stride)
+        if last.index > 0 and not is_sane(ahead):
+            return _last(last, ahead.index, is_sane)
+        last, stride = ahead, _STRIDE_GROWTH * stride
+    return _last(last, bad_index, is_sane)
 
 
 def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) -> Stepper:
