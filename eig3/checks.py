@@ -93,12 +93,11 @@ def check_cancel(cancel: Any) -> Any:
 
 def check_method(method: str | Method) -> Method:
     """Return the record of a method, which is given by its name, as a record, or as a record's class."""
-    if isinstance(method, Method) and hasattr(method, "kernel"):
-        return method
     if isinstance(method, str) and method.lower() in METHODS:
         return _default(METHODS[method.lower()])
-    if isinstance(method, type) and issubclass(method, Method) and hasattr(method, "kernel"):
-        return _default(method)
+    kind = method if isinstance(method, type) else type(method)
+    if issubclass(kind, Method) and kind is not Method:
+        return method if isinstance(method, Method) else _default(kind)
     raise ValueError(
         f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {shown(method)}."
     )

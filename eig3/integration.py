@@ -140,7 +140,7 @@ def integrate(
         run.judge_growth()
     except BaseException as error:  # raised by rhs, or after Ctrl-C
         if run or isinstance(error, KeyboardInterrupt):
-            error.solution = run and run.result(error)  # type: ignore[union-attr]
+            error.solution = run and run.result(error)  # type: ignore[attr-defined]
         raise
     solution = run.result()
     if raise_on_failure and not solution.success:

@@ -138,8 +138,9 @@ class Problem:
         try:
             solution = integrate(self.rhs, span, u0, v0, **options)
         except BaseException as error:
-            if getattr(error, "solution", None):
-                self._separate_integrals(error.solution)
+            solution = getattr(error, "solution", None)
+            if solution:
+                self._separate_integrals(solution)
             raise
         self._separate_integrals(solution)
         return solution

@@ -74,9 +74,9 @@ def run(
     try:
         solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
     except KeyboardInterrupt as interrupt:
-        solution = getattr(interrupt, "solution", None)
-        if solution is None:
+        if not getattr(interrupt, "solution", None):
             raise
+        solution = interrupt.solution  # type: ignore[attr-defined]
     write(f"{problem.name}: {problem.source}")
     write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
     balance = Balance.of(problem, solution) if problem.energy is not None and solution.success else None

@@ -26,7 +26,8 @@ class CheckedCache(FunctionCache):
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
-        self._cache_file = _Files(Path(self._cache_path), self._impl.filename_base, self._cache_file._source_stamp)
+        source_stamp = self._impl.locator.get_source_stamp()
+        self._cache_file: Any = _Files(Path(self._cache_path), self._impl.filename_base, source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:

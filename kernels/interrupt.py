@@ -8,7 +8,9 @@ run, it leaves a history that is half updated. So the handler has to wait until 
 from __future__ import annotations
 
 import sys
-from _signal import getsignal, signal  # those of the module signal convert to enums, which takes 10 microseconds a run
+
+# The functions of the module signal convert to enums, which takes 10 microseconds a run.
+from _signal import getsignal, signal  # type: ignore[import-not-found]
 from signal import SIGINT, default_int_handler
 from threading import get_ident, main_thread
 from typing import Any

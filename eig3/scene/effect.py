@@ -17,7 +17,7 @@ from numba.types import unliteral
 from ..callbacks import gist
 from ..checks import reals
 from ..kernels.jit import compiled
-from .fields import annotations, check_fields
+from .fields import annotations_of, check_fields
 
 _REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
 _ARRAY = numba.types.Array(numba.float64, 1, "C", readonly=True)
@@ -72,7 +72,7 @@ class Effect:
     def __new__(cls, *values: Any, **fields: Any) -> Any:
         # Without the decorator, Python would only complain about the number of arguments.
         known = getattr(cls, "__dataclass_fields__", None)
-        if "__dataclass_fields__" not in vars(cls) and (known is None or annotations(cls).keys() - known):
+        if "__dataclass_fields__" not in vars(cls) and (known is None or annotations_of(cls).keys() - known):
             raise TypeError(f"{cls.__name__} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
         return super().__new__(cls)
 

@@ -26,14 +26,14 @@ def check_fields(cls: type, kind: type) -> None:
                 f"name: take a name such as {plain!r}."
             )
         if name in dir(kind):
-            variable = any(name in annotations(base) for base in kind.__mro__)
+            variable = any(name in annotations_of(base) for base in kind.__mro__)
             remedy = " or remove its annotation" * variable  # as in vectors: tuple = ("direction",)
             raise TypeError(
                 f"{cls.__name__} must rename its field {name}{remedy}: {kind.__name__} has an attribute of this name."
             )
 
 
-def annotations(cls: type) -> dict[str, Any]:
+def annotations_of(cls: type) -> dict[str, Any]:
     """Return the annotations in the body of a class."""
     if sys.version_info >= (3, 14):  # there the values are evaluated here, and may name what is not yet defined
         import annotationlib
@@ -46,5 +46,5 @@ def _declared(cls: type) -> list[str]:
     """Return the names of the fields that a class will have when it is decorated."""
     records = [base for base in cls.__mro__[1:] if dataclasses.is_dataclass(base)]
     inherited = [field.name for base in records for field in dataclasses.fields(base)]
-    own = [name for name, annotation in annotations(cls).items() if "ClassVar" not in str(annotation)]
+    own = [name for name, annotation in annotations_of(cls).items() if "ClassVar" not in str(annotation)]
     return [*inherited, *own]
