@@ -95,9 +95,10 @@ def check_method(method: str | Method) -> Method:
     """Return the record of a method, which is given by its name, as a record, or as a record's class."""
     if isinstance(method, str) and method.lower() in METHODS:
         return _default(METHODS[method.lower()])
-    kind = method if isinstance(method, type) else type(method)
-    if issubclass(kind, Method) and kind is not Method:
-        return method if isinstance(method, Method) else _default(kind)
+    if isinstance(method, Method) and type(method) is not Method:
+        return method
+    if isinstance(method, type) and issubclass(method, Method) and method is not Method:
+        return _default(method)
     raise ValueError(
         f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {shown(method)}."
     )

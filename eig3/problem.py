@@ -138,9 +138,9 @@ class Problem:
         try:
             solution = integrate(self.rhs, span, u0, v0, **options)
         except BaseException as error:
-            solution = getattr(error, "solution", None)
-            if solution:
-                self._separate_integrals(solution)
+            part = getattr(error, "solution", None)
+            if part:
+                self._separate_integrals(part)
             raise
         self._separate_integrals(solution)
         return solution
