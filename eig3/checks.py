@@ -97,7 +97,7 @@ def check_method(method: str | Method) -> Method:
         return _default(METHODS[method.lower()])
     if isinstance(method, Method) and type(method) is not Method:
         return method
-    if isinstance(method, type) and issubclass(method, Method) and method is not Method:
+    if method is not Method and isinstance(method, type) and issubclass(method, Method):
         return _default(method)
     raise ValueError(
         f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {shown(method)}."
