@@ -98,7 +98,7 @@ def check_method(method: str | Method) -> Method:
     if isinstance(method, Method) and type(method) is not Method:
         return method
     if method is not Method and isinstance(method, type) and issubclass(method, Method):
-        return _default(method)
+        return _default(method)  # type: ignore[arg-type]
     raise ValueError(
         f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {shown(method)}."
     )
