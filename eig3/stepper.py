@@ -18,6 +18,7 @@ from .callbacks import Callback, check_callback, compile_for_own_arrays
 from .checks import check_h, check_method, check_params, check_state, check_time
 from .guard import first_acceleration, guarded
 from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
+from .kernels.interrupt import DeferredInterrupt
 from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Form, Run
 from .memory import aligned, check_workspace
 from .methods import Method
@@ -112,7 +113,7 @@ class Stepper:
         self.changed_at: float | None = None
         self.failed = False
         self._rhs = rhs
-        self._in_use = threading.Lock()
+        self._alone = _Alone()
         self._callback = check_callback(rhs, "rhs", self.form)
         self.start = u, v
         self.n = 1 if self.form is SCALAR else u.size
@@ -205,44 +206,39 @@ class Stepper:
 
         Notes
         -----
-        After an exception from rhs, or a KeyboardInterrupt, the stepper is at its state before the call.
+        After an exception from rhs, the stepper is at its state before the call. After Ctrl-C, which raises
+        KeyboardInterrupt within some milliseconds, it is at the state that it has reached.
         """
         count, every = operator.index(count), operator.index(every)
         if count < 0 or every < 1:
             raise ValueError(f"count must not be negative and every be at least 1, not {count} and {every}.")
         rows = (self.index + count) // every - self.index // every
         u_rows, v_rows = self._check_rows(u_rows, rows), self._check_rows(v_rows, rows)
-        self._begin_use()
-        try:
+        interrupt = DeferredInterrupt()  # it is never set within an outer block, which asks `cancel` instead
+        cancels = (interrupt,) if cancel is None else (interrupt, cancel)
+        with interrupt, self._alone:
             self._save()
-            taken = self._take(count, every, u_rows, v_rows, cancel)
-        except BaseException:
-            self._go_back()
-            raise
-        finally:
-            self._in_use.release()
-        self.index += taken
+            try:
+                taken = self._take(count, every, u_rows, v_rows, cancels)
+            except BaseException:
+                self._go_back()
+                raise
+            self.index += taken
         return taken
 
     def back(self) -> None:
         """Go back to the state before the last `advance`. `seconds` still includes its time."""
-        self._begin_use()
-        try:
+        with self._alone:
             self._go_back()
-        finally:
-            self._in_use.release()
 
     def fork(self) -> Stepper:
         """Return an independent stepper at the same state, as `copy.copy` does too."""
-        self._begin_use()
-        try:
+        with self._alone:
             other = object.__new__(type(self))
             vars(other).update(vars(self))
-            other._in_use = threading.Lock()
+            other._alone = _Alone()
             other._state, other._tally = aligned(self._state.shape), self._tally.copy()
             np.copyto(other._state, self._state)
-        finally:
-            self._in_use.release()
         other._before = other._position()
         return other
 
@@ -257,10 +253,6 @@ class Stepper:
         other._before = self._before
         other._go_back()
         return other
-
-    def _begin_use(self) -> None:
-        if not self._in_use.acquire(blocking=False):
-            raise RuntimeError("another thread uses this stepper now: give each thread its own, made with fork().")
 
     def _go_back(self) -> None:
         before = self._before
@@ -358,7 +350,7 @@ class Stepper:
             self._callbacks = (self._callback.address, jacobian and jacobian.address)
             self._kernel = pointer_kernel(formulas, self.form, jacobian is not None)
 
-    def _take(self, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray, cancel: Cancel | None) -> int:
+    def _take(self, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray, cancels: tuple[Cancel, ...]) -> int:
         """Call the kernel for one slice of steps after the other, and return the number of steps taken."""
         taken, self.failed = 0, False
         while taken < count:
@@ -375,7 +367,7 @@ class Stepper:
                 if not self._fall_back(first + done):
                     self.failed = True
                     break
-            elif cancel is not None and cancel.is_set():
+            elif taken < count and any(cancel.is_set() for cancel in cancels):
                 break
         return taken
 
@@ -433,6 +425,20 @@ class Stepper:
             other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, by at least the size of u
         if np.any(self.acceleration(self.t0, u, other) != a):
             raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
+
+
+class _Alone:
+    """A block that only one thread can be in."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise RuntimeError("another thread uses this stepper now: give each thread its own, made with fork().")
+
+    def __exit__(self, *error: object) -> None:
+        self._lock.release()
 
 
 @dataclass

@@ -5,7 +5,7 @@ import builtins
 import inspect
 import keyword
 import unicodedata
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import InitVar, dataclass, field, make_dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -280,7 +280,7 @@ class Computed(Body):
 
 @dataclass(frozen=True, eq=False)
 class Filled(Body):
-    """The caller fills its list, so a copy of the effect would have an empty list."""
+    """The caller fills its list after the effect is made."""
 
     strength: object
     samples: list = field(init=False, default_factory=list)
@@ -296,12 +296,6 @@ class Filled(Body):
 @dataclass(frozen=True, eq=False)
 class Checked(Computed):
     nonnegative = ("found",)
-
-
-def filled():
-    effect = Filled([1.0, 2.0])
-    effect.samples.append(3.0)
-    return effect
 
 
 def add(effect):
@@ -320,7 +314,6 @@ def naming(**content):
 
 
 RENAME = "because Python cannot read it or reads it as another name: take a name such as"
-COMPUTED = "must be a number or an array that __post_init__ computes, not a list or nothing, because the field has"
 BAD = {
     "a ligature": (
         lambda: effect(Body, "Lig", ("\ufb01eld",)),
@@ -352,9 +345,10 @@ BAD = {
     "no tuple": (naming(nonnegative="reach"), "nonnegative of Naming must be a tuple of names, not 'reach'."),
     "a cutoff": (naming(cutoff="re\nach"), "cutoff of Naming must be the name of a field, not 're\\nach'."),
     "cutoffs": (naming(cutoff=["reach"]), "cutoff of Naming must be the name of a field, not ['reach']."),
-    "a list that is computed": (lambda: add(Computed([1.0, 2.0])), f"found of Computed {COMPUTED} init=False."),
-    "a list that is filled": (lambda: add(filled()), f"samples of Filled {COMPUTED} init=False."),
-    "no value": (lambda: add(Computed(None)), f"found of Computed {COMPUTED} init=False."),
+    "no value": (
+        lambda: add(Computed(None)),
+        "found of Computed must be computed in __post_init__, because the field has init=False.",
+    ),
     "no value to check": (
         lambda: Checked(None),
         "nonnegative of Checked can name only given, "
@@ -403,3 +397,36 @@ def test_a_field_may_be_an_array_that_is_computed():
     assert accelerations(add(Computed(np.array([1.0, 2.0])))) == [1.0, 2.0, 1.0, 2.0]
     with pytest.raises(ValueError, match="found of Checked must not be negative"):
         Checked(-1.0)
+
+
+def test_lists_that_are_computed_or_filled_later_count_as_they_are_when_the_effect_is_added():
+    computed, filled = Computed([1.0, 2.0]), Filled([1.0, 2.0])
+    filled.samples.append(3.0)
+    scene = add(computed)
+    scene.add(filled)
+    computed.found[:] = [7.0, 7.0]
+    filled.samples[0] = 7.0
+    problem = scene.problem((0, 1))
+    a = problem.stepper(h=0.1).first_acceleration
+    np.testing.assert_array_equal(a, [1.0 + 3.0, 2.0 + 6.0, 1.0, 2.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Halved(Body):
+    strength: list
+    half: InitVar[bool] = False
+
+    def __post_init__(self, half):
+        if half:
+            object.__setattr__(self, "strength", [x / 2 for x in self.strength])
+        super().__post_init__()
+
+    @staticmethod
+    @eig3.jit
+    def force(strength):
+        return strength, 0.0
+
+
+def test_an_effect_may_have_arguments_that_are_not_fields():
+    problem = add(Halved([2.0, 4.0], half=True)).problem((0, 1))
+    np.testing.assert_array_equal(problem.stepper(h=0.1).first_acceleration, [1.0, 2.0, 0.0, 0.0])

@@ -29,8 +29,8 @@ class Effect:
     Derive from `Body`, `Link` or `Motion`, and decorate the class with ``@dataclass(frozen=True, eq=False)``.
 
     The fields are the parameters. A field is a number, or an array with one number for each of the points, unless it is
-    named in `vectors` or `arrays`. A field with ``init=False`` is a number or an array that ``__post_init__`` computes.
-    A field must not have the name of an attribute of the base class, such as `source`.
+    named in `vectors` or `arrays`. ``__post_init__`` computes a field with ``init=False``. A field must not have the
+    name of an attribute of the base class, such as `source`.
 
     The functions are static methods compiled with ``eig3.jit``. The names of their arguments say what they read:
     fields, and what `Body`, `Link` or `Motion` offers. A function without v or rate does not read the velocity, and the
@@ -150,9 +150,14 @@ class Effect:
 
     def snapshot(self) -> Any:
         """Return a copy that does not change if the caller later changes the lists and arrays that it passed."""
-        fields = {name: getattr(self, name) for name in _given(self)}
+        fields = {name: getattr(self, name, None) for name in _fields(self)}
         copies = {name: copy.copy(value) for name, value in fields.items() if isinstance(value, list | np.ndarray)}
-        return dataclasses.replace(self, **copies) if copies else self  # type: ignore[type-var]
+        if not copies:
+            return self
+        other = copy.copy(self)
+        for name, value in copies.items():
+            object.__setattr__(other, name, value)  # the record is frozen
+        return other
 
     def check(self, dimension: int) -> None:
         """Check that a scene can compile the effect.
@@ -192,13 +197,11 @@ class Effect:
             self._compile(name, function, dimension)
 
     def _check_computed(self) -> None:
-        """Refuse computed fields without a value, and lists: `snapshot` computes anew what a caller may have filled."""
-        computed = [name for name in _fields(self) if name not in _given(self)]
-        for name in computed:
-            if isinstance(getattr(self, name, []), list):
+        """Refuse computed fields without a value."""
+        for name in _fields(self):
+            if not hasattr(self, name):
                 raise TypeError(
-                    f"{name} of {self.title} must be a number or an array that __post_init__ computes, not a list or "
-                    "nothing, because the field has init=False."
+                    f"{name} of {self.title} must be computed in __post_init__, because the field has init=False."
                 )
 
     def _check_names(self, what: str) -> None:
