@@ -310,10 +310,11 @@ class Stepper:
         This takes one evaluation, which `n_rhs` does not count.
         """
         t, u, v = self.t, self._state[0], self._state[1]
-        a = np.full(u.size, np.nan)
+        a = np.empty(u.size)
+        a.fill(np.nan)
         try:
             self._callback.call(t, u, v, self.params, a)
-            if not np.isnan(a).any():
+            if not math.isnan(np.minimum.reduce(a)):
                 return None
             other = np.zeros(u.size)  # a value that rhs computes may be NaN too
             self._callback.call(t, u, v, self.params, other)

@@ -55,4 +55,4 @@ class Growth:
 
 
 def _largest(x: Any) -> float:
-    return abs(x) if type(x) is float else float(np.abs(x).max())
+    return abs(x) if type(x) is float else float(np.maximum.reduce(np.abs(x)))
