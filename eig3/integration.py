@@ -266,10 +266,12 @@ class _Run:
     def result(self, error: BaseException | None = None) -> Solution:
         """Return the run up to now; `error` is the exception that ended it, if there was one."""
         stepper = self.stepper
-        if error and self.status is Status.COMPLETED and (stepper.index < self.n_steps or self.growth.suspect):
-            raised = f"A function of the run raised {type(error).__name__}"
-            what = raised if isinstance(error, Exception) else "The run was interrupted"
-            self._end(Status.INTERRUPTED, f"{what} after t = {stepper.t:g}.")
+        if self.status is Status.COMPLETED:
+            if isinstance(error, Exception):
+                raised = f"A function of the run raised {type(error).__name__}"
+                self._end(Status.INTERRUPTED, f"{raised} after t = {stepper.t:g}.")
+            elif error and (stepper.index < self.n_steps or self.growth.suspect):
+                self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
         t, u, v = self.history.close(stepper)
         if stepper.index == self.n_steps:
             t[-1] = self.t_end  # t0 + n h may differ from it by round-off

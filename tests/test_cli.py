@@ -1,6 +1,7 @@
 """The command line, and the benchmarks it runs."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -323,3 +324,12 @@ def test_run_says_where_a_run_fails(capsys):
 def test_run_refuses_what_it_cannot_run(arguments, message):
     with pytest.raises(SystemExit, match=message):
         main(arguments)
+
+
+def test_a_reader_that_has_read_enough_ends_the_command():
+    read, write = os.pipe()
+    os.close(read)  # as `head` does after its lines
+    command = [sys.executable, "-m", "eig3", "cache", "--path"]
+    result = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=True)
+    os.close(write)
+    assert result.stderr == ""

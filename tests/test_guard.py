@@ -96,3 +96,32 @@ def test_an_acceleration_takes_any_array_of_the_right_shape():
     with pytest.raises(ValueError, match=r"must have the shape of u0, \(2,\), not \(3,\)"):
         stepper.acceleration(0.0, np.zeros(3), np.zeros(2))
     assert eig3.Stepper(stiff, 1.0, 0.0, h=0.1, params=2.0).acceleration(0, 3, 1) == -6.0
+
+
+@eig3.jit
+def stops_writing(t, u, v, p, a):
+    a[0] = -u[0]
+    if t < p[0]:
+        a[1] = -u[1]
+
+
+@eig3.jit
+def root_of_the_rest(t, u, v, p, a):
+    a[0] = np.sqrt(p[0] - t)
+    a[1] = 0.0
+
+
+@pytest.mark.parametrize("method", ["eig3", "rk4", "cd", "ab3"])
+def test_an_entry_that_rhs_stops_writing_is_found_at_the_end(method):
+    with pytest.raises(ValueError, match=r"rhs does not write a\[1\] at t = 10, so that a\[1\] keeps") as caught:
+        integrate(stops_writing, (0, 10), h=0.01, params=5.0, method=method, **PAIR)
+    assert caught.value.solution.n_steps == 1000
+    assert caught.value.solution.status is eig3.Status.INTERRUPTED
+    assert integrate(stops_writing, (0, 10), h=0.01, params=20.0, method=method, **PAIR).success
+
+
+def test_an_entry_that_becomes_nan_counts_as_written():
+    run = integrate(root_of_the_rest, (0, 10), h=0.01, params=5.0, **PAIR)
+    assert run.status is eig3.Status.DIVERGED
+    assert "rhs gives nan at t = 5.01" in run.explain()
+    assert integrate(root_of_the_rest, (0, 5), h=0.01, params=5.0 - 1e-9, **PAIR).success  # NaN at the last time only

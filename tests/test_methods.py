@@ -1,5 +1,8 @@
 """The records and their registry."""
 
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -46,3 +49,39 @@ def test_every_record_is_hashable_and_describes_itself():
         assert method == record()
         assert repr(method).startswith(record.__name__)
         assert method.order in (2, 3, 4)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: eig3.EIG3(alpha=10**400), r"^alpha must be a finite number, not 1000.*\.\.\.\.$"),
+        (lambda: eig3.EIG3(beta=-(10**400)), r"^beta must be a finite number, not -1000.*\.\.\.\.$"),
+        (
+            lambda: eig3.EIG3(alpha=10**5000),
+            r"^alpha must be a finite number, not an integer of thousands of",
+        ),
+        (lambda: eig3.CentralDifference(tol=10**400), r"^tol must be a number between 0 and 1, not 1000"),
+        (
+            lambda: eig3.CentralDifference(max_iterations=10**400),
+            r"^max_iterations must be a whole number of at least",
+        ),
+    ],
+)
+def test_numbers_that_no_float_can_hold_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize("method", [eig3.Method, eig3.Method()])
+def test_the_base_of_all_records_is_no_method(method):
+    with pytest.raises(ValueError, match=r"^method must be one of 'eig3', .* or a record such as EIG3\(\), not <"):
+        eig3.integrate(None, (0, 1), 1.0, 0.0, h=0.1, method=method)
+
+
+def test_without_the_compiler_the_import_says_what_to_do():
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-c", "import eig3"]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert result.stderr.splitlines()[-1] == (
+        "ImportError: eig3 runs compiled code only: unset NUMBA_DISABLE_JIT, which turns Numba's compiler off."
+    )

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from eig3 import Status, drawing, problems
+from eig3.cli import main
 from eig3.options import file_name
 from eig3.run import Balance, draw, run
 
@@ -265,3 +266,23 @@ def test_the_energy_has_the_unit_of_the_problem():
     printed = []
     run(problems.hertz_impact, write=printed.append)
     assert "energy: 0.5 J/kg at the start" in printed[-1]
+
+
+def test_an_interrupted_run_is_written_and_ends_the_command(tmp_path, monkeypatch, capsys):
+    def interrupted(stepper):
+        stepper.index -= 1  # one step is missing
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("eig3.Stepper.note_pace", interrupted)
+    assert main(["run", "duffing", "--t-end", "1", "--out", str(tmp_path)]) == 130
+    assert "The run was interrupted after t = " in capsys.readouterr().out
+    assert (tmp_path / "duffing.npz").exists()
+
+
+def test_a_run_that_is_interrupted_before_it_begins_ends_the_command(monkeypatch, capsys):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("eig3.stepper.first_acceleration", interrupted)
+    assert main(["run", "duffing", "--h", "0.1", "--t-end", "1"]) == 130
+    assert capsys.readouterr().err == "\nInterrupted.\n"

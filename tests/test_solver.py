@@ -1,5 +1,7 @@
 """How central difference solves for the velocity when it is left to the library."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -152,3 +154,13 @@ def test_a_large_system_does_not_change_to_newtons_method():
     assert run.status is eig3.Status.NOT_CONVERGED
     assert run.n_rhs < 60 * 100
     assert "solver='newton'" in run.message
+
+
+def test_a_copy_of_a_stepper_is_independent():
+    stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.1, params=(1.0,))
+    stepper.advance(3)
+    for other in (copy.copy(stepper), copy.deepcopy(stepper), stepper.fork()):
+        other.advance(5)
+        assert (stepper.index, other.index) == (3, 8)
+        other.back()
+        assert (other.u, other.v) == (stepper.u, stepper.v)

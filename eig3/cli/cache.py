@@ -22,6 +22,7 @@ def run(options: argparse.Namespace) -> None:
     for function in (scalar, problems.duffing, integrate, plan):  # one function in each folder with compiled code
         try:
             folder = folder_of(function)
-            print(f"{folder}: {clear(folder)} files deleted" if options.clear else folder)
+            done = f": {clear(folder)} files deleted" if options.clear else ""
         except (RuntimeError, OSError) as error:
             raise SystemExit(f"eig3 cache: {error}") from None
+        print(f"{folder}{done}")
