@@ -8,7 +8,7 @@ from .analysis.critical import CriticalStep, NoCriticalStepError, critical_step
 from .analysis.planner import Plan, plan
 from .callbacks import jit
 from .integration import IntegrationError, integrate
-from .methods import AB2, AB3, EIG3, METHODS, RK2, RK3, RK4, CentralDifference, Method
+from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, CentralDifference, Method
 from .problem import Problem
 from .solution import Solution, Status
 from .stepper import Stepper
@@ -16,11 +16,15 @@ from .stepper import Stepper
 __all__ = [
     "AB2",
     "AB3",
+    "BM6",
+    "EIG",
     "EIG3",
     "METHODS",
     "RK2",
     "RK3",
     "RK4",
+    "RK5",
+    "RK8",
     "CentralDifference",
     "CriticalStep",
     "IntegrationError",

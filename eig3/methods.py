@@ -1,6 +1,7 @@
 """Records of the methods: the name, order, cost and options of each method, and the kernel that runs it."""
 
 import dataclasses
+import functools
 import numbers
 import sys
 from collections.abc import Callable
@@ -36,6 +37,8 @@ class Method:
         Evaluations of the right-hand side per step; None if the number depends on an iteration.
     kernel : str
         The name of the module that holds the formulas. `eig3.kernels` describes what such a module contains.
+    member : tuple
+        For a family of methods, the arguments of the module's function `member`, which returns the formulas of one.
     ignores_velocity : bool
         Whether the method is valid only for a right-hand side that does not depend on the velocity.
     jacobian : jitted function or None
@@ -52,12 +55,13 @@ class Method:
     order: ClassVar[int]
     evaluations: ClassVar[int | None] = 1
     kernel: ClassVar[str]
+    member: ClassVar[tuple] = ()
     ignores_velocity: ClassVar[bool] = False
     jacobian: Callable | None = None
 
     def __init_subclass__(cls) -> None:
-        if "name" not in vars(cls):
-            return
+        if not isinstance(vars(cls).get("name"), str):
+            return  # a variant of another record, or a family of methods
         name = cls.name.lower()
         known = METHODS.get(name)
         # A notebook may run the same definition twice. Two different methods must not share a name.
@@ -90,7 +94,7 @@ class Method:
     @property
     def formulas(self) -> Formulas:
         """The formulas of the kernel. Their module is imported on first access."""
-        return formulas(self.kernel)
+        return formulas(self.kernel, self.member)
 
 
 @dataclass(frozen=True)
@@ -309,6 +313,97 @@ class AB3(Method):
     label: ClassVar[str] = "AB3"
     kernel: ClassVar[str] = "eig3.kernels.ab3"
     order: ClassVar[int] = 3
+
+
+@dataclass(frozen=True)
+class RK5(Method):
+    """RK5, the fifth-order formula of Tsitouras' pair 5(4), with six evaluations per step."""
+
+    name: ClassVar[str] = "rk5"
+    label: ClassVar[str] = "RK5"
+    kernel: ClassVar[str] = "eig3.kernels.rk5"
+    order: ClassVar[int] = 5
+    evaluations: ClassVar[int] = 6
+
+
+@dataclass(frozen=True)
+class RK8(Method):
+    """RK8, the eighth-order formula of Dormand and Prince's DOP853, with twelve evaluations per step."""
+
+    name: ClassVar[str] = "rk8"
+    label: ClassVar[str] = "RK8"
+    kernel: ClassVar[str] = "eig3.kernels.rk8"
+    order: ClassVar[int] = 8
+    evaluations: ClassVar[int] = 12
+
+
+@dataclass(frozen=True)
+class BM6(Method):
+    """BM6, Blanes and Moan's symplectic method of order 6, with eleven evaluations per step, for f(t, u)."""
+
+    name: ClassVar[str] = "bm6"
+    label: ClassVar[str] = "BM6"
+    kernel: ClassVar[str] = "eig3.kernels.bm6"
+    order: ClassVar[int] = 6
+    evaluations: ClassVar[int] = 11
+    ignores_velocity: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class EIG(Method):
+    """The EIG method of a grade: one evaluation per step, of the order grade - 1.
+
+    Parameters
+    ----------
+    grade : int
+        From 3 to 13. In grade 3, u is that of ``EIG3()``; v is synchronised with u.
+    velocity : {"auto", "explicit", "none"}
+        As for `EIG3`: "none" is for a force that does not depend on the velocity, and skips its prediction.
+
+    Raises
+    ------
+    ValueError
+        If the grade is not a whole number from 3 to 13, or velocity is not one of the three names.
+    """
+
+    grade: int
+    velocity: str = field(default="auto", repr=False)
+    kernel: ClassVar[str] = "eig3.kernels.eig"
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.grade, numbers.Integral) and 3 <= self.grade <= 13):
+            raise ValueError(f"grade must be a whole number from 3 to 13, not {shown(self.grade)}.")
+        if self.velocity not in ("auto", "explicit", "none"):
+            raise ValueError(f"velocity must be 'auto', 'explicit' or 'none', not {self.velocity!r}.")
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        return f"eig{self.grade}"
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        return f"EIG-{self.grade}"
+
+    @property
+    def order(self) -> int:  # type: ignore[override]
+        return self.grade - 1
+
+    @property
+    def member(self) -> tuple:  # type: ignore[override]
+        return int(self.grade), self.velocity != "none"
+
+    @property
+    def ignores_velocity(self) -> bool:  # type: ignore[override]
+        return self.velocity == "none"
+
+    def for_force(self, reads_velocity: bool, n: int) -> Method:
+        return self.without_velocity() if self.velocity == "auto" and not reads_velocity else self
+
+    def without_velocity(self) -> Method:
+        return dataclasses.replace(self, velocity="none")
+
+
+METHODS |= {f"eig{grade}": functools.partial(EIG, grade) for grade in range(4, 14)}
 
 
 #: The record classes of the library's own methods. `METHODS` also contains the methods that a user defines.

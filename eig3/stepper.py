@@ -28,8 +28,7 @@ _FLOAT64 = np.dtype(np.float64)
 _SLICE_SECONDS = 3e-4  # time in the kernel before it is asked whether to stop; steps may become much slower at any time
 _SLICE_GROWTH = 16  # largest factor from the steps of one slice to the steps of the next
 # At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system.
-# There is nothing to move after a multiple of 6 steps, because the methods rotate one, two or three rows.
-_TURN = 6
+# There is nothing to move after a multiple of the steps in which the rows rotate.
 _LARGE = 1000  # degrees of freedom from which on slices are such multiples
 
 
@@ -375,7 +374,8 @@ class Stepper:
     def _whole_turns(self, steps: float) -> int:
         if self.n < _LARGE:
             return max(1, int(steps))
-        return _TURN * max(1, int(steps / _TURN))
+        turn = self._formulas.turn
+        return turn * max(1, int(steps / turn))
 
     def _fall_back(self, index: int) -> bool:
         """Change to the method's fallback at a step; return whether there is one.

@@ -88,7 +88,7 @@ def stacked(callbacks, state, settings, tally, run):
 def start_scalar(f, at, y, c):
     """Take u and v from a step of the starter, and the past values from a step of the method itself."""
     own, _ = STEP(f, at, y, c)
-    started, success = STARTER_STEP(f, at, (y[0], y[1]), ())
+    started, success = STARTER_STEP(f, at, (y[0], y[1]), STARTER_CONSTANTS((), at.h, None))
     return started + own[2:], success
 
 
@@ -99,7 +99,7 @@ def start_vector(f, at, y, c, n):
     own, _ = STEP(f, at, head(y, OWN_ROWS), c, n)
     for j in range(n):
         own[0][j], own[1][j] = kept[0][j], kept[1][j]
-    started, success = STARTER_STEP(f, at, own[:2] + rest, (), n)
+    started, success = STARTER_STEP(f, at, own[:2] + rest, STARTER_CONSTANTS((), at.h, None), n)
     return started[:2] + own[2:] + kept + started[2:], success
 
 
@@ -128,6 +128,8 @@ class Formulas:
     ----------
     module : module
         The method's file, as `eig3.kernels` describes it.
+    arguments : tuple
+        For a family of methods, the arguments of the file's function `member`, which returns the names.
 
     Raises
     ------
@@ -135,17 +137,20 @@ class Formulas:
         If a required name is missing, or if there is only one of START and START_STEPS.
     """
 
-    def __init__(self, module: ModuleType) -> None:
-        missing = [name for name in ("ROWS", "step_scalar", "step_vector") if not hasattr(module, name)]
+    def __init__(self, module: ModuleType, arguments: tuple = ()) -> None:
+        defined: Any = module.member(*arguments) if arguments else module
+        missing = [name for name in ("ROWS", "step_scalar", "step_vector") if not hasattr(defined, name)]
         if missing:
             raise TypeError(f"kernel {module.__name__!r} must define {', '.join(missing)}: see eig3.kernels.")
-        self.module = module
-        self.past: int = getattr(module, "PAST", 0)
-        self.matrix: bool = getattr(module, "MATRIX", False)
-        self.start: Callable = getattr(module, "start", self._zeros)
-        starter = getattr(module, "START", None)
+        self.module, self.defined = module, defined
+        self.label = "_".join([module.__name__, *map(str, arguments)])
+        self.past: int = getattr(defined, "PAST", 0)
+        self.matrix: bool = getattr(defined, "MATRIX", False)
+        self.turn: int = getattr(defined, "TURN", 6)
+        self.start: Callable = getattr(defined, "start", self._zeros)
+        starter = getattr(defined, "START", None)
         self.starter = formulas(f"{__package__}.{starter}") if starter else None
-        self.start_steps: int = getattr(module, "START_STEPS", 0)
+        self.start_steps: int = getattr(defined, "START_STEPS", 0)
         if bool(self.starter) != (self.start_steps > 0):
             raise TypeError(f"kernel {module.__name__!r} must define START and START_STEPS together or neither.")
 
@@ -155,7 +160,7 @@ class Formulas:
     @property
     def rows(self) -> int:
         """Number of rows of the vector form: u, v, the past, scratch, and the rows that the starter needs."""
-        return self.module.ROWS + (self.starter.rows if self.starter else 0)
+        return self.defined.ROWS + (self.starter.rows if self.starter else 0)
 
     def state_rows(self, n: int) -> int:
         """Return the number of rows of the state for n degrees of freedom, including the matrix."""
@@ -163,25 +168,26 @@ class Formulas:
 
     def names(self, form: Form) -> dict[str, Any]:
         """Return the values of the names in capitals in a template."""
-        cost = getattr(self.module, "EVALUATIONS", 0)
+        defined = self.defined
+        cost = getattr(defined, "EVALUATIONS", 0)
         names = {
-            "CONSTANTS": getattr(self.module, "constants", no_constants),
-            "COMPLETE": getattr(self.module, "complete", nothing),
-            "STEP": getattr(self.module, f"step_{form.name}"),
+            "CONSTANTS": getattr(defined, "constants", no_constants),
+            "COMPLETE": getattr(defined, "complete", nothing),
+            "STEP": getattr(defined, f"step_{form.name}"),
             "VALUES": 2 + self.past,
             "ROWS": self.rows,
-            "OWN_ROWS": self.module.ROWS,
+            "OWN_ROWS": defined.ROWS,
             "START_STEPS": self.start_steps,
             "COST": cost,
             "START_COST": cost,
         }
         if self.starter:
-            begin = start_scalar if form is SCALAR else start_vector
-            theirs = getattr(self.starter.module, f"step_{form.name}")
-            own = {"STEP": names["STEP"], "STARTER_STEP": theirs}
-            own |= {"OWN_ROWS": self.module.ROWS, "OWN_ROWS_AND_2": self.module.ROWS + 2}
+            theirs = self.starter.names(form)
+            own = {"STEP": names["STEP"], "STARTER_STEP": theirs["STEP"], "STARTER_CONSTANTS": theirs["CONSTANTS"]}
+            own |= {"OWN_ROWS": defined.ROWS, "OWN_ROWS_AND_2": defined.ROWS + 2, "head": head, "tail": tail}
+            begin = getattr(defined, f"start_step_{form.name}", start_scalar if form is SCALAR else start_vector)
             names["START_STEP"] = element(bound(begin, own))
-            names["START_COST"] += self.starter.module.EVALUATIONS
+            names["START_COST"] += theirs["COST"]
         return names
 
     @property
@@ -191,15 +197,15 @@ class Formulas:
         return starter_is_own and self.module.__name__.rpartition(".")[0] == __package__
 
 
-def formulas(name: str) -> Formulas:
+def formulas(name: str, arguments: tuple = ()) -> Formulas:
     """Return the formulas of a module, given by its name. A module that was reloaded is read again."""
     module = sys.modules.get(name) or importlib.import_module(name)  # each run asks, and an import takes longer
-    return _formulas(module, getattr(module, "step_scalar", None), getattr(module, "step_vector", None))
+    return _formulas(module, arguments, getattr(module, "step_scalar", None), getattr(module, "step_vector", None))
 
 
 @functools.cache
-def _formulas(module: ModuleType, *steps: Any) -> Formulas:
-    return Formulas(module)
+def _formulas(module: ModuleType, arguments: tuple, *steps: Any) -> Formulas:
+    return Formulas(module, arguments)
 
 
 @functools.cache
@@ -218,7 +224,7 @@ def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False) -
     names["JACOBIAN"] = element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian)
     callbacks = Tuple((int64, int64 if takes_jacobian else none))
     signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
-    label = f"{method.module.__name__}{'_jacobian' * takes_jacobian}" if method.is_own else ""
+    label = f"{method.label}{'_jacobian' * takes_jacobian}" if method.is_own else ""
     return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)
 
 

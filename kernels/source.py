@@ -1,0 +1,46 @@
+"""Formulas with a variable number of terms, written as source: the compiler then sees straight code without loops."""
+
+from __future__ import annotations
+
+import linecache
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+
+def define(text: str) -> dict[str, Any]:
+    """Execute the source of some functions, and return these by name. `inspect.getsource` finds it."""
+    filename = f"<formulas {zlib.crc32(text.encode()):08x}>"
+    linecache.cache[filename] = len(text), None, text.splitlines(keepends=True), filename
+    namespace: dict[str, Any] = {"__name__": __name__}
+    exec(compile(text, filename, "exec"), namespace)
+    return namespace
+
+
+class Constants:
+    """The constants of a step: numbers times a power of h, which are computed once for each call of the kernel."""
+
+    def __init__(self) -> None:
+        self._values: list[str] = []
+
+    def __call__(self, number: float, power: int) -> str:
+        """Return the text of a constant in a step."""
+        value = " * ".join([repr(float(number)), *["h"] * power])
+        if value not in self._values:
+            self._values.append(value)
+        return f"c[{self._values.index(value)}]"
+
+    def source(self) -> str:
+        """Return the source of the function `constants` of a method's file."""
+        return f"def constants(settings, h, work):\n    return ({''.join(f'{value}, ' for value in self._values)})\n"
+
+
+def after_sum(base: str, terms: Sequence[tuple[str, str]], sign: str = "+") -> str:
+    """Return the text of `base` plus the products of the pairs `terms`.
+
+    The last product is added last: the sum of the others need not wait for it. This sum is added to `base` at once,
+    because each addition to `base`, which is larger, has a larger round-off.
+    """
+    products = [f"{factor} * {value}" for factor, value in terms]
+    others = f"({base} {sign} ({' + '.join(products[:-1])}))" if products[1:] else base
+    return f"{others} {sign} {products[-1]}"
