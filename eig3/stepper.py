@@ -177,6 +177,14 @@ class Stepper:
             return math.isfinite(self._state[0]) and math.isfinite(self._state[1])
         return bool(np.isfinite(self._state[:2]).all())
 
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """The largest |u| and the largest |v|."""
+        if self.form is SCALAR:
+            return abs(float(self._state[0])), abs(float(self._state[1]))
+        u, v = np.maximum.reduce(np.abs(self._state[:2]), axis=1).tolist()
+        return u, v
+
     def advance(
         self,
         count: int,
@@ -364,7 +372,8 @@ class Stepper:
             steps = min(end - self.index, self._slice)
             written = self.index // every - begin // every
             run = Run(self.h, self.t0, self.params, self.index, steps, every, u_rows[written:], v_rows[written:])
-            before = time.perf_counter(), time.thread_time()
+            is_last = self.index + steps == end
+            before = time.perf_counter(), 0.0 if is_last else time.thread_time()
             try:
                 done = self._kernel(self._callbacks, self._state, self._settings, self._tally, run)
             except BaseException:
@@ -378,7 +387,7 @@ class Stepper:
                 if not self._fall_back(self.index):
                     self.failed = True
                     return
-            elif self.index < end:
+            elif not is_last:
                 self._set_slice(steps, seconds, time.thread_time() - before[1])
                 if any(cancel.is_set() for cancel in cancels):
                     return
