@@ -25,6 +25,8 @@ from .solution import Solution, Status
 from .stepper import Cancel, Stepper
 
 _CHUNK_SECONDS = 0.1  # duration of a chunk, after which its observers see it
+_CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next, if there are invariants
+_FIRST_WATCHED = 4096  # steps of the first chunk, if there are invariants
 
 
 class IntegrationError(RuntimeError):
@@ -111,8 +113,9 @@ def integrate(
     IntegrationError
         If `raise_on_failure` is True and the run does not complete.
     KeyboardInterrupt
-        After Ctrl-C, within a few milliseconds, or when the compiler is done. Its attribute `solution` contains the run
-        up to then; it is None if no run had started.
+        After Ctrl-C, within some milliseconds, or when the compiler is done. Its attribute `solution` contains the run
+        up to then; it is None if no run had started. A program with a handler of its own decides itself: the handler is
+        called, and if it raises nothing, the run goes on.
 
     Notes
     -----
@@ -138,11 +141,14 @@ def integrate(
             run = _Run(stepper, n_steps, t1, History(n_steps, every, stepper, bool(watches)), watches, progress)
             run.march(stop)
         run.judge_growth()
+        solution = run.result()
     except BaseException as error:  # raised by rhs, or after Ctrl-C
-        if run or isinstance(error, KeyboardInterrupt):
-            error.solution = run and run.result(error)  # type: ignore[attr-defined]
+        with DeferredInterrupt() as again:
+            if run or isinstance(error, KeyboardInterrupt):
+                error.solution = run and run.result(error)  # type: ignore[attr-defined]
+            if isinstance(error, KeyboardInterrupt):
+                again.forget()  # it is raised now
         raise
-    solution = run.result()
     if raise_on_failure and not solution.success:
         raise IntegrationError(solution)
     return solution
@@ -190,7 +196,8 @@ class _Run:
         self.bar = Progress(n_steps) if progress else None
         self.observers: list[Observer] = [history, *watches, self.growth, *([self.bar] if self.bar else [])]
         if stepper.form is VECTOR:
-            self.observers.append(Written(stepper))
+            self.observers.append(Written(n_steps))
+        self.most_watched = _FIRST_WATCHED if watches else n_steps  # steps of a chunk whose observers take its duration
         self.status = Status.COMPLETED
         self.message = "The run reached the end of its span."
         self.reason: Callable[[], str] | None = None
@@ -208,17 +215,20 @@ class _Run:
 
     def _march_to(self, end: int, stop: _Stop) -> None:
         stepper, most, growth = self.stepper, end, 0
+        raised: tuple[int, Exception] | None = None
         while self.status is Status.COMPLETED and stepper.index < end:
             if stop.is_final():
                 self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
                 return
             stop.begin_chunk()
-            count = min(most, end - stepper.index, self.history.most)
+            count = min(most, end - stepper.index, self.history.most, self.most_watched)
             try:
                 chunk = self.history.advance(stepper, count, stop)
-            except Exception:
-                if count == 1:
+            except Exception as error:
+                if count == 1 or stepper.raised_before is None:
+                    stepper.back()  # the observers have not seen the steps of this chunk
                     raise
+                raised = stepper.raised_before, error
                 # Take the steps before the one that raises: double the steps of a chunk, and halve them from then on.
                 most, growth = (count // 2, 1) if growth else (1, 2)
                 continue
@@ -227,8 +237,15 @@ class _Run:
                 chunk = self._end_diverged(chunk)
             elif stepper.failed:
                 self._end_unsolved()
+            begin = time.perf_counter()
             for observer in self.observers:
                 observer.see(chunk)
+            if self.watches:
+                seconds = time.perf_counter() - begin + 1e-9
+                steps = stepper.index - chunk.first
+                self.most_watched = max(1, int(steps * min(_CHUNK_GROWTH, _CHUNK_SECONDS / seconds)))
+            if raised and stepper.index >= raised[0]:
+                raise raised[1]  # it did not come from rhs, but from the handler of a signal
 
     def _end(self, status: Status, message: str, reason: Callable[[], str] | None = None) -> None:
         self.status, self.message, self.reason = status, message, reason
@@ -268,8 +285,7 @@ class _Run:
         stepper = self.stepper
         if self.status is Status.COMPLETED:
             if isinstance(error, Exception):
-                raised = f"A function of the run raised {type(error).__name__}"
-                self._end(Status.INTERRUPTED, f"{raised} after t = {stepper.t:g}.")
+                self._end(Status.INTERRUPTED, f"The run raised {type(error).__name__} after t = {stepper.t:g}.")
             elif error and (stepper.index < self.n_steps or self.growth.suspect):
                 self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
         t, u, v = self.history.close(stepper)

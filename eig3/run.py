@@ -54,12 +54,13 @@ def run(
     Returns
     -------
     Solution
-        After Ctrl-C, the run up to then, on which this function reports too.
 
     Raises
     ------
     TypeError, ValueError
         For bad arguments, as `eig3.integrate` raises them.
+    KeyboardInterrupt
+        After Ctrl-C. The run up to then is reported and written before.
     SystemExit
         If a file cannot be written. The others are written, and the report is complete.
     """
@@ -71,12 +72,13 @@ def run(
     h = _step(problem, method, span) if h is None else check_h(h)
     states = min(_STATES, _VALUES // (2 * np.size(problem.u0)))
     every = max(1, round(min(span / h, 2**53) / states))
+    interrupt = None
     try:
         solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
-    except KeyboardInterrupt as interrupt:
-        if not getattr(interrupt, "solution", None):
+    except KeyboardInterrupt as error:
+        if not getattr(error, "solution", None):
             raise
-        solution = interrupt.solution  # type: ignore[attr-defined]
+        interrupt, solution = error, error.solution  # type: ignore[attr-defined]
     write(f"{problem.name}: {problem.source}")
     write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
     balance = Balance.of(problem, solution) if problem.energy is not None and solution.success else None
@@ -87,6 +89,8 @@ def run(
     if out is not None:
         files = Files(out, "eig3 run")
         files.finish(write, _save(problem, solution, balance, files))
+    if interrupt:
+        raise interrupt
     return solution
 
 

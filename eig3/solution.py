@@ -26,7 +26,7 @@ class Status(enum.Enum):
     NOT_CONVERGED
         The solve of an implicit step did not converge.
     INTERRUPTED
-        Ctrl-C, or an exception in a function of the user, ended the run.
+        Ctrl-C, a cancellation, or an exception in a function of the user ended the run.
     """
 
     COMPLETED = "completed"

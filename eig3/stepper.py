@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .callbacks import Callback, check_callback, compile_for_own_arrays
-from .checks import check_h, check_method, check_params, check_state, check_time
+from .checks import check_cancel, check_h, check_method, check_params, check_state, check_time
 from .guard import first_acceleration, guarded
 from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
 from .kernels.interrupt import DeferredInterrupt
@@ -28,8 +28,17 @@ _FLOAT64 = np.dtype(np.float64)
 _SLICE_SECONDS = 3e-4  # time in the kernel before it is asked whether to stop; steps may become much slower at any time
 _SLICE_GROWTH = 16  # largest factor from the steps of one slice to the steps of the next
 # At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system.
+<<<<<<< HEAD
 # There is nothing to move after a multiple of the steps in which the rows rotate.
 _LARGE = 1000  # degrees of freedom from which on slices are such multiples
+=======
+# There is nothing to move after a multiple of 6 steps, because the methods rotate one, two or three rows.
+_TURN = 6
+_LARGE = 1000  # degrees of freedom from which on slices are such multiples,
+_SLOW_STEP = 0.01  # unless a step takes more than these seconds
+_FIRST_SLICE_SECONDS = 3e-5  # the time per step may be known from a run with other parameters
+_WAITING = 10  # least time of a slice as a multiple of the time for which it waits for the interpreter
+>>>>>>> main
 
 
 class Cancel(Protocol):
@@ -76,6 +85,8 @@ class Stepper:
     failed : bool
         Whether the solve of an implicit step failed in the last `advance`. The stepper is at the state before this
         step.
+    raised_before : int or None
+        The step index before which rhs raised an exception in the last `advance`; None if it did not.
     seconds : float
         Time spent in the kernel, s, without compilation.
 
@@ -111,6 +122,7 @@ class Stepper:
         self.seconds = 0.0
         self.changed_at: float | None = None
         self.failed = False
+        self.raised_before: int | None = None
         self._rhs = rhs
         self._alone = _Alone()
         self._callback = check_callback(rhs, "rhs", self.form)
@@ -170,6 +182,14 @@ class Stepper:
             return math.isfinite(self._state[0]) and math.isfinite(self._state[1])
         return bool(np.isfinite(self._state[:2]).all())
 
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """The largest |u| and the largest |v|."""
+        if self.form is SCALAR:
+            return abs(float(self._state[0])), abs(float(self._state[1]))
+        u, v = np.maximum.reduce(np.abs(self._state[:2]), axis=1).tolist()
+        return u, v
+
     def advance(
         self,
         count: int,
@@ -190,7 +210,7 @@ class Stepper:
         u_rows, v_rows : ndarray, shape (rows,) or (rows, n), optional
             C-contiguous arrays of float64 for the states that are written, with at least one row for each of them.
         cancel : threading.Event, optional
-            Set it in another thread to end the call within some milliseconds.
+            Set it in another thread to end the call soon.
 
         Returns
         -------
@@ -206,33 +226,29 @@ class Stepper:
         Notes
         -----
         After an exception from rhs, the stepper is at its state before the call. After Ctrl-C, which raises
-        KeyboardInterrupt within some milliseconds, it is at the state that it has reached.
+        KeyboardInterrupt soon, it is at the state that it has reached.
         """
         count, every = operator.index(count), operator.index(every)
         if count < 0 or every < 1:
             raise ValueError(f"count must not be negative and every be at least 1, not {count} and {every}.")
         rows = (self.index + count) // every - self.index // every
         u_rows, v_rows = self._check_rows(u_rows, rows), self._check_rows(v_rows, rows)
+        first = self.index
         interrupt = DeferredInterrupt()  # it is never set within an outer block, which asks `cancel` instead
-        cancels = (interrupt,) if cancel is None else (interrupt, cancel)
+        cancels = (interrupt,) if cancel is None else (interrupt, check_cancel(cancel))
         with interrupt, self._alone:
             self._save()
-            try:
-                taken = self._take(count, every, u_rows, v_rows, cancels)
-            except BaseException:
-                self._go_back()
-                raise
-            self.index += taken
-        return taken
+            self._take(count, every, u_rows, v_rows, cancels)
+        return self.index - first
 
     def back(self) -> None:
         """Go back to the state before the last `advance`. `seconds` still includes its time."""
-        with self._alone:
+        with DeferredInterrupt(), self._alone:
             self._go_back()
 
     def fork(self) -> Stepper:
         """Return an independent stepper at the same state, as `copy.copy` does too."""
-        with self._alone:
+        with DeferredInterrupt(), self._alone:
             other = object.__new__(type(self))
             vars(other).update(vars(self))
             other._alone = _Alone()
@@ -251,6 +267,7 @@ class Stepper:
         other = self.fork()
         other._before = self._before
         other._go_back()
+        other._before = other._position()
         return other
 
     def _go_back(self) -> None:
@@ -304,11 +321,11 @@ class Stepper:
         return a
 
     def find_unwritten(self) -> int | None:
-        """Return an index j such that rhs, in the vector form, does not write a[j] in the present state, if any.
+        """Return an index j such that rhs, in the vector form, did not write a[j] in the last step, if any.
 
         This takes one evaluation, which `n_rhs` does not count.
         """
-        t, u, v = self.t, self._state[0], self._state[1]
+        t, u, v = self.t - self.h, self._state[0], self._state[1]  # no method has to evaluate rhs at the end of a run
         a = np.empty(u.size)
         a.fill(np.nan)
         try:
@@ -339,7 +356,7 @@ class Stepper:
         check_workspace(running, n)
         self._pace_key = formulas, n, self.inline
         pace = self.pace
-        self._slice = self._whole_turns(_SLICE_SECONDS / pace) if pace else 1
+        self._slice = max(1, int(_FIRST_SLICE_SECONDS / pace)) if pace else 1
         self._settings = np.array(running.settings, dtype=np.float64)
         self._state = np.zeros(2 + formulas.past) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
         jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", self.form)
@@ -350,29 +367,46 @@ class Stepper:
             self._callbacks = (self._callback.address, jacobian and jacobian.address)
             self._kernel = pointer_kernel(formulas, self.form, jacobian is not None)
 
-    def _take(self, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray, cancels: tuple[Cancel, ...]) -> int:
-        """Call the kernel for one slice of steps after the other, and return the number of steps taken."""
-        taken, self.failed = 0, False
-        while taken < count:
-            first, steps = self.index + taken, min(count - taken, self._slice)
-            written = first // every - self.index // every
-            run = Run(self.h, self.t0, self.params, first, steps, every, u_rows[written:], v_rows[written:])
-            begin = time.perf_counter()
-            done = self._kernel(self._callbacks, self._state, self._settings, self._tally, run)
-            seconds = time.perf_counter() - begin
+    def _take(
+        self, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray, cancels: tuple[Cancel, ...]
+    ) -> None:
+        """Call the kernel for one slice of steps after the other."""
+        begin, end = self.index, self.index + count
+        self.failed, self.raised_before = False, None
+        while self.index < end:
+            steps = min(end - self.index, self._slice)
+            written = self.index // every - begin // every
+            run = Run(self.h, self.t0, self.params, self.index, steps, every, u_rows[written:], v_rows[written:])
+            is_last = self.index + steps == end
+            before = time.perf_counter(), 0.0 if is_last else time.thread_time()
+            try:
+                done = self._kernel(self._callbacks, self._state, self._settings, self._tally, run)
+            except BaseException:
+                self.raised_before = self.index + steps
+                self._go_back()
+                raise
+            seconds = time.perf_counter() - before[0]
             self.seconds += seconds
-            self._slice = self._whole_turns(steps * min(_SLICE_GROWTH, _SLICE_SECONDS / (seconds + 1e-9)))
-            taken += done
+            self.index += done
             if done < steps:
-                if not self._fall_back(first + done):
+                if not self._fall_back(self.index):
                     self.failed = True
-                    break
-            elif taken < count and any(cancel.is_set() for cancel in cancels):
-                break
-        return taken
+                    return
+            elif not is_last:
+                self._set_slice(steps, seconds, time.thread_time() - before[1])
+                if any(cancel.is_set() for cancel in cancels):
+                    return
+
+    def _set_slice(self, steps: int, seconds: float, busy: float) -> None:
+        """Choose the steps of the next slice from those of the last, its time, and the time in which it was computed.
+
+        The rest is the time in which another thread kept the interpreter. Slices must be long in comparison.
+        """
+        wanted = max(_SLICE_SECONDS, _WAITING * (seconds - busy))
+        self._slice = self._whole_turns(steps * min(_SLICE_GROWTH, wanted / (busy + 1e-9)))
 
     def _whole_turns(self, steps: float) -> int:
-        if self.n < _LARGE:
+        if self.n < _LARGE or steps < _SLICE_SECONDS / _SLOW_STEP:
             return max(1, int(steps))
         turn = self._formulas.turn
         return turn * max(1, int(steps / turn))
@@ -436,7 +470,7 @@ class _Alone:
 
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
-            raise RuntimeError("another thread uses this stepper now: give each thread its own, made with fork().")
+            raise RuntimeError("this stepper is in use: give each thread its own, made with fork().")
 
     def __exit__(self, *error: object) -> None:
         self._lock.release()

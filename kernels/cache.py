@@ -6,8 +6,10 @@ with a checksum of its content, and an error of the cache is a warning: the func
 """
 
 import contextlib
+import glob
 import hashlib
 import pickle
+import shutil
 import uuid
 import warnings
 from pathlib import Path
@@ -48,14 +50,15 @@ class _Files:
 
     def __init__(self, folder: Path, name: str, source_stamp: Any) -> None:
         self._folder, self._name = folder, name
+        self._stamp = source_stamp
         # Code that checks indices must not be taken for code that does not.
-        self._versions = source_stamp, numba.__version__, llvmlite.__version__, numba.config.BOUNDSCHECK
+        self._versions = numba.__version__, llvmlite.__version__, numba.config.BOUNDSCHECK
 
     def _path(self, key: Any) -> Path:
-        text = repr((key, self._versions))
-        return self._folder / f"{self._name}.{hashlib.sha256(text.encode()).hexdigest()[:16]}.nbc"
+        return self._folder / f"{self._name}.{_digest(self._stamp)}.{_digest(key)}.nbc"
 
     def load(self, key: Any) -> Any:
+        key = key, self._versions
         path = self._path(key)
         try:
             content = path.read_bytes()
@@ -65,10 +68,12 @@ class _Files:
         if checksum != hashlib.sha256(data).digest():
             path.unlink()
             raise ValueError(f"{path.name} was damaged")
-        return pickle.loads(data)
+        found, result = pickle.loads(data)
+        return result if found == key else None  # two types may have the same text
 
     def save(self, key: Any, data: Any) -> None:
-        content = pickle.dumps(data)
+        key = key, self._versions
+        content = pickle.dumps((key, data))
         path = self._path(key)
         temporary = path.with_name(f"{path.name}.{uuid.uuid4().hex[:16]}")
         try:
@@ -78,6 +83,18 @@ class _Files:
             with contextlib.suppress(OSError):
                 temporary.unlink()
             raise
+        for other in self._folder.glob(f"{glob.escape(self._name)}.*.nbc"):
+            if not other.name.startswith(f"{self._name}.{_digest(self._stamp)}."):  # of the source before an edit
+                other.unlink(missing_ok=True)
+
+    def flush(self) -> None:
+        """Delete all files of the function. `Dispatcher.recompile` calls this."""
+        for path in self._folder.glob(f"{glob.escape(self._name)}.*.nbc"):
+            path.unlink(missing_ok=True)
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(repr(value).encode()).hexdigest()[:16]
 
 
 def keep_on_disk(function: Any) -> Any:
@@ -110,10 +127,13 @@ def folder_of(function: Any) -> Path:
 
 def clear(folder: Path) -> int:
     """Delete compiled code in a folder, and return the number of files."""
-    files = [path for pattern in ("*.nbi", "*.nbc", "*.nbc.*") for path in folder.glob(pattern)]
-    for path in files:
-        path.unlink()
-    return len(files)
+    paths = [path for pattern in ("*.nbi", "*.nbc", "*.nbc.*") for path in folder.glob(pattern)]
+    for path in paths:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    return len(paths)
 
 
 def _warn(what: str, folder: str, error: Exception) -> None:
@@ -123,8 +143,9 @@ def _warn(what: str, folder: str, error: Exception) -> None:
     _warned.add(what)
     reason = str(error) or type(error).__name__
     warnings.warn(
-        f"eig3 cannot {what} compiled code in {folder} ({reason}), so it is compiled in this process: `eig3 cache "
-        "--clear` clears the folder of eig3, and the environment variable NUMBA_CACHE_DIR chooses another one.",
+        f"eig3 cannot {what} compiled code in {folder} ({reason}), so it is compiled in this process: delete the .nbc "
+        "files there (`eig3 cache --clear` does this in the folders of eig3), or choose another folder with the "
+        "environment variable NUMBA_CACHE_DIR.",
         RuntimeWarning,
         stacklevel=2,
     )

@@ -40,7 +40,8 @@ class DeferredInterrupt:
 
     def __exit__(self, *error: object) -> None:
         if self._handler is not None:
-            signal(SIGINT, self._handler)
+            if getsignal(SIGINT) is self:  # the program's handler may have set another one
+                signal(SIGINT, self._handler)
             self._deliver()
 
     def __call__(self, signum: int, frame: object) -> None:
@@ -52,6 +53,10 @@ class DeferredInterrupt:
         if self._is_noted and self._handler is not default_int_handler:
             self._deliver()
         return self._is_noted
+
+    def forget(self) -> None:
+        """Forget the signal."""
+        self._is_noted = False
 
     def _deliver(self) -> None:
         if self._is_noted:

@@ -38,7 +38,7 @@ element = numba.njit(forceinline=True, **KERNEL_OPTIONS)
 def compiled(function: Any, arguments: tuple) -> Any:
     """Compile a jitted function for types of arguments, or load it from the disk, and return Numba's compile result.
 
-    Every compilation of eig3 goes through this function: Ctrl-C waits until it is done.
+    Every compilation of the library goes through this function: Ctrl-C waits until it is done.
     """
     with DeferredInterrupt():
         check_cache(function)

@@ -101,7 +101,7 @@ def test_without_a_place_for_the_cache_functions_are_compiled_with_a_warning(mon
 
     monkeypatch.setattr(cache, "_warned", set())
     monkeypatch.setattr(cache, "CheckedCache", nowhere)
-    with pytest.warns(RuntimeWarning, match=r"cannot keep compiled code in any folder .* NUMBA_CACHE_DIR chooses"):
+    with pytest.warns(RuntimeWarning, match=r"cannot keep compiled code in any folder .* choose another folder with"):
         function = eig3.jit(square.py_func, cache=True)
     assert function(3.0) == 9.0
 
@@ -145,6 +145,36 @@ def test_a_users_function_in_numbas_cache_survives_damage(tmp_path):
     for path in files:
         os.truncate(path, 100)
     assert printed() == first
+
+
+def test_a_function_can_be_compiled_anew():
+    function = eig3.jit(square.py_func, cache=True)
+    assert function(3.0) == 9.0
+    function.recompile()
+    assert function(3.0) == 9.0
+    function.recompile()  # leaves no file behind
+    assert len(list(cache.folder_of(function.py_func).glob(f"*{function.py_func.__qualname__}-*.nbc"))) == 1
+
+
+def test_code_of_an_older_source_is_deleted(tmp_path):
+    def files(stamp):
+        return cache._Files(tmp_path, "a-1.py", stamp)
+
+    files("monday").save("key", 1)
+    files("monday").save("other", 2)
+    assert (files("monday").load("key"), files("monday").load("other")) == (1, 2)
+    files("tuesday").save("key", 3)
+    assert files("monday").load("key") is None
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_two_keys_of_one_text_are_different(tmp_path):
+    files = cache._Files(tmp_path, "a-1.py", "stamp")
+    files.save("'a'", 1)
+    assert files.load("'a'") == 1
+    path = files._path(("'a'", files._versions))
+    path.rename(files._path(("'b'", files._versions)))
+    assert files.load("'b'") is None
 
 
 def test_cache_command_shows_and_clears_the_folders(tmp_path):

@@ -124,7 +124,9 @@ def test_kernel_seconds_hold_neither_compiling_nor_invariants(monkeypatch):
     """The clock of the stepper is read just around its kernel: twice a call, and by nothing else."""
     readings = []
     tick = 2.0**-20
-    clock = type("clock", (), {"perf_counter": lambda: readings.append(0) or len(readings) * tick})
+    clock = type(
+        "clock", (), {"perf_counter": lambda: readings.append(0) or len(readings) * tick, "thread_time": lambda: 0.0}
+    )
     monkeypatch.setattr(eig3.stepper, "time", clock)
     run = oscillate(inline=True, invariants={"energy": oscillator_energy})
     assert len(readings) > 0

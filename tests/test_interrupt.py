@@ -146,6 +146,85 @@ def test_an_exception_of_such_a_handler_ends_the_run():
     assert caught.value.solution.n_steps > 0
 
 
+class StopError(Exception):
+    """An exception that is not derived from KeyboardInterrupt."""
+
+
+def stop(*arguments):
+    raise StopError
+
+
+@pytest.mark.usefixtures("ctrl_c_soon")
+@pytest.mark.parametrize("options", [{}, {"invariants": {"e": energy}}])
+def test_an_exception_of_a_handler_is_not_taken_for_one_of_rhs(options):
+    signal.signal(signal.SIGINT, stop)
+    with pytest.raises(StopError) as caught:
+        endless(**options)
+    run = caught.value.solution
+    assert run.status is eig3.Status.INTERRUPTED
+    again = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    again.advance(run.n_steps)
+    assert run.u[-1] == again.u
+    assert run.n_steps == 0 or all(drift < 1e-3 for drift in run.drift.values())
+
+
+def test_an_alarm_ends_a_run():
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    try:
+        with pytest.raises(StopError) as caught:
+            endless()
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert 0 < caught.value.solution.n_steps < 2**40
+
+
+def test_a_handler_that_sets_another_one_is_not_put_back(monkeypatch):
+    def once(*arguments):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    signal.signal(signal.SIGINT, once)
+    monkeypatch.setattr(eig3.Stepper, "note_pace", press)
+    assert eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=STEP).success
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def test_a_dear_invariant_does_not_delay_the_answer():
+    @eig3.jit
+    def dear(t, u, v, p):
+        e = u
+        for _ in range(10000):
+            e = 0.5 * (e + v)
+        return e
+
+    eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, invariants={"e": dear})
+    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    begin = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt) as caught:
+        eig3.integrate(oscillator, (0, 2**20 * STEP), 1.0, 0.0, h=STEP, invariants={"e": dear})
+    assert time.perf_counter() - begin < 10  # the whole run takes half a minute
+    assert caught.value.solution.n_steps > 0
+    timer.join()
+
+
+def test_a_run_beside_a_busy_thread_takes_long_slices():
+    """A thread that computes in Python keeps the interpreter for 5 ms, and short slices would wait for it each time."""
+    done = threading.Event()
+    busy = threading.Thread(target=lambda: [None for _ in iter(done.is_set, True)])
+    stepper = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    busy.start()
+    try:
+        cancel = threading.Event()
+        timer = threading.Timer(1.5, cancel.set)
+        timer.start()
+        stepper.advance(2**40, cancel=cancel)
+    finally:
+        done.set()
+        busy.join()
+    assert stepper._slice * stepper.seconds / stepper.index > 0.005
+
+
 def test_the_interrupt_comes_at_the_end_of_the_outer_block():
     reached = []
 
@@ -217,11 +296,14 @@ def test_a_second_thread_cannot_use_a_stepper_at_the_same_time():
     cancel = threading.Event()
     stepper = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
     thread = threading.Thread(target=stepper.advance, args=(2**40,), kwargs={"cancel": cancel})
-    thread.start()
-    time.sleep(0.05)
-    for use in (lambda: stepper.advance(1), stepper.back, stepper.fork):
-        with pytest.raises(RuntimeError, match=r"another thread uses this stepper now: .* fork\(\)"):
-            use()
-    cancel.set()
-    thread.join()
+    try:
+        thread.start()
+        while not stepper._alone._lock.locked():
+            time.sleep(0.001)
+        for use in (lambda: stepper.advance(1), stepper.back, stepper.fork):
+            with pytest.raises(RuntimeError, match=r"this stepper is in use: .* fork\(\)"):
+                use()
+    finally:
+        cancel.set()
+        thread.join()
     stepper.advance(1)

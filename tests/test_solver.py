@@ -164,3 +164,15 @@ def test_a_copy_of_a_stepper_is_independent():
         assert (stepper.index, other.index) == (3, 8)
         other.back()
         assert (other.u, other.v) == (stepper.u, stepper.v)
+
+
+def test_the_state_before_is_independent_too():
+    stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.1, params=(1.0,))
+    stepper.advance(10)
+    before = stepper.before()
+    for _ in range(2):
+        before.advance(5)
+    before.back()
+    stepper.back()
+    assert (before.index, stepper.index) == (5, 0)
+    assert stepper.u == 1.0

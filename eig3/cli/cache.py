@@ -19,10 +19,14 @@ def run(options: argparse.Namespace) -> None:
     from ..kernels.cache import clear, folder_of
     from ..kernels.fixed import scalar
 
+    failures = []
     for function in (scalar, problems.duffing, integrate, plan):  # one function in each folder with compiled code
         try:
             folder = folder_of(function)
             done = f": {clear(folder)} files deleted" if options.clear else ""
         except (RuntimeError, OSError) as error:
-            raise SystemExit(f"eig3 cache: {error}") from None
-        print(f"{folder}{done}")
+            failures.append(str(error))
+        else:
+            print(f"{folder}{done}")
+    if failures:
+        raise SystemExit(f"eig3 cache: {'; '.join(failures)}")

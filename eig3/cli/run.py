@@ -24,13 +24,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Return the exit status: 1 if the run failed, for example if it diverged, and 130 after Ctrl-C."""
+    """Return the exit status: 1 if the run failed, for example if it diverged."""
     from ..run import run
-    from ..solution import Status
 
     build = builder(options.problem, "run")
     try:
         solution = run(build, h=options.h, method=options.method, t_end=options.t_end, out=options.out)
     except (TypeError, ValueError) as error:
         raise SystemExit(f"eig3 run: {error}") from None
-    return {Status.COMPLETED: 0, Status.INTERRUPTED: 130}.get(solution.status, 1)
+    return 0 if solution.success else 1

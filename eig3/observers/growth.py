@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..stepper import Stepper
@@ -26,9 +24,10 @@ class Growth:
     def __init__(self, stepper: Stepper, n_steps: int) -> None:
         span = n_steps * stepper.h
         self._half = n_steps // 2
-        u, v = stepper.start
-        v_size = _largest(v) + span * _largest(stepper.first_acceleration)
-        self._natural = _largest(u) + span * v_size, v_size
+        u, v = stepper.sizes
+        a = stepper.first_acceleration
+        v_size = v + span * (abs(a) if type(a) is float else float(np.maximum.reduce(np.abs(a))))
+        self._natural = u + span * v_size, v_size
         self._strange: Stepper | None = None
         self._size, self._is_overflowing = 0.0, False
 
@@ -39,7 +38,7 @@ class Growth:
 
     def see(self, chunk: Chunk) -> None:
         stepper = chunk.stepper
-        u, v = _largest(stepper.u), _largest(stepper.v)
+        u, v = stepper.sizes
         if self._natural[1] == 0 and stepper.index >= self._half > chunk.first:
             self._natural = u, v
         u_natural, v_natural = self._natural
@@ -52,7 +51,3 @@ class Growth:
     def suspect(self) -> Stepper | None:
         """A stepper at a state before the growth; None if the motion did not grow much."""
         return self._strange if self._size > _BLOWN_UP or self._is_overflowing else None
-
-
-def _largest(x: Any) -> float:
-    return abs(x) if type(x) is float else float(np.maximum.reduce(np.abs(x)))

@@ -7,27 +7,26 @@ ends of chunks.
 
 from __future__ import annotations
 
-from ..stepper import Stepper
 from .chunk import Chunk
 
-_LEAST_STEPS = 100  # the evaluation costs at most a hundredth of the steps before it
+_LEAST_STEPS = 100  # between two evaluations, so that they take little time
 
 
 class Written:
-    """Whether the right-hand side, in the vector form, writes every entry of a at the ends of chunks."""
+    """Whether the right-hand side, in the vector form, writes every entry of a at the ends of chunks and of the run."""
 
-    def __init__(self, stepper: Stepper) -> None:
-        self._last = stepper.index
+    def __init__(self, n_steps: int) -> None:
+        self._last, self._n_steps = 0, n_steps
 
     def see(self, chunk: Chunk) -> None:
         """Raise a ValueError if rhs leaves out an entry of a at the end of the chunk."""
         stepper = chunk.stepper
-        if stepper.index - self._last < _LEAST_STEPS:
+        if stepper.index - self._last < _LEAST_STEPS and stepper.index < self._n_steps:
             return
         self._last = stepper.index
         j = stepper.find_unwritten()
         if j is not None:
             raise ValueError(
-                f"rhs does not write a[{j}] at t = {stepper.t:g}, so that a[{j}] keeps its value from an earlier "
-                "evaluation; write every a[j] in every evaluation."
+                f"rhs does not write a[{j}] at t = {stepper.t - stepper.h:g}, so that a[{j}] keeps its value from an "
+                "earlier evaluation; write every a[j] in every evaluation."
             )
