@@ -28,17 +28,11 @@ _FLOAT64 = np.dtype(np.float64)
 _SLICE_SECONDS = 3e-4  # time in the kernel before it is asked whether to stop; steps may become much slower at any time
 _SLICE_GROWTH = 16  # largest factor from the steps of one slice to the steps of the next
 # At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system.
-<<<<<<< HEAD
 # There is nothing to move after a multiple of the steps in which the rows rotate.
-_LARGE = 1000  # degrees of freedom from which on slices are such multiples
-=======
-# There is nothing to move after a multiple of 6 steps, because the methods rotate one, two or three rows.
-_TURN = 6
 _LARGE = 1000  # degrees of freedom from which on slices are such multiples,
 _SLOW_STEP = 0.01  # unless a step takes more than these seconds
 _FIRST_SLICE_SECONDS = 3e-5  # the time per step may be known from a run with other parameters
 _WAITING = 10  # least time of a slice as a multiple of the time for which it waits for the interpreter
->>>>>>> main
 
 
 class Cancel(Protocol):
