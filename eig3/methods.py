@@ -371,7 +371,8 @@ class EIG(Method):
     kernel: ClassVar[str] = "eig3.kernels.eig"
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.grade, numbers.Integral) and 3 <= self.grade <= 13):
+        is_whole = isinstance(self.grade, numbers.Integral) and not isinstance(self.grade, bool)
+        if not (is_whole and 3 <= self.grade <= 13):
             raise ValueError(f"grade must be a whole number from 3 to 13, not {shown(self.grade)}.")
         if self.velocity not in ("auto", "explicit", "none"):
             raise ValueError(f"velocity must be 'auto', 'explicit' or 'none', not {self.velocity!r}.")

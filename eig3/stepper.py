@@ -453,7 +453,9 @@ class Stepper:
         with np.errstate(over="ignore"):
             other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, by at least the size of u
         if np.any(self.acceleration(self.t0, u, other) != a):
-            raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
+            if hasattr(self.method, "velocity"):
+                raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
+            raise ValueError(f"{self.method!r} needs a rhs that ignores v, and this one does not; take another method.")
 
 
 class _Alone:

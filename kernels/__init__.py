@@ -18,6 +18,13 @@ start(u, v, a, h)
     The past values before the first step, as a tuple, from a = f(t0, u0, v0); zeros by default.
 START : str, START_STEPS : int
     The file of this folder whose method takes the first steps, and the number of these steps.
+start_step_scalar(f, at, y, c), start_step_vector(f, at, y, c, n)
+    A starting step, written with STARTER_STEP and STARTER_CONSTANTS, the names of the starter, for a method whose past
+    values its own step cannot record in a step of the starter.
+TURN : int
+    Number of steps after which the rows are in their places again; 6 by default.
+member(...)
+    For a family of methods, a function that returns an object with the other names for the member that a record names.
 constants(settings, h, work)
     The argument c of the steps. It is computed once per call of the kernel, from the `settings` of the method's record
     and, for a method that solves equations, a `eig3.kernels.protocol.Work`; () by default.

@@ -37,6 +37,10 @@ from .protocol import (
 #: heap are as fast, and the kernel compiles in a third of the time.
 STACKED_DEGREES = 6
 
+#: Largest number of rows for which the pointer mode has a loop of its own for two degrees of freedom. With more, the
+#: loop takes seconds to compile.
+MOST_ROWS_OF_TWO = 8
+
 
 def scalar(callbacks, state, settings, tally, run):
     f = RHS(callbacks)
@@ -61,7 +65,7 @@ def vector(callbacks, state, settings, tally, run):
         begin = max(run.first, min(run.first + run.count, START_STEPS))
         y, _, row = march_vector(START_STEP, COMPLETE, f, y, c, n, run, run.first, begin, row)
     own, rest = head(y, OWN_ROWS), tail(y, OWN_ROWS)
-    if n == 2:  # with a constant 2 the compiler removes the loops over components: a pendulum takes a tenth less time
+    if FEW_ROWS and n == 2:  # with a constant 2 the compiler removes the loops: a pendulum takes a tenth less time
         own, end, row = march_vector(STEP, COMPLETE, f, own, c, 2, run, begin, run.first + run.count, row)
     else:
         own, end, row = march_vector(STEP, COMPLETE, f, own, c, n, run, begin, run.first + run.count, row)
@@ -177,13 +181,15 @@ class Formulas:
             "VALUES": 2 + self.past,
             "ROWS": self.rows,
             "OWN_ROWS": defined.ROWS,
+            "FEW_ROWS": defined.ROWS <= MOST_ROWS_OF_TWO,
             "START_STEPS": self.start_steps,
             "COST": cost,
             "START_COST": cost,
         }
         if self.starter:
             theirs = self.starter.names(form)
-            own = {"STEP": names["STEP"], "STARTER_STEP": theirs["STEP"], "STARTER_CONSTANTS": theirs["CONSTANTS"]}
+            step = getattr(self.starter.defined, f"brief_step_{form.name}", theirs["STEP"])
+            own = {"STEP": names["STEP"], "STARTER_STEP": step, "STARTER_CONSTANTS": theirs["CONSTANTS"]}
             own |= {"OWN_ROWS": defined.ROWS, "OWN_ROWS_AND_2": defined.ROWS + 2, "head": head, "tail": tail}
             begin = getattr(defined, f"start_step_{form.name}", start_scalar if form is SCALAR else start_vector)
             names["START_STEP"] = element(bound(begin, own))

@@ -135,3 +135,4 @@ ERROR_5 = (
 _tableau = Tableau(C, A, B)
 ROWS, EVALUATIONS = _tableau.rows, _tableau.evaluations
 constants, step_scalar, step_vector = _tableau.constants, _tableau.step_scalar, _tableau.step_vector
+brief_step_vector = _tableau.brief_step_vector

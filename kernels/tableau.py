@@ -1,3 +1,4 @@
+# ruff: noqa: F821
 """Explicit Runge-Kutta methods from their tableaux, with the stage velocities eliminated.
 
     a_i     = f(t + c_i h, u + c_i h v + h^2 sum_j abar_ij a_j, v + h sum_j a_ij a_j)
@@ -12,8 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from typing import Any
 
-from .jit import element
+import numpy as np
+
+from .jit import bound, element
+from .protocol import tail
 from .source import Constants, after_sum, define
 
 
@@ -40,6 +45,7 @@ class Tableau:
         self.step_scalar, self.step_vector = element(defined["step_scalar"]), element(defined["step_vector"])
         self.constants = element(defined["constants"])
         self.rows, self.evaluations = 4 + self.stages, self.stages
+        self.brief_step_vector = self._brief()
 
     def _times_matrix(self, row: Sequence[Fraction]) -> list[Fraction]:
         """Return the product of a row and A, exactly."""
@@ -56,6 +62,15 @@ class Tableau:
             after_sum(f"u{index}", [drift, *accelerations(self._times_matrix(row), 2)]),
             after_sum(f"v{index}", accelerations(row, 1)),
         )
+
+    def _brief(self) -> Any:
+        """Return the step of n degrees of freedom with loops over the stages.
+
+        It is slower, but compiles in a fraction of the time: it is for methods that only start with this one.
+        """
+        A = np.array([*self.A, self.b], dtype=np.float64)
+        A_bar = np.array([self._times_matrix(row) for row in [*self.A, self.b]], dtype=np.float64)
+        return element(bound(brief_step_vector, {"C": np.array([*self.c, 1.0]), "A": A, "A_BAR": A_bar}))
 
     def _time(self, i: int) -> str:
         return f"at.t + {float(self.c[i])!r} * at.h"
@@ -79,3 +94,21 @@ class Tableau:
         u, v = self._state(1.0, self.b, constants, "[j]")
         lines += ["for j in range(n):", f"    u[j], v[j] = {u}, {v}", "return y, True"]
         return "\n    ".join(lines) + "\n\n"
+
+
+def brief_step_vector(f, at, y, c, n):  # type: ignore[no-untyped-def]
+    u, v, u_stage, v_stage = y[0], y[1], y[2], y[3]
+    a = tail(y, 4)
+    for i in range(len(C)):
+        for j in range(n):
+            u_sum, v_sum = 0.0, 0.0
+            for k in range(i):
+                u_sum += A_BAR[i, k] * a[k][j]
+                v_sum += A[i, k] * a[k][j]
+            u_stage[j] = u[j] + at.h * (C[i] * v[j] + at.h * u_sum)
+            v_stage[j] = v[j] + at.h * v_sum
+        if i < len(a):
+            f(at.t + C[i] * at.h, u_stage, v_stage, at.p, a[i])
+    for j in range(n):
+        u[j], v[j] = u_stage[j], v_stage[j]
+    return y, True

@@ -3,9 +3,14 @@
 from fractions import Fraction
 from math import comb, factorial
 
+import numpy as np
 import pytest
 
+import eig3
+from eig3 import stability
 from eig3.kernels import eig
+
+from .conftest import gyroscope, hardening
 
 GRADES = range(3, 14)
 
@@ -60,3 +65,177 @@ def test_ordinates_sum_the_differences():
     backward = [sum((-1) ** i * comb(j, i) * a[i] for i in range(j + 1)) for j in range(3)]
     expected = sum(x * d for x, d in zip(differences, backward, strict=True))
     assert sum(w * x for w, x in zip(eig.ordinates(differences), a, strict=True)) == expected
+
+
+# Stability ------------------------------------------------------------------------------------------------------------
+
+#: The largest stable omega h for a physical damping ratio xi, to the digits of an independent computation.
+LIMITS = {
+    3: {0: 2, 0.01: 1.960, 0.1: 1.640, 0.5: 0.828},
+    4: {0: 1.732, 0.01: 1.676, 0.1: 1.267, 0.5: 0.500},
+    5: {0: 1.414, 0.01: 1.349, 0.1: 0.895, 0.5: 0.286},
+    6: {0.01: 1.033, 0.1: 0.585, 0.5: 0.160},
+    7: {0.01: 0.763, 0.1: 0.358, 0.5: 0.086},
+    8: {0: 0.618, 0.01: 0.546, 0.1: 0.206, 0.5: 0.046},
+    9: {0: 0.459, 0.01: 0.380, 0.1: 0.114, 0.5: 0.024},
+}
+
+
+@pytest.mark.parametrize("grade", LIMITS)
+def test_limits_against_damping(grade):
+    found = {xi: stability.limit(eig3.EIG(grade), xi) for xi in LIMITS[grade]}
+    assert found == pytest.approx(LIMITS[grade], abs=6e-4)  # three decimals
+
+
+@pytest.mark.parametrize("grade", [3, 5])
+def test_a_run_holds_below_the_limit_and_grows_above_it(grade):
+    limit = stability.limit(eig3.EIG(grade))
+    for h, holds in ((0.99 * limit, True), (1.01 * limit, False)):
+        run = eig3.integrate(linear, (0, 1000 * h), 1.0, 0.0, h=h, method=eig3.EIG(grade))
+        assert run.success == holds
+
+
+# Kernels --------------------------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def linear(t, u, v, p):
+    return -u
+
+
+@eig3.jit
+def damped(t, u, v, p):
+    return -4 * u - 0.4 * v + np.cos(1.3 * t)
+
+
+@eig3.jit
+def damped_vector(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -4 * u[j] - 0.4 * v[j] + np.cos(1.3 * t)
+
+
+def exact_damped(t, u0, v0):
+    """The solution of u'' + 0.4 u' + 4 u = cos(1.3 t)."""
+    response = 1 / (4 - 1.3**2 + 0.4 * 1.3j)
+    root = -0.2 + 1j * np.sqrt(4 - 0.04)
+    u_free, v_free = u0 - response.real, v0 - (1.3j * response).real
+    factor = complex(u_free, -(v_free - root.real * u_free) / root.imag)
+    free, drive = factor * np.exp(root * t), response * np.exp(1.3j * t)
+    return (free + drive).real, (root * free + 1.3j * drive).real
+
+
+#: Methods with a number of steps at which the error is far above round-off, and the order is seen.
+STEPS = {eig3.EIG(3): 128, eig3.EIG(5): 160, eig3.EIG(7): 200, eig3.EIG(9): 256, eig3.RK5(): 64, eig3.RK8(): 16}
+every = pytest.mark.parametrize("method", STEPS, ids=lambda method: method.name)
+
+
+@every
+def test_order_on_a_damped_and_forced_oscillator(method):
+    """From h to h/2. The next term of the error changes the order by O(h). v has it too: it is synchronised with u."""
+    errors = []
+    for n in (STEPS[method], 2 * STEPS[method]):
+        run = eig3.integrate(damped, (0, 8), 1.0, 0.3, h=8 / n, method=method)
+        u, v = exact_damped(run.t, 1.0, 0.3)
+        errors.append(max(np.abs(run.u - u).max(), np.abs(run.v - v).max()))
+    assert errors[1] > 1e-13
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(method.order, abs=0.7)
+
+
+@pytest.mark.parametrize("method", [eig3.EIG(5), eig3.RK5()], ids=lambda method: method.name)
+def test_order_on_a_gyroscope(method):
+    """v' = i kappa v turns v at the rate kappa."""
+    errors = []
+    for n in (128, 256):
+        run = eig3.integrate(gyroscope, (0, 3), [0.0, 0.0], [1.0, 0.0], h=3 / n, params=2.0, method=method)
+        errors.append(np.abs(run.v[:, 0] + 1j * run.v[:, 1] - np.exp(2j * run.t)).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(method.order, abs=0.3)
+
+
+@every
+def test_scalar_form_equals_vector_form(method):
+    options = {"h": 0.05, "method": method}
+    scalar = eig3.integrate(damped, (0, 5), 1.0, 0.3, **options)
+    vector = eig3.integrate(damped_vector, (0, 5), [1.0, 0.5, -1.0], [0.3, 0.0, 0.1], **options)
+    np.testing.assert_allclose(vector.u[:, 0], scalar.u, rtol=0, atol=1e-12)  # multiply-adds fused or not
+    np.testing.assert_allclose(vector.v[:, 0], scalar.v, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", [eig3.EIG(5), eig3.RK8()], ids=lambda method: method.name)
+def test_inline_mode_equals_pointer_mode(method):
+    for rhs, u0, v0 in ((damped, 1.0, 0.3), (damped_vector, [1.0, 0.5], [0.3, 0.0])):
+        runs = [eig3.integrate(rhs, (0, 5), u0, v0, h=0.05, method=method, inline=inline) for inline in (False, True)]
+        np.testing.assert_allclose(runs[0].u, runs[1].u, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(runs[0].v, runs[1].v, rtol=0, atol=1e-12)
+
+
+@every
+@pytest.mark.parametrize(("rhs", "u0", "v0"), [(damped, 1.0, 0.3), (damped_vector, [1.0, 0.5, -1.0], [0.3, 0.0, 0.1])])
+def test_chunks_agree_bit_for_bit(method, rhs, u0, v0):
+    whole, parts = (eig3.Stepper(rhs, u0, v0, h=0.05, method=method) for _ in range(2))
+    whole.advance(60)
+    for count in (1, 2, 1, 7, 3, 11, 35):
+        parts.advance(count)
+    assert parts.n_rhs == whole.n_rhs
+    np.testing.assert_array_equal(parts.u, whole.u)
+    np.testing.assert_array_equal(parts.v, whole.v)
+
+
+def test_a_step_takes_one_evaluation_and_a_starting_step_twelve_more():
+    for grade in (3, 5, 9):
+        stepper = eig3.Stepper(damped, 1.0, 0.3, h=0.01, method=eig3.EIG(grade))
+        stepper.advance(100)
+        assert stepper.n_rhs == 1 + 100 + 12 * (grade - 2)
+
+
+def test_grade_3_has_the_positions_of_eig3():
+    """After the start: EIG-3 takes a Taylor step first, and this one a step of RK8."""
+    runs = [
+        eig3.integrate(hardening, (0, 20), 1.0, 0.0, h=0.01, params=(1.0,), method=m) for m in ("eig3", eig3.EIG(3))
+    ]
+    first = abs(runs[0].u[1] - runs[1].u[1])
+    assert np.abs(runs[0].u - runs[1].u).max() < 1e4 * first  # it grows with the number of periods
+
+
+# BM6 ------------------------------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def quartic(t, u, v, p):
+    return -u - u**3
+
+
+def test_bm6_has_order_6_and_keeps_the_energy():
+    """A symplectic method keeps the energy up to its own error, without drift, after 1000 periods as after 10."""
+    errors, drifts = [], []
+    exact = eig3.integrate(quartic, (0, 4), 1.0, 0.3, h=4 / 2000, method="rk8", save_every=None).u[-1]
+    for n in (16, 32):
+        errors.append(abs(eig3.integrate(quartic, (0, 4), 1.0, 0.3, h=4 / n, method="bm6").u[-1] - exact))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=1.0)
+    for periods in (10, 1000):
+        run = eig3.integrate(quartic, (0, 5 * periods), 1.0, 0.0, h=0.25, method="bm6")
+        energy = run.v**2 / 2 + run.u**2 / 2 + run.u**4 / 4
+        drifts.append(np.abs(energy - energy[0]).max())
+    assert drifts[1] < 2 * drifts[0]
+
+
+def test_bm6_refuses_a_force_with_velocity():
+    with pytest.raises(ValueError, match=r"BM6\(\) needs a rhs that ignores v, and this one does not"):
+        eig3.integrate(damped, (0, 1), 1.0, 0.0, h=0.1, method="bm6")
+
+
+# Names ----------------------------------------------------------------------------------------------------------------
+
+
+def test_names_lead_to_records():
+    for grade in range(4, 14):
+        run = eig3.Stepper(quartic, 1.0, 0.0, h=0.1, method=f"EIG{grade}") if grade == 5 else None
+        record = eig3.METHODS[f"eig{grade}"]()
+        assert record == eig3.EIG(grade)
+        assert record.name == f"eig{grade}"
+        assert run is None or run.running == eig3.EIG(5, velocity="none")
+
+
+@pytest.mark.parametrize("grade", [2, 14, 5.0, "5", True])
+def test_other_grades_are_refused(grade):
+    with pytest.raises(ValueError, match="grade must be a whole number from 3 to 13, not"):
+        eig3.EIG(grade)
