@@ -145,9 +145,12 @@ def interrupts_while_compiling(number):
 
     def set_up():
         rhs, chain, energy = new_functions()
-        eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.1, method=choose(["eig3", "rk4", "cd"]), invariants={"e": energy})
-        eig3.critical_step(rhs, 1.0, 0.0)
-        eig3.Stepper(chain, [1.0], [0.0], h=0.1, inline=True)
+        kind = choose(["scalar", "vector", "vector", "inline"])
+        if kind == "scalar":
+            method = choose(["eig3", "rk4", "cd"])
+            eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.1, method=method, invariants={"e": energy})
+        else:
+            eig3.Stepper(chain, [1.0], [0.0], h=0.1, inline=kind == "inline")
 
     choose = random.Random(number).choice
     return count_lost(25, lambda k: random.Random(100 * number + k).uniform(0.001, 0.2), set_up)
@@ -272,7 +275,7 @@ def unreadable_file(number):
         return opened(file, mode, *arguments, **options)
 
     opened, builtins.open, io.open = io.open, failing, failing
-    Path.open = lambda path, mode="r", *arguments: failing(path, mode, *arguments)  # Python 3.10 keeps its own io.open
+    Path.open = lambda path, *arguments, **options: failing(path, *arguments, **options)  # 3.10 keeps its own io.open
     return use_cache()
 
 

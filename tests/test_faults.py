@@ -4,7 +4,7 @@ import pytest
 
 from . import faults
 
-TRIALS = {"interrupts_while_compiling": 4, "flipped_bit": 6, "truncated_file": 2, "name_that_is_code": 1}
+TRIALS = {"interrupts_while_compiling": 4, "flipped_bit": 4}
 TESTED_ELSEWHERE = {"pickled_problem"}  # tests/test_pools.py
 
 
