@@ -436,7 +436,9 @@ def outcome(name: str, number: int, cache: Path) -> str:
     if result.returncode < 0:
         return f"crash ({signal.Signals(-result.returncode).name})"
     if result.returncode:
-        return re.sub(r": '/.*", "", result.stderr.strip().splitlines()[-1])  # without the name of the file
+        lines = result.stderr.strip().splitlines()
+        errors = [line for line in lines if re.match(r"[\w.]+Error: ", line)]
+        return re.sub(r": '/.*", "", [lines[-1], *errors][-1])[:90]  # without the name of the file
     return result.stdout.strip().splitlines()[-1]
 
 
