@@ -105,7 +105,7 @@ def interrupted(after: float):
         sender.start()
         yield came
         sender.join()
-        time.sleep(0.05)
+        time.sleep(0.02)
     except KeyboardInterrupt as error:
         came.append(str(getattr(getattr(error, "solution", None), "status", "no run")))
     sender.join()
@@ -145,12 +145,14 @@ def interrupts_while_compiling(number):
 
     def set_up():
         rhs, chain, energy = new_functions()
-        eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.1, method=choose(["eig3", "rk4", "cd"]), invariants={"e": energy})
-        eig3.critical_step(rhs, 1.0, 0.0)
-        eig3.Stepper(chain, [1.0], [0.0], h=0.1, inline=True)
+        kind = choose(["scalar", "vector", "vector", "inline"])
+        if kind == "scalar":
+            eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.1, invariants={"e": energy})
+        else:
+            eig3.Stepper(chain, [1.0], [0.0], h=0.1, inline=kind == "inline")
 
     choose = random.Random(number).choice
-    return count_lost(25, lambda k: random.Random(100 * number + k).uniform(0.001, 0.2), set_up)
+    return count_lost(25, lambda k: random.Random(100 * number + k).uniform(0.001, 0.15), set_up)
 
 
 @fault("20 times Ctrl-C in a loop of short runs", 2)
@@ -272,7 +274,7 @@ def unreadable_file(number):
         return opened(file, mode, *arguments, **options)
 
     opened, builtins.open, io.open = io.open, failing, failing
-    Path.open = lambda path, mode="r", *arguments: failing(path, mode, *arguments)  # Python 3.10 keeps its own io.open
+    Path.open = lambda path, *arguments, **options: failing(path, *arguments, **options)  # 3.10 keeps its own io.open
     return use_cache()
 
 
@@ -434,7 +436,9 @@ def outcome(name: str, number: int, cache: Path) -> str:
     if result.returncode < 0:
         return f"crash ({signal.Signals(-result.returncode).name})"
     if result.returncode:
-        return re.sub(r": '/.*", "", result.stderr.strip().splitlines()[-1])  # without the name of the file
+        lines = result.stderr.strip().splitlines()
+        errors = [line for line in lines if re.match(r"[\w.]+Error: ", line)]
+        return re.sub(r": '/.*", "", [lines[-1], *errors][-1])[:90]  # without the name of the file
     return result.stdout.strip().splitlines()[-1]
 
 

@@ -4,8 +4,8 @@ import pytest
 
 from . import faults
 
-TRIALS = {"interrupts_while_compiling": 4, "flipped_bit": 6, "truncated_file": 2, "name_that_is_code": 1}
-TESTED_ELSEWHERE = {"pickled_problem"}  # tests/test_pools.py
+TRIALS = {"interrupts_while_compiling": 4, "flipped_bit": 4}
+TESTED_ELSEWHERE = {"pickled_problem", "name_that_is_code", "unwritten_entry", "shared_stepper", "copied_stepper"}
 
 
 @pytest.fixture(scope="module")

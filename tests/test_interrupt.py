@@ -47,12 +47,28 @@ def python_handler():
 
 
 @pytest.fixture
-def ctrl_c_soon():
-    """Ctrl-C after a third of a second."""
-    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
-    yield
-    timer.join()
+def after_begin(monkeypatch):
+    """Call a function soon after the first steps of a run begin, however long the set-up takes."""
+    timers = []
+
+    def call(function):
+        def begin(stepper, *arguments, **options):
+            if not timers:
+                timers.append(threading.Timer(0.2, function))
+                timers[0].start()
+            return advance(stepper, *arguments, **options)
+
+        advance = eig3.Stepper.advance
+        monkeypatch.setattr(eig3.Stepper, "advance", begin)
+
+    yield call
+    for timer in timers:
+        timer.join()
+
+
+@pytest.fixture
+def ctrl_c_soon(after_begin):
+    after_begin(press)
 
 
 def press(*arguments):
@@ -168,9 +184,9 @@ def test_an_exception_of_a_handler_is_not_taken_for_one_of_rhs(options):
     assert run.n_steps == 0 or all(drift < 1e-3 for drift in run.drift.values())
 
 
-def test_an_alarm_ends_a_run():
+def test_an_alarm_ends_a_run(after_begin):
     before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    after_begin(lambda: os.kill(os.getpid(), signal.SIGALRM))
     try:
         with pytest.raises(StopError) as caught:
             endless()
@@ -189,7 +205,7 @@ def test_a_handler_that_sets_another_one_is_not_put_back(monkeypatch):
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
-def test_a_dear_invariant_does_not_delay_the_answer():
+def test_a_dear_invariant_does_not_delay_the_answer(after_begin):
     @eig3.jit
     def dear(t, u, v, p):
         e = u
@@ -198,14 +214,12 @@ def test_a_dear_invariant_does_not_delay_the_answer():
         return e
 
     eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, invariants={"e": dear})
-    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
+    after_begin(press)
     begin = time.perf_counter()
     with pytest.raises(KeyboardInterrupt) as caught:
         eig3.integrate(oscillator, (0, 2**20 * STEP), 1.0, 0.0, h=STEP, invariants={"e": dear})
     assert time.perf_counter() - begin < 10  # the whole run takes half a minute
     assert caught.value.solution.n_steps > 0
-    timer.join()
 
 
 def test_a_run_beside_a_busy_thread_takes_long_slices():
@@ -216,7 +230,7 @@ def test_a_run_beside_a_busy_thread_takes_long_slices():
     busy.start()
     try:
         cancel = threading.Event()
-        timer = threading.Timer(1.5, cancel.set)
+        timer = threading.Timer(0.8, cancel.set)
         timer.start()
         stepper.advance(2**40, cancel=cancel)
     finally:
@@ -252,13 +266,11 @@ def test_programs_that_ignore_ctrl_c_go_on_to_do_so():
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
-def test_a_run_in_a_thread_is_cancelled():
+def test_a_run_in_a_thread_is_cancelled(after_begin):
     async def main():
         cancel = threading.Event()
-        run = asyncio.create_task(asyncio.to_thread(endless, cancel=cancel))
-        await asyncio.sleep(0.1)
-        cancel.set()
-        return await run
+        after_begin(cancel.set)
+        return await asyncio.to_thread(endless, cancel=cancel)
 
     run = asyncio.run(main())
     assert run.status is eig3.Status.INTERRUPTED
