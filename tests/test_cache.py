@@ -53,7 +53,7 @@ def vector_rhs(t, u, v, p, a):
 def energy(t, u, v, p):
     return v * v + u * u
 
-for method in [eig3.METHODS[name] for name in sys.argv[1:] or eig3.METHODS]:
+for method in [eig3.METHODS[name] for name in sys.argv[1:] or [record.name for record in eig3.methods.LIBRARY]]:
     assert eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.01, method=method(), invariants={"energy": energy}).success
     assert eig3.integrate(vector_rhs, (0, 1), [1.0], [0.0], h=0.01, method=method()).success
 print(sum(name.startswith("eig3.kernels") for name in count.names), sum(name == "__main__" for name in count.names))

@@ -84,7 +84,7 @@ LIMITS = {
 @pytest.mark.parametrize("grade", LIMITS)
 def test_limits_against_damping(grade):
     found = {xi: stability.limit(eig3.EIG(grade), xi) for xi in LIMITS[grade]}
-    assert found == pytest.approx(LIMITS[grade], abs=6e-4)  # three decimals
+    assert found == pytest.approx(LIMITS[grade], abs=2e-3)  # that computation took steps of 0.002
 
 
 @pytest.mark.parametrize("grade", [3, 5])
@@ -207,10 +207,11 @@ def quartic(t, u, v, p):
 def test_bm6_has_order_6_and_keeps_the_energy():
     """A symplectic method keeps the energy up to its own error, without drift, after 1000 periods as after 10."""
     errors, drifts = [], []
-    exact = eig3.integrate(quartic, (0, 4), 1.0, 0.3, h=4 / 2000, method="rk8", save_every=None).u[-1]
+    exact = eig3.integrate(quartic, (0, 4), 1.0, 0.3, h=4 / 320, method="rk8").u
     for n in (16, 32):
-        errors.append(abs(eig3.integrate(quartic, (0, 4), 1.0, 0.3, h=4 / n, method="bm6").u[-1] - exact))
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=1.0)
+        run = eig3.integrate(quartic, (0, 4), 1.0, 0.3, h=4 / n, method="bm6")
+        errors.append(np.abs(run.u - exact[:: 320 // n]).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=0.5)
     for periods in (10, 1000):
         run = eig3.integrate(quartic, (0, 5 * periods), 1.0, 0.0, h=0.25, method="bm6")
         energy = run.v**2 / 2 + run.u**2 / 2 + run.u**4 / 4
