@@ -63,7 +63,7 @@ def vector(callbacks, state, settings, tally, run):
     y, begin, row = rows(state, ROWS), run.first, 0
     if START_STEPS > 0:
         begin = max(run.first, min(run.first + run.count, START_STEPS))
-        y, _, row = march_vector(START_STEP, COMPLETE, f, y, c, n, run, run.first, begin, row)
+        y, _, row = march_vector(START_STEP, nothing, f, y, c, n, run, run.first, begin, row)
     own, rest = head(y, OWN_ROWS), tail(y, OWN_ROWS)
     if FEW_ROWS and n == 2:  # with a constant 2 the compiler removes the loops: a pendulum takes a tenth less time
         own, end, row = march_vector(STEP, COMPLETE, f, own, c, 2, run, begin, run.first + run.count, row)
@@ -82,7 +82,7 @@ def stacked(callbacks, state, settings, tally, run):
     copy_rows(y, kept, N)
     if START_STEPS > 0:
         begin = max(run.first, min(run.first + run.count, START_STEPS))
-        y, _, row = march_vector(START_STEP, COMPLETE, f, y, c, N, run, run.first, begin, row)
+        y, _, row = march_vector(START_STEP, nothing, f, y, c, N, run, run.first, begin, row)
     own, end, row = march_vector(STEP, COMPLETE, f, head(y, OWN_ROWS), c, N, run, begin, run.first + run.count, row)
     copy_rows(head(kept, OWN_ROWS), own, N)
     tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
