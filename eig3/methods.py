@@ -97,8 +97,28 @@ class Method:
         return formulas(self.kernel, self.member)
 
 
+class _MayIgnoreVelocity(Method):
+    """Base class of the records with the option `velocity`: "none" saves work if the force ignores the velocity."""
+
+    velocity: str
+
+    @property
+    def ignores_velocity(self) -> bool:  # type: ignore[override]
+        return self.velocity == "none"
+
+    def for_force(self, reads_velocity: bool, n: int) -> Method:
+        return self.without_velocity() if self.velocity == "auto" and not reads_velocity else self
+
+    def without_velocity(self) -> Method:
+        return dataclasses.replace(self, velocity="none")
+
+    def _check_velocity(self) -> None:
+        if self.velocity not in ("auto", "explicit", "none"):
+            raise ValueError(f"velocity must be 'auto', 'explicit' or 'none', not {self.velocity!r}.")
+
+
 @dataclass(frozen=True)
-class EIG3(Method):
+class EIG3(_MayIgnoreVelocity):
     """EIG-3, the explicit integration method of grade 3: one evaluation per step, explicit for every force.
 
     Parameters
@@ -130,23 +150,12 @@ class EIG3(Method):
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):
             if not (isinstance(value, numbers.Real) and -_LARGEST <= value <= _LARGEST):
                 raise ValueError(f"{name} must be a finite number, not {shown(value)}.")
-        if self.velocity not in ("auto", "explicit", "none"):
-            raise ValueError(f"velocity must be 'auto', 'explicit' or 'none', not {self.velocity!r}.")
+        self._check_velocity()
 
     @property
     def kernel(self) -> str:  # type: ignore[override]
         staggered = self.ignores_velocity and self.settings == (1.0, 0.5)
         return "eig3.kernels.eig3_staggered" if staggered else "eig3.kernels.eig3"
-
-    @property
-    def ignores_velocity(self) -> bool:  # type: ignore[override]
-        return self.velocity == "none"
-
-    def for_force(self, reads_velocity: bool, n: int) -> Method:
-        return self.without_velocity() if self.velocity == "auto" and not reads_velocity else self
-
-    def without_velocity(self) -> Method:
-        return dataclasses.replace(self, velocity="none")
 
     @property
     def order(self) -> int:  # type: ignore[override]
@@ -350,7 +359,7 @@ class BM6(Method):
 
 
 @dataclass(frozen=True)
-class EIG(Method):
+class EIG(_MayIgnoreVelocity):
     """The EIG method of a grade: one evaluation per step, of the order grade - 1.
 
     Parameters
@@ -374,8 +383,7 @@ class EIG(Method):
         is_whole = isinstance(self.grade, numbers.Integral) and not isinstance(self.grade, bool)
         if not (is_whole and 3 <= self.grade <= 13):
             raise ValueError(f"grade must be a whole number from 3 to 13, not {shown(self.grade)}.")
-        if self.velocity not in ("auto", "explicit", "none"):
-            raise ValueError(f"velocity must be 'auto', 'explicit' or 'none', not {self.velocity!r}.")
+        self._check_velocity()
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -392,16 +400,6 @@ class EIG(Method):
     @property
     def member(self) -> tuple:  # type: ignore[override]
         return int(self.grade), self.velocity != "none"
-
-    @property
-    def ignores_velocity(self) -> bool:  # type: ignore[override]
-        return self.velocity == "none"
-
-    def for_force(self, reads_velocity: bool, n: int) -> Method:
-        return self.without_velocity() if self.velocity == "auto" and not reads_velocity else self
-
-    def without_velocity(self) -> Method:
-        return dataclasses.replace(self, velocity="none")
 
 
 METHODS |= {f"eig{grade}": functools.partial(EIG, grade) for grade in range(4, 14)}

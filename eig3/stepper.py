@@ -383,7 +383,7 @@ class Stepper:
             self.seconds += seconds
             self.index += done
             if done < steps:
-                if not self._fall_back(self.index):
+                if not self._fall_back():
                     self.failed = True
                     return
             elif not is_last:
@@ -405,8 +405,8 @@ class Stepper:
         turn = self._formulas.turn
         return turn * max(1, int(steps / turn))
 
-    def _fall_back(self, index: int) -> bool:
-        """Change to the method's fallback at a step; return whether there is one.
+    def _fall_back(self) -> bool:
+        """Change to the method's fallback from here on; return whether there is one.
 
         A method and its fallback pass the same values from step to step.
         """
@@ -417,7 +417,7 @@ class Stepper:
         self._prepare(fallback)
         carried = 2 + fallback.formulas.past
         self._state[:carried] = state[:carried]
-        self.changed_at = self.t0 + index * self.h
+        self.changed_at = self.t
         return True
 
     def _save(self) -> None:

@@ -12,6 +12,7 @@ import pickle
 import shutil
 import uuid
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -83,14 +84,17 @@ class _Files:
             with contextlib.suppress(OSError):
                 temporary.unlink()
             raise
-        for other in self._folder.glob(f"{glob.escape(self._name)}.*.nbc"):
+        for other in self._all():
             if not other.name.startswith(f"{self._name}.{_digest(self._stamp)}."):  # of the source before an edit
                 other.unlink(missing_ok=True)
 
     def flush(self) -> None:
         """Delete all files of the function. `Dispatcher.recompile` calls this."""
-        for path in self._folder.glob(f"{glob.escape(self._name)}.*.nbc"):
+        for path in self._all():
             path.unlink(missing_ok=True)
+
+    def _all(self) -> Iterator[Path]:
+        return self._folder.glob(f"{glob.escape(self._name)}.*.nbc")
 
 
 def _digest(value: Any) -> str:

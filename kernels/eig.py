@@ -96,7 +96,7 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
         "def step_scalar(f, at, y, c):",
         f"u, v, V, {rows} = y",
         f"u, V, v = {u}, {V}, {w or 'v'}",
-        f"{', '.join(past[1:])} = {', '.join(past[:-1])}" if p > 1 else "",
+        f"{', '.join(past[1:])} = {', '.join(past[:-1])}",
         "a0 = f(at.t + at.h, u, v, at.p)",
         f"return (u, {synchronised('V')}, V, {rows}), True",
     ]
@@ -134,8 +134,8 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
         f"return (u, v, V, {rows}) + tail(y, OWN_ROWS), success",
     ]
     functions = [scalar, vector, complete, start_scalar, start_vector]
-    text = "\n\n".join("\n    ".join(line for line in lines if line) for lines in functions) + "\n\n" + c.source()
-    defined = define(text)
+    text = "\n\n".join("\n    ".join(lines) for lines in functions) + "\n\n" + c.source()
+    defined = define(text, f"EIG-{grade}", {"__name__": __name__})
 
     def start(u, v, a, h):
         return (0 * u, a, *(0 * u,) * (p - 1))

@@ -1,18 +1,30 @@
-"""Formulas with a variable number of terms, written as source: the compiler then sees straight code without loops."""
+"""Functions that are written as source: formulas with a variable number of terms, and scenes.
+
+The compiler then sees straight code with only what is needed, and `inspect.getsource` and tracebacks show it.
+"""
 
 from __future__ import annotations
 
 import linecache
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 
-def define(text: str) -> dict[str, Any]:
-    """Execute the source of some functions, and return these by name. `inspect.getsource` finds it."""
-    filename = f"<formulas {zlib.crc32(text.encode()):08x}>"
+def define(text: str, what: str, names: Mapping[str, Any]) -> dict[str, Any]:
+    """Execute the source of some functions, and return their namespace.
+
+    Parameters
+    ----------
+    text : str
+    what : str
+        The beginning of the name under which tracebacks show the source.
+    names : mapping
+        The globals that the functions use.
+    """
+    filename = f"<{what} {zlib.crc32(text.encode()):08x}>"
     linecache.cache[filename] = len(text), None, text.splitlines(keepends=True), filename
-    namespace: dict[str, Any] = {"__name__": __name__}
+    namespace = dict(names)
     exec(compile(text, filename, "exec"), namespace)
     return namespace
 

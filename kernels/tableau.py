@@ -41,7 +41,7 @@ class Tableau:
         self.c, self.stages = c, len(b)
         constants = Constants()
         text = self._scalar(constants) + self._vector(constants) + constants.source()
-        defined = define(text)
+        defined = define(text, "tableau", {"__name__": __name__})
         self.step_scalar, self.step_vector = element(defined["step_scalar"]), element(defined["step_vector"])
         self.constants = element(defined["constants"])
         self.rows, self.evaluations = 4 + self.stages, self.stages

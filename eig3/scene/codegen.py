@@ -12,9 +12,7 @@ its first end, divided by the mass if all masses are equal.
 from __future__ import annotations
 
 import functools
-import linecache
 import math
-import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,6 +22,7 @@ import numpy as np
 
 from ..callbacks import jit
 from ..kernels.jit import element
+from ..kernels.source import define
 from .assembly import Assembly
 from .packing import Block, Column, Packing, Symbols, entry
 
@@ -58,16 +57,7 @@ def compiled(assembly: Assembly) -> tuple[Any, Any, np.ndarray]:
 
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-    filename = f"<scene {zlib.crc32(text.encode()):08x}>"
-    linecache.cache[filename] = (
-        len(text),
-        None,
-        text.splitlines(keepends=True),
-        filename,
-    )  # for inspect and tracebacks
-    namespace = {"jit": jit, "sqrt": math.sqrt, "tiny": _TINY, "index": index, **dict(names)}
-    exec(compile(text, filename, "exec"), namespace)
-    return namespace
+    return define(text, "scene", {"jit": jit, "sqrt": math.sqrt, "tiny": _TINY, "index": index, **dict(names)})
 
 
 class _Source:
