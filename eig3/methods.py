@@ -110,7 +110,7 @@ class _MayIgnoreVelocity(Method):
         return self.without_velocity() if self.velocity == "auto" and not reads_velocity else self
 
     def without_velocity(self) -> Method:
-        return dataclasses.replace(self, velocity="none")
+        return dataclasses.replace(self, velocity="none")  # type: ignore[type-var]
 
     def _check_velocity(self) -> None:
         if self.velocity not in ("auto", "explicit", "none"):
