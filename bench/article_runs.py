@@ -74,7 +74,7 @@ class MeasuredTable:
 def label(method: str) -> str:
     """The name of a method in tables."""
     name, _, rest = method.partition(" ")
-    return METHODS[name].label + (f" {rest}" if rest else "")
+    return METHODS[name]().label + (f" {rest}" if rest else "")
 
 
 def measure(table: Table, steps: tuple[float, ...], repeats: int) -> MeasuredTable:

@@ -42,7 +42,7 @@ def compare(n: int, n_steps: int, repeats: int) -> list[list[str]]:
     problem = problems.elastic_bar(n=n)
     highest = 2 * float(np.asarray(problem.params)[0]) ** 0.5
     methods: dict[str, Method] = {"EIG-3 with velocity": EIG3(velocity="explicit"), "EIG-3": EIG3()}
-    methods |= {METHODS[name].label: METHODS[name]() for name in ("cd", "rk3", "rk4", "ab3")}
+    methods |= {METHODS[name]().label: METHODS[name]() for name in ("cd", "rk3", "rk4", "ab3")}
     steppers = {
         label: problem.stepper(h=_OF_LIMIT * limit(method) / highest, method=method)
         for label, method in methods.items()

@@ -171,4 +171,4 @@ def compare(problem: Problem, h: float, method: str, libraries: dict[str, Librar
     times = [f"{ns[name]:.1f}" if name in ns else "-" for name in (*columns, "pointer", "inline")]
     pairs = (("pointer", "C -O3"), ("inline", "C -O3"), ("inline", "floor"))
     ratios = [f"{ns[a] / ns[b]:.2f}" if b in ns else "-" for a, b in pairs]
-    return [f"{problem.name}, {METHODS[method].label}", *times, *ratios]
+    return [f"{problem.name}, {METHODS[method]().label}", *times, *ratios]

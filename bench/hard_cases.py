@@ -16,7 +16,7 @@ from eig3.problems.hertz_impact import contact_time
 from eig3.stability import limit, spectral_radius
 
 from .article import TABLES
-from .options import METHOD_NAMES
+from .options import ARTICLE_METHODS
 
 _ROWS = 2**18  # states in a chunk
 _DECAYED = 1e-100  # size below which no round-off is left that could grow; subnormal numbers take 100 times longer
@@ -50,10 +50,10 @@ HARD_CASES: dict[int, HardCase] = {}
 
 
 def case(number: int, title: str, *methods: str) -> Callable:
-    """Register a check under a number, for these methods or for all."""
+    """Register a check under a number, for these methods or for those of the article."""
 
     def register(check: Callable) -> Callable:
-        HARD_CASES[number] = HardCase(title, methods or METHOD_NAMES, check)
+        HARD_CASES[number] = HardCase(title, methods or ARTICLE_METHODS, check)
         return check
 
     return register

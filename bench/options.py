@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from eig3.methods import LIBRARY
 from eig3.options import count
 
-#: The library's own methods. A method that a user has defined has no loop by hand, no C and no colour here.
-METHOD_NAMES = tuple(method.name for method in LIBRARY)
+#: The methods that the article compares.
+ARTICLE_METHODS = ("eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3")
 
 
 def add_problems(parser: argparse.ArgumentParser) -> None:

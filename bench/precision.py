@@ -12,11 +12,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from eig3.methods import LIBRARY
 from eig3.options import Files, add_methods, add_out
 
 from . import pictures, text
 from .environment import environment, in_words
-from .options import METHOD_NAMES, add_problems, add_repeats, choose
+from .options import add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET
 from .reference import METRICS
 from .sweep import LONGEST, STATES, Point, WorkPrecisionSet, measure
@@ -63,7 +64,7 @@ def benchmark(
     write: Callable[[str], None] = print,
 ) -> None:
     """Measure, print each problem as soon as it is complete, and save after each problem in `out`."""
-    names, methods = choose(only, list(PROBLEM_SET), "--problem"), choose(methods, METHOD_NAMES)
+    names, methods = choose(only, list(PROBLEM_SET), "--problem"), choose(methods, LIBRARY)
     files = None if out is None else Files(out, "eig3 bench")
     pages, results = [heading(repeats, longest)], []
     write(pages[0])

@@ -9,11 +9,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from eig3.methods import LIBRARY
 from eig3.options import Files, add_methods, add_out
 
 from . import c, paper, pictures, plan, precision
 from .environment import in_words
-from .options import METHOD_NAMES, add_problems, add_repeats, choose
+from .options import add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET
 from .sweep import LONGEST, WorkPrecisionSet, measure
 
@@ -56,7 +57,7 @@ def benchmark(
     write: Callable[[str], None] = print,
 ) -> None:
     """Measure everything and write report.html, report.md, precision.json and the pictures into `out`."""
-    names, chosen = choose(only, list(PROBLEM_SET), "--problem"), choose(methods, METHOD_NAMES)
+    names, chosen = choose(only, list(PROBLEM_SET), "--problem"), choose(methods, LIBRARY)
     in_c = [name for name in chosen if name in c.METHODS_IN_C]
     if not pictures.is_possible():
         raise SystemExit("eig3 bench report: the pictures need matplotlib; install it with pip install 'eig3[bench]'.")

@@ -9,7 +9,7 @@ from eig3.problem import Problem
 
 from . import handwritten, loops, text
 from .environment import in_words
-from .options import METHOD_NAMES, add_repeats, choose
+from .options import ARTICLE_METHODS, add_repeats, choose
 from .timing import Storage, medians
 
 SUMMARY = "ns/step of every method, compared with loops written by hand"
@@ -27,7 +27,7 @@ def run(options: argparse.Namespace) -> None:
 
 def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print) -> None:
     """Print the table of these methods, or of all if None."""
-    chosen = choose(methods, METHOD_NAMES)
+    chosen = choose(methods, ARTICLE_METHODS)
     write(f"Machine: {in_words()}")
     write(f"ns/step with every state stored: medians of {repeats} interleaved runs of {loops.N_STEPS} steps.\n")
     rows = [row for build, h in loops.ARTICLE_PROBLEMS for name in chosen for row in compare(build(), h, name, repeats)]
@@ -49,7 +49,7 @@ def compare(problem: Problem, h: float, name: str, repeats: int) -> list[list[st
     }
     if vector and name == "eig3":
         runs["registers"] = loops.hand_loop(problem, h, handwritten.pendulum_in_registers, storage, inline=True)
-    title = f"{problem.name}, {METHODS[name].label}"
+    title = f"{problem.name}, {METHODS[name]().label}"
     ns = {key: 1e9 * seconds / loops.N_STEPS for key, seconds in medians(runs, repeats, title).items()}
     row = [title]
     for mode in ("pointer", "inline"):

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eig3 import problems
-from eig3.methods import LIBRARY, Method
+from eig3.methods import METHODS, Method
 from eig3.problem import Problem
 from eig3.stability import damping_ratio, limit, period_error, spectral_radius, stable_region
 
+from .options import ARTICLE_METHODS
 from .pictures import STYLE, new_figure
 from .stability_sets import DAMPED, EIG3_SETS, UNSTABLE_SETS, evaluations_per_step
 
@@ -181,8 +182,8 @@ def _one_panel(title: str) -> tuple[Figure, Axes]:
 
 
 def _free_methods() -> Mapping[str, Method]:
-    """The library's methods for a force without velocity."""
-    return {record.name: record().without_velocity() for record in LIBRARY}
+    """The article's methods for a force without velocity."""
+    return {name: METHODS[name]().without_velocity() for name in ARTICLE_METHODS}
 
 
 def _methods(axes: Axes, curve: Callable[[Method, float], tuple[np.ndarray, np.ndarray]]) -> None:

@@ -130,7 +130,7 @@ def sweep(
 ) -> Iterator[Repeatable]:
     """Points of one method, from a step just above its stability limit to ever smaller steps."""
     bound = (limit(method) or 2.0) / chosen.omega
-    label = METHODS[method.name].label + {"cd newton": ", Newton", "cd fixed-point": ", fixed point"}.get(key, "")
+    label = method.label + {"cd newton": ", Newton", "cd fixed-point": ", fixed point"}.get(key, "")
     for factor in (*_FACTORS, *(0.5**k for k in range(1, 40))):
         n_steps, h = divide(problem.t_span[1] - problem.t_span[0], factor * bound)
         every = max(1, n_steps // STATES)

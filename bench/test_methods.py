@@ -6,11 +6,11 @@ import pytest
 
 from eig3 import problems
 from eig3.bench.loops import ARTICLE_PROBLEMS, N_STEPS
-from eig3.bench.options import METHOD_NAMES
+from eig3.bench.options import ARTICLE_METHODS
 
 
 @pytest.mark.parametrize("mode", ["pointer", "inline"])
-@pytest.mark.parametrize("method", METHOD_NAMES)
+@pytest.mark.parametrize("method", ARTICLE_METHODS)
 @pytest.mark.parametrize(("problem", "h"), [pytest.param(f.__name__, h, id=f.__name__) for f, h in ARTICLE_PROBLEMS])
 def test_method(benchmark, time_run, problem, h, method, mode):
     benchmark.group = problem

@@ -405,8 +405,8 @@ class EIG(_MayIgnoreVelocity):
 METHODS |= {f"eig{grade}": functools.partial(EIG, grade) for grade in range(4, 14)}
 
 
-#: The record classes of the library's own methods. `METHODS` also contains the methods that a user defines.
-LIBRARY: tuple[type[Method], ...] = (EIG3, CentralDifference, RK2, RK3, RK4, AB2, AB3)
+#: The names of the library's own methods. `METHODS` also contains the methods that a user defines.
+LIBRARY: tuple[str, ...] = tuple(METHODS)
 
 
 def shown(value: Any) -> str:

@@ -255,7 +255,7 @@ def test_a_users_method_is_in_no_benchmark(capsys, monkeypatch):
     assert "symplectic" not in capsys.readouterr().out.lower()
 
 
-@pytest.mark.parametrize("name", options.METHOD_NAMES)
+@pytest.mark.parametrize("name", options.ARTICLE_METHODS)
 @pytest.mark.parametrize("build", [eig3.problems.hardening_spring, eig3.problems.spring_pendulum])
 def test_loops_by_hand_compute_what_the_kernels_do(name, build, monkeypatch):
     monkeypatch.setattr(loops, "N_STEPS", 1000)

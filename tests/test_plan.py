@@ -25,7 +25,7 @@ def achieved(prediction, problem):
 def test_every_method_reaches_the_accuracy_at_the_step_predicted(accuracy):
     problem = problems.single_dof(xi=0.02, force=1.0, force_omega=3.0, t_end=50.0)
     plan = eig3.plan(problem, accuracy)
-    assert {p.method.name for p in plan.predictions} == {method.name for method in LIBRARY}
+    assert {p.method.name for p in plan.predictions} == set(LIBRARY)
     for prediction in plan.predictions:
         assert prediction.reaches, prediction
         if not prediction.note:
@@ -168,7 +168,7 @@ def test_a_users_method_breaks_no_plan():
         plan = eig3.plan(problems.single_dof(t_end=10.0), 1e-2)
     finally:
         del eig3.METHODS["broken"]
-    assert {p.method.name for p in plan.predictions} == {method.name for method in LIBRARY}
+    assert {p.method.name for p in plan.predictions} == set(LIBRARY)
 
 
 def test_a_record_is_shown_where_its_name_stands_for_another():

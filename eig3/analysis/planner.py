@@ -186,8 +186,9 @@ def plan(
         raise ValueError(f"metric must be 'trajectory' or 'energy', not {metric!r}.")
     if metric == "energy" and problem.energy is None:
         raise ValueError(f"metric 'energy' needs a problem with an energy, and {problem.name} has none.")
-    given = [method.name for method in LIBRARY] if methods is None else methods
-    records = [check_method(method) for method in given]
+    records = [check_method(method) for method in (LIBRARY if methods is None else methods)]
+    if methods is None and problem.uses_velocity:
+        records = [method for method in records if not method.ignores_velocity]
     if not records:
         raise ValueError("methods must name at least one method.")
     predictions, spent, system = [], 0.0, _linearised(problem)
