@@ -13,6 +13,8 @@ from eig3.drawing import NO_PICTURES
 from eig3.options import Files
 
 from .article_runs import MeasuredTable
+from .options import ARTICLE_METHODS
+from .reach import front
 from .reference import METRICS
 from .rivals import RIVALS
 from .sweep import WorkPrecisionSet
@@ -20,6 +22,8 @@ from .sweep import WorkPrecisionSet
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: Colours of EIG-4 to EIG-13; their marker is the grade.
+_FAMILY = ("440154", "482878", "3e4a89", "31688e", "26828e", "1f9e89", "35b779", "6ece58", "b5a01e", "d0b400")
 #: Colour and marker of each method and rival in every picture.
 STYLE = {
     "eig3": ("C3", "o"),
@@ -31,10 +35,14 @@ STYLE = {
     "rk4": ("C4", ">"),
     "ab2": ("C2", "^"),
     "ab3": ("C8", "p"),
+    **{f"eig{grade}": (f"#{color}", f"${grade}$") for grade, color in enumerate(_FAMILY, 4)},
+    "rk5": ("C6", "P"),
+    "rk8": ("k", "X"),
+    "bm6": ("C0", "d"),
     "scipy dop853": ("0.1", "x"),
     "scipy rk45": ("0.35", "x"),
     "scipy lsoda": ("0.6", "x"),
-    "heyoka": ("k", "*"),
+    "heyoka": ("C1", "*"),
     "cyrk dop853": ("0.2", "+"),
     "cyrk vern8": ("0.5", "+"),
 }
@@ -102,18 +110,24 @@ def article_table(result: MeasuredTable) -> Figure:
 
 
 def work_precision(result: WorkPrecisionSet) -> Figure:
-    """Error against time and against evaluations in logarithms; crosses at the top edge mark unstable runs."""
+    """Error against time and against evaluations in logarithms; crosses at the top edge mark unstable runs.
+
+    The methods and rivals on the Pareto front, the methods of the article and heyoka have colours; the rest is grey.
+    """
     metrics = result.metrics
     figure = new_figure(12.5, 4.9 * len(metrics) + 0.4)
     grid = figure.subplots(len(metrics), 2, sharey="row", squeeze=False)
     for (by_time, by_evaluations), metric in zip(grid, metrics, strict=True):
+        shown = {point.method for point in front(result, metric)} | {"heyoka"}
+        shown |= {method for method in result.methods if method.partition(" ")[0] in ARTICLE_METHODS}
         for method, label in result.methods.items():
-            _work_precision_lines(by_time, by_evaluations, result, method, label, metric)
+            _work_precision_lines(by_time, by_evaluations, result, method, label if method in shown else "", metric)
         by_time.set_ylabel(f"{metric} error\n{textwrap.fill(METRICS[metric], 50)}")
         by_time.set_xlabel("time (s), median")
         by_evaluations.set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
         for axes in (by_time, by_evaluations):
             axes.grid(which="major", alpha=0.35)
+        by_time.plot([], [], color="0.75", linewidth=0.6, label="the others (dashed: rivals)")
         # the lower left corner of the right picture is empty: no run is both cheap and accurate
         by_evaluations.legend(*by_time.get_legend_handles_labels(), loc="lower left", fontsize=7)
     figure.suptitle(f"What accuracy costs: {result.problem.title}", fontsize=12)
@@ -123,8 +137,11 @@ def work_precision(result: WorkPrecisionSet) -> Figure:
 def _work_precision_lines(
     by_time: Any, by_evaluations: Any, result: WorkPrecisionSet, method: str, label: str, metric: str
 ) -> None:
+    """The lines of one method; they are thin and grey without a label."""
     color, marker = STYLE[method]
-    style = {"color": color, "marker": marker, "markersize": 5, "alpha": 0.85, "label": label}
+    style = {"color": color, "marker": marker, "markersize": 5.5, "alpha": 0.85, "label": label}
+    if not label:
+        style = {"color": "0.75", "linewidth": 0.6, "zorder": 1}
     style["linestyle"] = "--" if method in RIVALS else "-"
     points = [p for p in result.of(method) if p.stable and metric in p.errors and p.errors[metric] > 0]
     if points:
@@ -133,7 +150,7 @@ def _work_precision_lines(
     if counted:
         by_evaluations.loglog(*zip(*counted, strict=True), **style)
     unstable = [p.evaluations for p in result.of(method) if not p.stable and p.evaluations]
-    if unstable:
+    if unstable and label:
         edge = by_evaluations.get_xaxis_transform()
         by_evaluations.plot(
             unstable, [0.985] * len(unstable), transform=edge, color=color, marker="x", linestyle="none"

@@ -1,4 +1,4 @@
-"""Measure the error against the time of every method and rival on seven problems, and the time to reach accuracies."""
+"""Measure the error of every method and rival against its time on a set of problems, and the time to an accuracy."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 from eig3.methods import LIBRARY
 from eig3.options import Files, add_methods, add_out
@@ -19,18 +18,18 @@ from . import pictures, text
 from .environment import environment, in_words
 from .options import add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET
+from .reach import TARGETS, Contest, Fastest, Reach, contests, front, reach
 from .reference import METRICS
-from .sweep import LONGEST, STATES, Point, WorkPrecisionSet, measure
+from .sweep import LONGEST, REPEATS, RIVAL_STATES, STATES, Point, WorkPrecisionSet, measure
 
 SUMMARY = "what each accuracy costs in time"
-TARGETS = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_problems(parser)
     add_methods(parser)
     parser.add_argument("--methods", dest="methods", nargs="+", metavar="NAME", help="only these methods")
-    add_repeats(parser, 7)
+    add_repeats(parser, REPEATS)
     parser.add_argument(
         "--longest",
         type=float,
@@ -38,6 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"halve the steps until a run takes this time ({LONGEST})",
     )
+    parser.add_argument("--inline", action="store_true", help="compile the right-hand side into the kernels")
     parser.add_argument("--no-rivals", dest="rivals", action="store_false", help="leave out SciPy, heyoka and CyRK")
     add_out(parser, "folder for precision.json, precision.md and pictures")
 
@@ -49,6 +49,7 @@ def run(options: argparse.Namespace) -> None:
         repeats=options.repeats,
         longest=options.longest,
         rivals=options.rivals,
+        inline=options.inline,
         out=options.out,
     )
 
@@ -57,62 +58,45 @@ def benchmark(
     *,
     only: Sequence[str] | None = None,
     methods: Sequence[str] | None = None,
-    repeats: int = 7,
+    repeats: int = REPEATS,
     longest: float = LONGEST,
     rivals: bool = True,
+    inline: bool = False,
     out: Path | None = None,
     write: Callable[[str], None] = print,
 ) -> None:
     """Measure, print each problem as soon as it is complete, and save after each problem in `out`."""
     names, methods = choose(only, list(PROBLEM_SET), "--problem"), choose(methods, LIBRARY)
     files = None if out is None else Files(out, "eig3 bench")
-    pages, results = [heading(repeats, longest)], []
-    write(pages[0])
-    for name in names:
-        results.append(measure(name, PROBLEM_SET[name], methods, repeats, longest, rivals))
-        pages.append(render(results[-1]))
-        write("\n" + pages[-1])
+    pages: list[str] = []
+    results: list[WorkPrecisionSet] = []
+
+    def add(page: str) -> None:
+        pages.append(page)
+        write(page + "\n")
         if files:
             save(files, results)
             with files.writing("precision.md") as path:
                 path.write_text("\n\n".join(pages) + "\n")
+
+    add(heading(repeats, longest, inline))
+    for name in names:
+        results.append(measure(name, PROBLEM_SET[name], methods, repeats, longest, rivals=rivals, inline=inline))
+        add(render(results[-1]))
+    add(render_summary(results))
     if files:
         figures = {f"precision_{result.name}.png": partial(pictures.work_precision, result) for result in results}
         files.finish(write, pictures.draw(figures, files, dpi=110))
 
 
-def heading(repeats: int, longest: float) -> str:
+def heading(repeats: int, longest: float, inline: bool = False) -> str:
+    mode = "inlined" if inline else "through a pointer"
     return (
         f"Machine: {in_words()}\n\n"
-        f"Times: medians of {repeats} interleaved runs, compiling left out, {STATES} states kept of every run; the "
-        f"methods with the right-hand side through a pointer. Steps are halved until a run takes {longest:g} s."
+        f"Times: medians of {repeats} interleaved runs, fewer if they take long; compiling left out. The methods keep "
+        f"{STATES} states or more, or all if there are fewer, and have the right-hand side {mode}. The rivals compute "
+        f"{RIVAL_STATES} states by their dense output. Steps are halved until a run takes {longest:g} s."
     )
-
-
-@dataclass(frozen=True)
-class Reach:
-    """What a method needs for a target: seconds and setting. With `at_most`, its first setting is already enough."""
-
-    seconds: float
-    setting: float
-    at_most: bool
-
-
-def reach(points: Sequence[Point], metric: str, target: float) -> Reach | None:
-    """Interpolate, in logarithms, where the error first falls below `target`; None if it never does."""
-    usable = sorted((p for p in points if p.stable and metric in p.errors), key=lambda point: -point.setting)
-    first = next((i for i, point in enumerate(usable) if point.errors[metric] <= target), None)
-    if first is None:
-        return None
-    if first == 0:
-        return Reach(usable[0].time, usable[0].setting, True)
-    one, two = usable[first - 1], usable[first]
-    fraction = math.log(one.errors[metric] / target) / math.log(one.errors[metric] / max(two.errors[metric], 1e-300))
-
-    def between(a: float, b: float) -> float:
-        return a ** (1 - fraction) * b**fraction
-
-    return Reach(between(one.time, two.time), between(one.setting, two.setting), False)
 
 
 def render(result: WorkPrecisionSet) -> str:
@@ -120,10 +104,11 @@ def render(result: WorkPrecisionSet) -> str:
     parts = [f"## {result.problem.title} ({result.name})"]
     parts.append(f"Truth: {result.source}, known to {result.uncertainty:.1g} of max |u|.")
     for metric in result.metrics:
-        parts += [render_reach(result, metric), front(result, metric)]
-    unstable = [f"{p.label} at {p.setting:.3g}" for p in result.points if not p.stable]
-    if unstable:
-        parts.append(f"Unstable or useless, and kept in the pictures: {', '.join(unstable)}.")
+        parts += [render_reach(result, metric), render_contests(result, metric), render_front(result, metric)]
+    unstable = groupby((point for point in result.points if not point.stable), key=lambda point: point.label)
+    failed = [f"{label} at {', '.join(f'{point.setting:.2g}' for point in points)}" for label, points in unstable]
+    if failed:
+        parts.append(f"Unstable or useless, and kept in the pictures: {'; '.join(failed)}.")
     if result.skipped:
         parts.append(f"Left out: {', '.join(result.skipped)}.")
     return "\n\n".join(parts)
@@ -151,6 +136,46 @@ def render_reach(result: WorkPrecisionSet, metric: str) -> str:
     return f"Error: {METRICS[metric]}.\n\n{text.table(header, rows)}\n\n{note}"
 
 
+def render_contests(result: WorkPrecisionSet, metric: str) -> str:
+    """The fastest method and the fastest rival for each target, and a sentence for each target that a rival wins."""
+    held = [contest for contest in contests(result, metric) if contest.rival]
+    if not held:
+        return "No rival was measured, or none reaches one of these errors."
+    header = [f"fastest to reach ({metric})", *(f"{contest.target:g}" for contest in held)]
+    rows = [
+        ["of eig3", *(_fastest(contest.ours) for contest in held)],
+        ["of the rivals", *(_fastest(contest.rival) for contest in held)],
+        ["ratio of the times", *(_ratio(contest) for contest in held)],
+    ]
+    lost = [
+        f"At {contest.target:g}, a rival is ahead: {_fastest(contest.rival)}, against {_fastest(contest.ours)}."
+        for contest in held
+        if contest.is_lost
+    ]
+    return f"{text.table(header, rows)}\n\n{' '.join(lost) or 'No rival is ahead at any of these errors.'}"
+
+
+def _fastest(found: Fastest | None) -> str:
+    return f"{found.label} {_milliseconds(found.seconds)}" if found else "none"
+
+
+def _ratio(contest: Contest) -> str:
+    return "-" if contest.ratio is None or math.isinf(contest.ratio) else f"{contest.ratio:.2f}"
+
+
+def render_summary(results: Sequence[WorkPrecisionSet]) -> str:
+    """The ratio of the times of the fastest method and the fastest rival, for every problem and target."""
+    held = {result.name: contests(result, "trajectory") for result in results}
+    cells = [contest for row in held.values() for contest in row if contest.rival]
+    lost = sum(contest.is_lost for contest in cells)
+    header = ["fastest of eig3 / fastest rival", *(f"{target:g}" for target in TARGETS)]
+    rows = [[name, *map(_ratio, row)] for name, row in held.items()]
+    return (
+        f"## Beside the rivals\n\nTime to reach an error of the trajectory.\n\n{text.table(header, rows)}\n\n"
+        f"A method of eig3 is the fastest in {len(cells) - lost} of {len(cells)} cells."
+    )
+
+
 def _cell(found: Reach | None, points: Sequence[Point], metric: str) -> str:
     if found:
         return f"{'<= ' if found.at_most else ''}{_milliseconds(found.seconds)} ({found.setting:.1e})"
@@ -165,23 +190,15 @@ def _milliseconds(seconds: float) -> str:
     return f"{text.number(1e3 * seconds)} ms"
 
 
-def front(result: WorkPrecisionSet, metric: str) -> str:
-    """The Pareto front as a sentence: the runs than which no other run is both faster and more accurate."""
-    points = sorted((p for p in result.points if p.stable and metric in p.errors), key=lambda p: p.time)
-    best = math.inf
-    stretches: list[list[Any]] = []
-    for point in points:
-        error = point.errors[metric]
-        if error >= min(best, 1.0):
-            continue
-        best = error
-        if stretches and stretches[-1][0] == point.label:
-            stretches[-1][2] = error
-        else:
-            stretches.append([point.label, error, error])
+def render_front(result: WorkPrecisionSet, metric: str) -> str:
+    """The Pareto front as a sentence."""
+    stretches = [
+        (label, [point.errors[metric] for point in points])
+        for label, points in groupby(front(result, metric), key=lambda point: point.label)
+    ]
     if not stretches:
-        return "Pareto front: no run has an error below 1."
-    words = [f"{name} ({a:.1e}{f' to {b:.1e}' if a != b else ''})" for name, a, b in stretches]
+        return "Pareto front: no run has an error below 0.1."
+    words = [f"{label} ({e[0]:.1e}{f' to {e[-1]:.1e}' if e[1:] else ''})" for label, e in stretches]
     return f"Pareto front, from fast to accurate: {', '.join(words)}."
 
 

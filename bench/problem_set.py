@@ -1,9 +1,10 @@
-"""The seven problems of `eig3 bench precision`, `plan` and `report`."""
+"""The problems of `eig3 bench precision`, `plan` and `report`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from eig3 import problems
 from eig3.methods import CentralDifference, Method
@@ -37,6 +38,7 @@ class BenchmarkProblem:
 _NEWTON = ("cd newton", CentralDifference(velocity="implicit", solver="newton"))
 _FIXED_POINT = ("cd fixed-point", CentralDifference(velocity="implicit", solver="fixed-point"))
 _BAR_OMEGA = 2 * 5000.0 * 1001
+_REGULAR = 20.0  # s; the double pendulum and Duffing's oscillator are not chaotic for so long
 
 PROBLEM_SET = {
     "single_dof": BenchmarkProblem(problems.single_dof, 4.0, "single degree of freedom, 637 periods"),
@@ -44,6 +46,16 @@ PROBLEM_SET = {
     "softening_spring": BenchmarkProblem(problems.softening_spring, 10.0, "softening spring, 123 periods"),
     "spring_pendulum": BenchmarkProblem(
         problems.spring_pendulum, 9.9, "spring pendulum, 100 s", cd=(_NEWTON, _FIXED_POINT)
+    ),
+    "henon_heiles": BenchmarkProblem(problems.henon_heiles, 1.2, "Henon and Heiles, 100 periods"),
+    "rotor": BenchmarkProblem(problems.rotor, 16.0, "rotor with cubic springs, 100 periods", cd=(_FIXED_POINT,)),
+    "kepler_03": BenchmarkProblem(partial(problems.kepler, e=0.3), 1.8, "Kepler, e = 0.3, 20 orbits"),
+    "kepler_06": BenchmarkProblem(partial(problems.kepler, e=0.6), 4.0, "Kepler, e = 0.6, 20 orbits"),
+    "double_pendulum": BenchmarkProblem(
+        partial(problems.double_pendulum, t_end=_REGULAR), 8.0, "double pendulum, 20 s", cd=(_FIXED_POINT,)
+    ),
+    "duffing": BenchmarkProblem(
+        partial(problems.duffing, t_end=_REGULAR), 2.0, "Duffing, damped and forced, 20 s", cd=(_FIXED_POINT,)
     ),
     "elastic_bar": BenchmarkProblem(
         problems.elastic_bar, _BAR_OMEGA, "elastic bar, 1000 masses, ten passes", "continuum"

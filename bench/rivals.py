@@ -189,6 +189,40 @@ def _spring_pendulum(heyoka, u, v, p):
     ]
 
 
+def _henon_heiles(heyoka, u, v, p):
+    x, y = u
+    return [-x - 2.0 * x * y, -y - x * x + y * y]
+
+
+def _rotor(heyoka, u, v, p):
+    x, y = u
+    square, beta, speed = p
+    stiffness = square * (1.0 + beta * (x * x + y * y)) - speed * speed
+    return [2.0 * speed * v[1] - stiffness * x, -2.0 * speed * v[0] - stiffness * y]
+
+
+def _kepler(heyoka, u, v, p):
+    pull = p[0] * (u[0] * u[0] + u[1] * u[1]) ** -1.5
+    return [-pull * u[0], -pull * u[1]]
+
+
+def _double_pendulum(heyoka, u, v, p):
+    m1, m2, l1, l2, g = p
+    m, sine, cosine = m1 + m2, heyoka.sin(u[0] - u[1]), heyoka.cos(u[0] - u[1])
+    sine1, sine2 = heyoka.sin(u[0]), heyoka.sin(u[1])
+    pull1, pull2 = l1 * v[0] * v[0], l2 * v[1] * v[1]
+    inertia = m1 + m2 * sine * sine
+    return [
+        -(m2 * sine * (pull1 * cosine + pull2) + g * (m * sine1 - m2 * sine2 * cosine)) / (l1 * inertia),
+        (sine * (m * pull1 + m2 * pull2 * cosine) + m * g * (sine1 * cosine - sine2)) / (l2 * inertia),
+    ]
+
+
+def _duffing(heyoka, u, v, p):
+    a, b, delta, gamma, omega = p
+    return [gamma * heyoka.cos(omega * heyoka.time) - u[0] * (a + b * u[0] * u[0]) - delta * v[0]]
+
+
 def _second_differences(u):
     return [(u[j - 1] if j else 0.0) - 2.0 * u[j] + (u[j + 1] if j < len(u) - 1 else 0.0) for j in range(len(u))]
 
@@ -214,6 +248,11 @@ _EXPRESSIONS = {
     "hardening_spring": _hardening_spring,
     "softening_spring": _softening_spring,
     "spring_pendulum": _spring_pendulum,
+    "henon_heiles": _henon_heiles,
+    "rotor": _rotor,
+    "kepler": _kepler,
+    "double_pendulum": _double_pendulum,
+    "duffing": _duffing,
     "elastic_bar": _elastic_bar,
     "damped_bar": _damped_bar,
     "hardening_chain": _hardening_chain,

@@ -20,9 +20,13 @@ from .reference import METRICS, Judge, reference
 from .rivals import RIVALS, Answer, Rival
 from .timing import Storage, interleave, kernel_run
 
-STATES = 2000  # stored in every run, the library's and the rivals', and compared with the reference
-LONGEST = 0.25  # steps are halved until a run takes this long, s
+STATES = 2000  # stored in every run of the library, and compared with the reference
+RIVAL_STATES = 401  # the same for a rival: with 2000, the dense output would take a fifth of heyoka's time
+REPEATS = 15
+ENOUGH = 0.2  # s; a run that has taken so long in three rounds is not repeated
+LONGEST = 0.1  # steps are halved until a run takes this long, s
 _FACTORS = (1.05, 0.95, 0.7)  # the first steps, as fractions of the stability limit; then it is halved
+_BETWEEN = (2 ** (2 / 3), 2 ** (1 / 3))  # steps to try between an unstable step and its half, which is stable
 _ENOUGH = 3e-9  # an error below every target; no smaller step is tried
 _USELESS = 10.0  # only an unstable run has such a relative error
 
@@ -84,9 +88,19 @@ Repeatable = tuple[Point, Callable[[], float]]
 
 
 def measure(
-    name: str, chosen: BenchmarkProblem, methods: Sequence[str], repeats: int, longest: float, rivals: bool
+    name: str,
+    chosen: BenchmarkProblem,
+    methods: Sequence[str],
+    repeats: int,
+    longest: float,
+    *,
+    rivals: bool,
+    inline: bool = False,
 ) -> WorkPrecisionSet:
-    """Find the points of every method and rival, then time all of them in interleaved runs."""
+    """Find the points of every method and rival, then time all of them in interleaved runs.
+
+    With `inline`, the kernels have the right-hand side inlined.
+    """
     problem = chosen.build()
     text.status(f"{name}: reference")
     truth = reference(problem, chosen.omega)
@@ -94,7 +108,7 @@ def measure(
     storage = Storage.for_steps(problem, 2 * STATES)  # a run stores fewer than 2 * STATES states
     found: list[Repeatable] = []
     for key, method in records(problem, chosen, methods):
-        found += sweep(problem, chosen, judge, key, method, longest, storage)
+        found += sweep(problem, chosen, judge, key, method, longest, storage, inline)
     skipped = []
     for key, rival in RIVALS.items() if rivals else ():
         if not rival.is_installed:
@@ -105,18 +119,19 @@ def measure(
             found += sweep_rival(problem, judge, key, rival, longest)
     points = [point for point, _ in found]
     timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
-    for i, seconds in interleave(timed, repeats, name).items():
+    for i, seconds in interleave(timed, repeats, name, ENOUGH).items():
         points[int(i)].seconds = seconds
     return WorkPrecisionSet(name, chosen, truth.source, truth.uncertainty, points, skipped)
 
 
 def records(problem: Problem, chosen: BenchmarkProblem, methods: Sequence[str]) -> Iterator[tuple[str, Method]]:
-    """The records of these methods; CD comes in each form that the problem set names."""
+    """The records of these methods that can solve the problem; CD comes in each form that the problem set names."""
     for name in methods:
+        method = METHODS[name]()
         if name == "cd" and chosen.cd:
             yield from chosen.cd
-        else:
-            yield name, METHODS[name]()
+        elif not (method.ignores_velocity and problem.uses_velocity):
+            yield name, method
 
 
 def sweep(
@@ -127,26 +142,36 @@ def sweep(
     method: Method,
     longest: float,
     storage: Storage,
+    inline: bool,
 ) -> Iterator[Repeatable]:
     """Points of one method, from a step just above its stability limit to ever smaller steps."""
     bound = (limit(method) or 2.0) / chosen.omega
     label = method.label + {"cd newton": ", Newton", "cd fixed-point": ", fixed point"}.get(key, "")
-    for factor in (*_FACTORS, *(0.5**k for k in range(1, 40))):
-        n_steps, h = divide(problem.t_span[1] - problem.t_span[0], factor * bound)
+
+    def at(step: float) -> tuple[Repeatable, float]:
+        n_steps, h = divide(problem.t_span[1] - problem.t_span[0], step)
         every = max(1, n_steps // STATES)
         text.status(f"{problem.name}, {label}, h = {h:.3g}")
-        solution = problem.integrate(h=h, method=method, save_every=every)
+        solution = problem.integrate(h=h, method=method, save_every=every, inline=inline)
         errors = judge.of_run(solution) if solution.success else {}
         point = Point(key, label, h, n_steps, solution.n_rhs, _is_stable(solution.success, errors), errors)
-        start = problem.stepper(h=h, method=method)
-        yield point, kernel_run(start, n_steps, every=every, storage=storage)
-        if solution.kernel_seconds > longest or _is_enough(point):
+        start = problem.stepper(h=h, method=method, inline=inline)
+        return (point, kernel_run(start, n_steps, every=every, storage=storage)), solution.kernel_seconds
+
+    was_stable = True
+    for factor in (*_FACTORS, *(0.5**k for k in range(1, 40))):
+        found, seconds = at(factor * bound)
+        if found[0].stable and not was_stable and factor <= 0.5:
+            yield from (at(factor * longer * bound)[0] for longer in _BETWEEN)
+        yield found
+        was_stable = found[0].stable
+        if seconds > longest or _is_enough(found[0]):
             break
 
 
 def sweep_rival(problem: Problem, judge: Judge, key: str, rival: Rival, longest: float) -> Iterator[Repeatable]:
     """Points of one rival, from its loosest to its tightest tolerance."""
-    times = np.linspace(*problem.t_span, STATES + 1)
+    times = np.linspace(*problem.t_span, RIVAL_STATES)
     at = rival.prepare(problem, times)
     at(rival.tolerances[0])()  # compiles: this must not count as time of a run
     for tolerance in rival.tolerances:

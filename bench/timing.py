@@ -1,5 +1,6 @@
 """Timing as in the article: the kernel alone, on memory allocated and written before, without compiling."""
 
+import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 
@@ -73,17 +74,23 @@ def continued_run(stepper: Stepper, n_steps: int) -> Callable[[], float]:
     return run
 
 
-def interleave(runs: Mapping[str, Callable[[], float]], repeats: int, where: str) -> dict[str, list[float]]:
+def interleave(
+    runs: Mapping[str, Callable[[], float]], repeats: int, where: str, enough: float = math.inf
+) -> dict[str, list[float]]:
     """Call every run once in each of `repeats` rounds, after one round to warm up; return the seconds of each run.
 
-    A disturbance by another process then hits all runs alike. `where` is shown on the progress line.
+    A disturbance by another process then hits all runs alike. `where` is shown on the progress line. A run is not
+    called again when it has taken `enough` seconds in three rounds, or three times as long in fewer rounds. The round
+    to warm up then counts too: it hardly changes so long a run.
     """
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for round_ in range(repeats + 1):
         for name, run in runs.items():
+            if sum(seconds[name]) >= enough * (1 if len(seconds[name]) >= 3 else 3):
+                continue
             text.status(f"{where}, {name}: {f'run {round_} of {repeats}' if round_ else 'warming up'}")
             elapsed = run()
-            if round_:
+            if round_ or elapsed >= enough:
                 seconds[name].append(elapsed)
     text.status("")
     return seconds

@@ -8,10 +8,12 @@ from .elastic_bar import elastic_bar
 from .friction_oscillator import friction_oscillator
 from .hardening_chain import hardening_chain
 from .hardening_spring import hardening_spring
+from .henon_heiles import henon_heiles
 from .hertz_impact import hertz_impact
 from .kepler import kepler
 from .quarter_car import quarter_car
 from .rail_joint import rail_joint
+from .rotor import rotor
 from .shear_building import shear_building
 from .single_dof import single_dof
 from .softening_spring import softening_spring
@@ -28,10 +30,12 @@ __all__ = [
     "friction_oscillator",
     "hardening_chain",
     "hardening_spring",
+    "henon_heiles",
     "hertz_impact",
     "kepler",
     "quarter_car",
     "rail_joint",
+    "rotor",
     "shear_building",
     "single_dof",
     "softening_spring",

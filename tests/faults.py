@@ -371,7 +371,7 @@ def name_that_is_code(number):
     return None if abs(solution.u[-1, 0] + 0.41615) < 1e-4 else "wrong numbers"
 
 
-@fault("a problem of the library is pickled", 18)
+@fault("a problem of the library is pickled", 20)
 def pickled_problem(number):
     import pickle
 

@@ -1,6 +1,7 @@
 """The work-precision sets: errors against the truth, times to reach an accuracy, and that no run is dropped."""
 
 import json
+import math
 import re
 
 import numpy as np
@@ -43,7 +44,28 @@ def test_front_names_the_methods_in_order():
     swept = points((1e-1, 1.0), (1e-3, 4.0))
     swept.append(Point("rk4", "RK4", 0.1, 10, 40, True, {"trajectory": 1e-9}, [3.0]))
     result = WorkPrecisionSet("x", PROBLEM_SET["single_dof"], "", 0.0, swept, [])
-    assert precision.front(result, "trajectory").endswith("EIG-3 (1.0e-01), RK4 (1.0e-09).")
+    assert precision.render_front(result, "trajectory").endswith("EIG-3 (1.0e-01), RK4 (1.0e-09).")
+
+
+def test_a_rival_that_is_ahead_is_named_for_each_accuracy():
+    swept = points((1e-2, 1.0), (1e-6, 4.0))
+    swept += [Point("heyoka", "heyoka", tol, None, None, True, {"trajectory": tol}, [2.0]) for tol in (1e-2, 1e-8)]
+    result = WorkPrecisionSet("x", PROBLEM_SET["single_dof"], "", 0.0, swept, [])
+    found = [(contest.target, contest.ratio, contest.is_lost) for contest in precision.contests(result, "trajectory")]
+    # between two points, log t is linear in log error: at 1e-3 and 1e-4 ours takes 4^(1/4) and 4^(2/4) s
+    expected = [(1e-2, 0.5, False), (1e-3, 4**0.25 / 2, False), (1e-4, 1.0, False), (1e-6, 2.0, True)]
+    assert [pytest.approx(cell) for cell in found[:4]] == expected
+    assert found[4] == (1e-8, math.inf, True)
+    printed = precision.render_contests(result, "trajectory")
+    assert "At 1e-06, a rival is ahead: heyoka 2.00e+03 ms, against EIG-3 4.00e+03 ms." in printed
+    assert "At 1e-08, a rival is ahead: heyoka 2.00e+03 ms, against none." in printed
+    assert "fastest in 3 of 5 cells" in precision.render_summary([result])
+
+
+def test_without_rivals_nothing_is_called_ahead():
+    result = WorkPrecisionSet("x", PROBLEM_SET["single_dof"], "", 0.0, points((1e-3, 1.0)), [])
+    assert all(contest.ratio is None and not contest.is_lost for contest in precision.contests(result, "trajectory"))
+    assert "No rival was measured" in precision.render_contests(result, "trajectory")
 
 
 @pytest.mark.parametrize("name", ["hardening_spring", "hardening_chain"])
@@ -85,7 +107,8 @@ def test_rivals_of_other_packages_solve_the_same_problems(name, key):
     pytest.importorskip(rival.package)
     sizes = {"elastic_bar": {"n": 20}, "damped_bar": {"n": 20}, "hardening_chain": {"n": 20}}.get(name, {})
     t_end = 1e-4 if "bar" in name else 0.5
-    problem = getattr(problems, name)(**sizes, t_end=t_end)
+    problem = PROBLEM_SET[name].build() if not sizes else getattr(problems, name)(**sizes)
+    problem = problem.with_(t_span=(0.0, t_end))
     answer = rival.prepare(problem, np.linspace(0, t_end, 11))(1e-9)()
     ours = problem.integrate(h=t_end / 1e5, method="rk4", save_every=10_000)
     np.testing.assert_allclose(answer.u, ours.u, atol=1e-5 * np.abs(ours.u).max())
