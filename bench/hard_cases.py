@@ -10,15 +10,20 @@ import numpy as np
 
 import eig3
 from eig3 import problems
-from eig3.methods import METHODS, Method
+from eig3.kernels import bm6, rk8
+from eig3.methods import EIG, METHODS, Method
 from eig3.problem import Problem
 from eig3.problems.hertz_impact import contact_time
+from eig3.problems.single_dof import particular
 from eig3.stability import limit, spectral_radius
 
 from .article import TABLES
+from .characteristic import gyroscope_growth
+from .hardening_orbit import AMPLITUDE, S1, S2, eig_power, energy_after, harmonics, one_step_power
 from .options import ARTICLE_METHODS
 
 _ROWS = 2**18  # states in a chunk
+_FORCED = 96.0  # duration of a run with a force of frequency 1: a multiple of its steps
 _DECAYED = 1e-100  # size below which no round-off is left that could grow; subnormal numbers take 100 times longer
 
 
@@ -387,3 +392,155 @@ def order_with_velocity(method: Method) -> Iterator[Finding]:
         ends = [problem.integrate(h=h / 2**i, method=method, save_every=None).u[-1] for i in range(3)]
         coarse, fine = (float(np.abs(ends[i] - ends[i + 1]).max()) for i in range(2))
         yield near(f"order on {problem.name}", method.order, math.log2(coarse / fine), tolerance=0.15)
+
+
+@case(17, "a million periods", "eig5", "eig9", "bm6", "rk8")
+def million_periods(method: Method) -> Iterator[Finding]:
+    """Energy of the hardening spring, from its mean over the first and over the last 100 periods.
+
+    A symplectic method conserves an energy close to the exact one. The others lose energy at a rate that depends on the
+    amplitude. Their next order in h changes this rate by less than 1 %.
+    """
+    per_period = {"eig5": 150, "eig9": 80, "bm6": 12, "rk8": 16}[method.name]
+    omega, _ = harmonics(AMPLITUDE)
+    h = 2 * math.pi / omega / per_period
+    n_steps, window = 10**6 * per_period, 100 * per_period
+    problem = problems.hardening_spring(S1, S2, AMPLITUDE)
+    stepper = problem.stepper(h=h, method=_of(problem, method))
+    u, v = np.empty((2, window)), np.empty((2, window))
+    stepper.advance(window, 1, u[0], v[0])
+    stepper.advance(n_steps - 2 * window)
+    stepper.advance(window, 1, u[1], v[1])
+    first, last = (problem.energy_of(u[i], v[i]) for i in range(2))
+    start = problem.energy_of(AMPLITUDE, 0.0)
+    if method.name == "bm6":
+        ratio = np.abs(last - start).max() / np.abs(first - start).max()
+        yield at_most("largest energy error, last 100 periods / first 100", 1.1, float(ratio))
+    else:
+        grade = method.grade if isinstance(method, EIG) else 0
+        power = eig_power(grade, h) if grade else one_step_power(method, h)
+        expected = energy_after(power, n_steps * h) / start
+        yield near("ln (energy at the end / at the start)", math.log(expected), math.log(last.mean() / start), rel=0.01)
+
+
+@case(18, "gyroscope, grades 5 to 7", "eig5", "eig6", "eig7")
+def gyroscopic_growth_of_grades(method: EIG) -> Iterator[Finding]:
+    """EIG-5 loses speed, and so does not grow. The first steps are left out: parasitic roots decay there."""
+    for k in (0.05, 0.1):
+        stepper = eig3.Stepper(gyroscope, [0.0, 0.0], [1.0, 0.0], h=k, params=1.0, method=method)
+        stepper.advance(1000)
+        start = np.hypot(*stepper.v)
+        stepper.advance(10**6)
+        growth = math.log(np.hypot(*stepper.v) / start) / 10**6
+        yield near(f"growth of abs v a step, kappa h = {k}", gyroscope_growth(method.grade, k), growth, rel=1e-3)
+
+
+@case(19, "round-off, high grades", "eig9", "eig11", "eig13")
+def round_off_of_grades(method: Method) -> Iterator[Finding]:
+    """A random walk of the energy (1/2): in each step u and V, between 1/2 and 1, are rounded to a multiple of 2^-53.
+
+    One rounding has the variance 2^-106/12, and the energy changes by u or V times the two, on average by half of their
+    sum. The maximum of a walk is sqrt(pi/2) times its standard deviation in the mean, and hardly ever 4 times more or
+    less. The large coefficients of high grades do not matter, because h^2 multiplies them.
+    """
+    n_steps, h = 10**7, 2.0**-10
+    problem = problems.single_dof(omega=1.0, t_end=n_steps * h)
+    drift = problem.integrate(h=h, method=_of(problem, method), save_every=None).drift["energy"]
+    expected = math.sqrt(math.pi / 2) * 2.0**-53 * math.sqrt(n_steps / 12)
+    yield within("energy drift, 1e7 steps", expected, drift, 4)
+
+
+@eig3.jit
+def one_sided(t: float, u: float, v: float, p: np.ndarray) -> float:
+    return -u - p[0] * max(u, 0.0)
+
+
+@case(20, "a kink", "eig5", "eig9", "eig13", "rk4", "rk8", "bm6")
+def kink(method: Method) -> Iterator[Finding]:
+    """A spring that is stiffer by c on one side of u = 0, which the mass passes at the speed 1 and the energy 1/2.
+
+    The acceleration gets a kink -c (t - t0)+ there. Where t0 is at the fraction theta of a step, a Runge-Kutta method
+    has the velocity error -c h^2 (sum b_i (c_i - theta)+ - (1 - theta)^2/2). In EIG the weights of past accelerations
+    sum up to those of the trapezoidal rule, so that at every grade the error is -c h^2 B_2(theta)/2 with Bernoulli's
+    polynomial B_2, whose mean square is 1/180. So every order falls to 2. Without the kink the order is kept.
+    """
+    theta = (np.arange(1000) + 0.5) / 1000
+    if isinstance(method, EIG):
+        kernel = (theta**2 - theta + 1 / 6) / 2
+    else:
+        b, c = {
+            "rk4": ((1 / 6, 1 / 3, 1 / 3, 1 / 6), (0, 1 / 2, 1 / 2, 1)),
+            "rk8": (rk8.B, rk8.C),
+            "bm6": (bm6.KICKS, (0, *bm6.TIMES)),
+        }[method.name]
+        kernel = sum(w * np.maximum(x - theta, 0) for w, x in zip(b, c, strict=True)) - (1 - theta) ** 2 / 2
+    expected = 2 * math.sqrt(np.mean(kernel**2))
+    coarse, fine = (_energy_errors_of_a_passage(method, 1.0, h) for h in (0.02, 0.01))
+    smooth = _energy_errors_of_a_passage(method, 0.0, 0.01)
+    # the next terms in h are a few h relative
+    yield near("relative energy error / (c h^2), rms over places in a step", expected, fine / 0.01**2, rel=0.03)
+    yield near("order", 2.0, math.log2(coarse / fine), tolerance=0.1)
+    yield at_most("energy error without the kink / with it", 1e-3, smooth / fine)
+
+
+def _energy_errors_of_a_passage(method: Method, c: float, h: float) -> float:
+    """The rms of 2 E - 1 after u = 0 was passed at 100 places within a step."""
+    errors = []
+    for begin in (0.3 + (np.arange(100) + 0.5) / 100 * h).tolist():
+        u, v = -math.cos(begin), math.sin(begin)
+        stepper = eig3.Stepper(one_sided, u, v, h=h, params=c, method=method.without_velocity())
+        stepper.advance(round(2.2 / h))
+        errors.append(stepper.v**2 + stepper.u**2 + c * max(stepper.u, 0.0) ** 2 - 1)
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+@eig3.jit
+def whirled(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
+    """A gyroscope with a force that turns once in 2 pi."""
+    a[0] = np.cos(t) - p[0] * v[1]
+    a[1] = np.sin(t) + p[0] * v[0]
+
+
+@case(21, "order with velocity, higher orders", *(f"eig{grade}" for grade in range(4, 14)), "rk5", "rk8")
+def higher_order_with_velocity(method: Method) -> Iterator[Finding]:
+    """From the rms error of v over a run with h and over one with h/2.
+
+    With strong damping or gyroscopic forces the stable steps of high grades are so short that only round-off is left.
+    Their order shows where a force is much faster than the system: it needs short steps, which are stable.
+    """
+    Omega = {"eig11": 0.3, "eig12": 0.4, "eig13": 0.3, "rk5": 0.4, "rk8": 1.6}.get(method.name, 0.2)
+    yield _order("single_dof", method, [_error_of_damped(method, h) for h in (Omega, Omega / 2)])
+    yield _order("a gyroscope", method, [_error_of_whirled(method, h) for h in (Omega, Omega / 2)])
+    pendulum = problems.spring_pendulum(t_end=2.0)
+    exact = pendulum.integrate(h=1e-4, method="rk8")
+    if method.order < 9:
+        h = {"rk5": 0.004, "rk8": 0.02}.get(method.name, 0.004)
+        runs = [pendulum.integrate(h=step, method=method) for step in (h, h / 2)]
+        yield _order("spring_pendulum", method, [_rms(run.v - exact.v[:: round(run.h / exact.h)]) for run in runs])
+    else:
+        run = pendulum.integrate(h=1e-4, method=method)
+        yield at_most("error on spring_pendulum, h = 1e-4", 1e-12, _rms(run.v - exact.v))
+
+
+def _order(where: str, method: Method, errors: list[float]) -> Finding:
+    return near(f"order on {where}", method.order, math.log2(errors[0] / errors[1]), tolerance=0.3)
+
+
+def _error_of_damped(method: Method, h: float) -> float:
+    """On the steady motion of a damped oscillator, with a force that is ten times as fast as its own motion."""
+    constants = {"omega": 0.1, "xi": 0.01, "force": 1.0, "force_omega": 1.0}
+    u0, v0 = particular(0.0, **constants)
+    run = problems.single_dof(**constants, u0=u0, v0=v0, t_end=_FORCED).integrate(h=h, method=method)
+    return _rms(run.v - particular(run.t, **constants)[1])
+
+
+def _error_of_whirled(method: Method, h: float) -> float:
+    """On the steady motion v = i w exp(i t) with w = -1 / (1 - kappa)."""
+    kappa = 0.005 if method.order > 7 and method.name != "rk8" else 0.2
+    w = -1 / (1 - kappa)
+    run = eig3.integrate(whirled, (0, _FORCED), [w, 0.0], [0.0, w], h=h, params=kappa, method=method)
+    return _rms(run.v[:, 0] + 1j * run.v[:, 1] - 1j * w * np.exp(1j * run.t))
+
+
+def _rms(errors: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.abs(errors) ** 2)))
