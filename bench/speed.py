@@ -7,9 +7,10 @@ from eig3.methods import METHODS
 from eig3.options import add_methods
 from eig3.problem import Problem
 
-from . import handwritten, loops, text
+from . import loops, text
 from .environment import in_words
-from .options import ARTICLE_METHODS, add_repeats, choose
+from .handwritten import pendulum_in_registers
+from .options import add_repeats, choose
 from .timing import Storage, medians
 
 SUMMARY = "ns/step of every method, compared with loops written by hand"
@@ -27,10 +28,12 @@ def run(options: argparse.Namespace) -> None:
 
 def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print) -> None:
     """Print the table of these methods, or of all if None."""
-    chosen = choose(methods, ARTICLE_METHODS)
+    chosen = choose(methods, loops.METHODS_BY_HAND)
     write(f"Machine: {in_words()}")
     write(f"ns/step with every state stored: medians of {repeats} interleaved runs of {loops.N_STEPS} steps.\n")
-    rows = [row for build, h in loops.ARTICLE_PROBLEMS for name in chosen for row in compare(build(), h, name, repeats)]
+    problems = [(build(), h) for build, h in loops.ARTICLE_PROBLEMS]
+    pairs = [(problem, h, name) for problem, h in problems for name in chosen if loops.by_hand(problem, name)]
+    rows = [row for problem, h, name in pairs for row in compare(problem, h, name, repeats)]
     write(text.table(HEADER, rows))
     ratios = [float(row[i]) for row in rows for i in (3, 6) if row[i] != "-"]
     write(f"\nRatio of the kernel to the loop by hand: {min(ratios):.2f} to {max(ratios):.2f}.")
@@ -38,8 +41,7 @@ def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: 
 
 def compare(problem: Problem, h: float, name: str, repeats: int) -> list[list[str]]:
     """The row of one method on one problem. EIG-3 on the pendulum has a second row, for a loop in registers."""
-    vector = loops.is_vector(problem)
-    by_hand = getattr(handwritten, f"{name}_{'pair' if vector else 'scalar'}")
+    by_hand = loops.by_hand(problem, name)
     storage = Storage.for_steps(problem, loops.N_STEPS)
     runs = {
         "pointer": loops.kernel_loop(problem, h, name, storage, inline=False),
@@ -47,8 +49,8 @@ def compare(problem: Problem, h: float, name: str, repeats: int) -> list[list[st
         "inline": loops.kernel_loop(problem, h, name, storage, inline=True),
         "inline by hand": loops.hand_loop(problem, h, by_hand, storage, inline=True),
     }
-    if vector and name == "eig3":
-        runs["registers"] = loops.hand_loop(problem, h, handwritten.pendulum_in_registers, storage, inline=True)
+    if loops.is_vector(problem) and name == "eig3":
+        runs["registers"] = loops.hand_loop(problem, h, pendulum_in_registers, storage, inline=True)
     title = f"{problem.name}, {METHODS[name]().label}"
     ns = {key: 1e9 * seconds / loops.N_STEPS for key, seconds in medians(runs, repeats, title).items()}
     row = [title]
