@@ -262,7 +262,7 @@ def test_loops_by_hand_compute_what_the_kernels_do(name, build, monkeypatch):
     problem, h = build(), 1e-4
     function = loops.by_hand(problem, name)
     if function is None:
-        assert name == "bm6" and problem.uses_velocity  # BM6 refuses such a force
+        assert (name, problem.uses_velocity) == ("bm6", True)  # BM6 refuses such a force
         return
     storage = timing.Storage.for_steps(problem, 1000)
     loops.kernel_loop(problem, h, name, storage, inline=False)()
