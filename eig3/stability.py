@@ -38,7 +38,7 @@ _FURTHER = 1.01  # a practical limit beyond this multiple of the limit is worth 
 _VISIBLE = 1e-11  # a term that is less than this on its circle is round-off
 #: Growth per step that is negligible in most runs: 1 % in 1000 steps.
 NEGLIGIBLE_GROWTH = 1e-5
-_NEGLIGIBLE = f"{NEGLIGIBLE_GROWTH:g}".replace("e-0", "e-")
+NEGLIGIBLE = "1e-5"
 
 
 def amplification_matrix(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
@@ -308,7 +308,8 @@ def _with_meetings(method: Method, xi: float, Omega: np.ndarray) -> np.ndarray:
     unstable steps. BM6 has such intervals near Omega = pi and 2 pi.
     """
     roots = eigenvalues(amplification_matrix(method, Omega, xi))
-    distances = np.abs(roots[:, :, None] - roots[:, None, :])
+    with np.errstate(invalid="ignore"):  # a solve may have failed
+        distances = np.abs(roots[:, :, None] - roots[:, None, :])
     off_circle = np.abs(np.abs(roots) - 1) > _NEAR_CIRCLE
     ignored = off_circle[:, :, None] | off_circle[:, None, :] | np.eye(roots.shape[1], dtype=bool)
     gap = np.where(ignored, np.inf, distances).min(axis=(1, 2))
@@ -510,7 +511,10 @@ def _undamped(method: Method, evaluations: int | None) -> str:
         return "at every step"
     practical = practical_limit(method)
     if bound == 0:
-        return f"at no step, however small{_weak_growth(method, practical)}"
+        return (
+            f"at no step, however small, but it grows weakly: by {growth_in_words(method)} a step, which is below "
+            f"{NEGLIGIBLE} up to omega h = {practical:.4g}"
+        )
     parts = [f"up to omega h = {bound:.6g}"]
     if evaluations:
         parts.append(f", {bound / evaluations:.4g} per evaluation")
@@ -518,20 +522,17 @@ def _undamped(method: Method, evaluations: int | None) -> str:
     if again:
         parts.append(f", and again {' and '.join(again)}")
     elif practical > _FURTHER * bound:
-        parts.append(f"; the growth beyond that is below {_NEGLIGIBLE} a step up to {practical:.4g}")
+        parts.append(f"; the growth beyond that is below {NEGLIGIBLE} a step up to {practical:.4g}")
     return "".join(parts)
 
 
-def _weak_growth(method: Method, practical: float) -> str:
-    """How a method grows that is unstable at every step; empty if it grows fast, or not as a power of Omega."""
+def growth_in_words(method: Method) -> str:
+    """The leading term of the growth per step without damping; empty if the method does not grow."""
     term = _leading_term(method, odd=True)
-    if term is None or practical == 0:
+    if term is None or term[0] > 0:
         return ""
     coefficient, power = term
-    return (
-        f", but it grows weakly: by {_term(-coefficient, power + 1)} a step, which is below {_NEGLIGIBLE} up to "
-        f"omega h = {practical:.4g}"
-    )
+    return _term(-coefficient, power + 1)
 
 
 def _damped(method: Method) -> str:
