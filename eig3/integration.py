@@ -14,7 +14,7 @@ from .checks import check_cancel, check_count, check_h, check_resolution, check_
 from .kernels.interrupt import DeferredInterrupt
 from .kernels.protocol import VECTOR
 from .memory import check_history
-from .methods import Method
+from .methods import EIG, Method
 from .observers.chunk import Chunk, Observer
 from .observers.growth import Growth
 from .observers.history import History
@@ -22,10 +22,12 @@ from .observers.invariants import Watch, watches_of
 from .observers.progress import Progress, check_progress
 from .observers.written import Written
 from .solution import Solution, Status
+from .stability import alternating_limit
 from .stepper import Cancel, Stepper
 
 _CHUNK_SECONDS = 0.1  # duration of a chunk, after which its observers see it
 _CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next, if there are invariants
+_LARGEST_GRADE = 7  # of EIG for a force that reads the velocity, before a note advises against it
 _FIRST_WATCHED = 4096  # steps of the first chunk, if there are invariants
 
 
@@ -312,3 +314,10 @@ class _Run:
         for watch in self.watches if self.status is Status.COMPLETED else ():
             if watch.growth:
                 yield watch.note(self.stepper.method)
+        running = self.stepper.running
+        if isinstance(running, EIG) and running.grade > _LARGEST_GRADE and not running.ignores_velocity:
+            yield (
+                f"{running.label} predicts the velocity from {running.grade - 2} accelerations: with damping its limit "
+                f"is short (omega h = {alternating_limit(running.grade, 0.1):.3g} at xi = 0.1); take RK8 or a grade of "
+                "5 to 7."
+            )

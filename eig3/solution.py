@@ -65,8 +65,8 @@ class Solution:
     method : Method
         The method as it was requested.
     notes : tuple of str
-        Sentences about what the user should know of the run, such as that an invariant grows steadily, or that the
-        solver of an implicit method was changed.
+        Sentences about what the user should know of the run, such as that an invariant grows steadily, that the solver
+        of an implicit method was changed, or that the method has a short limit with a force that reads the velocity.
     integrals : dict of str to ndarray, shape (m,)
         Integrals over time that the problem follows, at the saved times, such as "work" in J.
     reason : callable or None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from .callbacks import cached_jit, check_callback
 from .checks import check_method
+from .kernels.eig import kappa, sigma
 from .kernels.fixed import pointer_kernel
 from .kernels.protocol import VECTOR, Run
 from .methods import EIG3, Method
@@ -23,7 +24,21 @@ _SIMPLE = 1e-6  # roots closer than this count as one multiple root
 _SOLVED_TOGETHER = 32  # unit states of oscillators in one solve of an implicit method: its cost grows with their cube
 _OSCILLATES = 1e-7  # least imaginary part of a complex root: round-off gives less to a double real root
 _FURTHEST = 100.0  # a method that is stable up to this omega h counts as stable at every step
+_LAST_INTERVAL = 20.0  # omega h up to which further intervals of stable steps are looked for
+_SPACING = 0.01  # of omega h in a search
+_FINE_SPACING = 1e-4  # the same where two roots on the unit circle meet
+_NEAR_CIRCLE = 1e-6  # a root is on the unit circle if it is within this distance of it
+_BEYOND = np.array([1.00001, 1.0001, 1.001])  # where the growth beyond a limit is compared with that at the limit
 _TRACKING = 0.01  # increment of omega h with which the principal root is followed
+_NODES = 64  # points on a circle of complex omega h
+_RADII = 0.8 ** np.arange(20)  # of the circles
+_CONVERGED = 1e-9  # the largest term in the last half of a series that converges, on its circle
+_EXACT = 1e-8  # a coefficient is a fraction if it differs from it by less than this, relatively
+_FURTHER = 1.01  # a practical limit beyond this multiple of the limit is worth a sentence
+_VISIBLE = 1e-11  # a term that is less than this on its circle is round-off
+#: Growth per step that is negligible in most runs: 1 % in 1000 steps.
+NEGLIGIBLE_GROWTH = 1e-5
+NEGLIGIBLE = "1e-5"
 
 
 def amplification_matrix(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
@@ -181,52 +196,146 @@ def limit(method: str | Method, xi: float = 0.0) -> float:
     Notes
     -----
     A step whose implicit solve fails counts as unstable. A method that is unstable without damping can have a limit
-    below 0.01 with weak damping: this is returned as 0.0.
+    below 0.01 with weak damping: this is returned as 0.0. `practical_limit` is the limit of a negligible growth.
+
+    Steps beyond the limit can be stable again. An interval of unstable steps shorter than 1e-4 may be missed.
     """
     return _limit(check_method(method), float(xi))
 
 
 @functools.cache
 def _limit(method: Method, xi: float) -> float:
-    def excess(Omega: np.ndarray) -> np.ndarray:
-        return _excess(amplification_matrix(method, Omega, xi))
+    blocks = (_with_meetings(method, xi, block) for block in _blocks())
+    return first_exit(_excess_at(method, xi), _ROUND_OFF, blocks=blocks)
 
-    return first_exit(excess, _ROUND_OFF)
+
+def practical_limit(method: str | Method, xi: float = 0.0, growth: float = NEGLIGIBLE_GROWTH) -> float:
+    """The limit of Omega = omega h below which the motion of the oscillator grows by at most `growth` a step.
+
+    Parameters
+    ----------
+    method : str or Method
+    xi : float
+        Physical damping ratio.
+    growth : float
+        The growth per step, relative to the motion. It must be positive.
+
+    Returns
+    -------
+    float
+        Infinite if the motion grows by at most `growth` at every step up to Omega = 100.
+
+    Notes
+    -----
+    Some methods are unstable at every step, but grow slowly at short steps. EIG of grade 7 grows by 7/96 Omega^8 a step
+    without damping, for example. In N steps the motion grows by the factor exp(N growth) at most.
+    """
+    if not growth > 0:
+        raise ValueError(f"growth must be positive, not {growth}.")
+    return first_above(_excess_at(check_method(method), float(xi)), growth, blocks=_blocks())[0]
+
+
+def alternating_limit(grade: int, xi: float) -> float:
+    """The omega h at which a root of EIG(grade) is -1, in closed form.
+
+    It is `limit`, except without damping in the grades 6, 7, 10 and 11, which are unstable at every step, and in grade
+    8, which is unstable from 0.618 on.
+    """
+    stiffness = float(sum(x * 2**j for j, x in enumerate(sigma(grade - 1))))
+    damping = 4 * xi * (stiffness + 2 * float(sum(x * 2**j for j, x in enumerate(kappa(grade - 2)))))
+    return (math.sqrt(damping * damping + 16 * stiffness) - damping) / (2 * stiffness)
+
+
+def _excess_at(method: Method, xi: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda Omega: _excess(amplification_matrix(method, Omega, xi))
 
 
 def first_exit(
     excess: Callable[[np.ndarray], np.ndarray],
     tolerance: float,
     accuracy: float = 1e-10,
-    blocks: Sequence[np.ndarray] | None = None,
+    blocks: Iterable[np.ndarray] = (),
 ) -> float:
     """The least x at which ``excess(x)`` passes `tolerance`, searched at the growing numbers of `blocks`.
 
     It is 0.0 if the excess grows from x = 0 on, and infinite if it never passes the tolerance.
     """
+    low, high = first_above(excess, tolerance, accuracy, blocks)
+    if math.isinf(low):
+        return low
+    # Beyond a limit the excess rises steeply, or it is negative well before the limit. An excess that grows as a power
+    # of x passes the tolerance too, but it is hardly larger a little further on.
+    further, before = excess(_BEYOND * high), excess(np.array([high / 2]))[0]
+    is_limit = further.max() > 2 * tolerance or before < -tolerance
+    return low if is_limit else 0.0
+
+
+def first_above(
+    excess: Callable[[np.ndarray], np.ndarray],
+    tolerance: float,
+    accuracy: float = 1e-10,
+    blocks: Iterable[np.ndarray] = (),
+) -> tuple[float, float]:
+    """The last x before ``excess(x)`` first passes `tolerance` and the first x after; both infinite if it never does.
+
+    They differ by `accuracy`, relatively if they are below 1.
+    """
     stable = 0.0
-    for block in _blocks() if blocks is None else blocks:
+    for block in blocks:
         unstable = np.flatnonzero(excess(block) > tolerance)
         if unstable.size:
             break
         stable = float(block[-1])
     else:
-        return math.inf
+        return math.inf, math.inf
     first = int(unstable[0])
     low, high = float(block[first - 1]) if first else stable, float(block[first])
     while high - low > accuracy * min(1.0, high):
         middle = (low + high) / 2
         low, high = (low, middle) if excess(np.array([middle]))[0] > tolerance else (middle, high)
-    # Beyond a limit the excess rises steeply, or it is negative well before the limit. An excess that grows as a power
-    # of x passes the tolerance too, but it is hardly larger a little further on.
-    further, before = excess(np.array([high * 1.001, high / 2]))
-    is_limit = further > 2 * tolerance or before < -tolerance
-    return low if is_limit else 0.0
+    return low, high
 
 
 def _blocks() -> list[np.ndarray]:
-    near = np.concatenate([0.001 * 2.0 ** np.arange(4), np.arange(0.01, 3, 0.01)])
-    return [near, *(np.arange(start, start + 5, 0.01) for start in np.arange(3, _FURTHEST, 5))]
+    near = np.concatenate([0.001 * 2.0 ** np.arange(4), np.arange(_SPACING, 3, _SPACING)])
+    return [near, *(np.arange(start, start + 5, _SPACING) for start in np.arange(3, _FURTHEST, 5))]
+
+
+def _with_meetings(method: Method, xi: float, Omega: np.ndarray) -> np.ndarray:
+    """Add values of Omega where two roots on the unit circle come close to each other.
+
+    The roots of a method that conserves a quantity can meet at -1 or 1 and part again after a short interval of
+    unstable steps. BM6 has such intervals near Omega = pi and 2 pi.
+    """
+    roots = eigenvalues(amplification_matrix(method, Omega, xi))
+    with np.errstate(invalid="ignore"):  # a solve may have failed
+        distances = np.abs(roots[:, :, None] - roots[:, None, :])
+    off_circle = np.abs(np.abs(roots) - 1) > _NEAR_CIRCLE
+    ignored = off_circle[:, :, None] | off_circle[:, None, :] | np.eye(roots.shape[1], dtype=bool)
+    gap = np.where(ignored, np.inf, distances).min(axis=(1, 2))
+    meets = np.flatnonzero((gap[1:-1] < gap[:-2]) & (gap[1:-1] <= gap[2:])) + 1
+    fine = [np.arange(Omega[i - 1], Omega[i + 1], _FINE_SPACING) for i in meets.tolist()]
+    return np.unique(np.concatenate([Omega, *fine]))
+
+
+def _later_intervals(method: Method, bound: float) -> list[tuple[float, float]]:
+    """The intervals of stable steps beyond the limit `bound`, without damping, that are not very short."""
+    Omega = _with_meetings(method, 0.0, np.arange(bound + _FINE_SPACING, _LAST_INTERVAL, _SPACING))
+    stable = is_stable(method, Omega)
+    changes = np.flatnonzero(stable[1:] != stable[:-1])
+    ends = [_boundary(method, float(Omega[i]), float(Omega[i + 1])) for i in changes]
+    if stable[0]:
+        ends = [bound, *ends]
+    return [(low, high) for low, high in zip(ends[::2], ends[1::2], strict=False) if high - low > _SPACING]
+
+
+def _boundary(method: Method, low: float, high: float) -> float:
+    """Where between two steps, of which one is stable, the stability ends or begins."""
+    before = is_stable(method, low)
+    while high - low > 1e-9:
+        middle = (low + high) / 2
+        low, high = (middle, high) if is_stable(method, middle) is before else (low, middle)
+    return low
 
 
 def stable_region(Omega: ArrayLike, alpha: ArrayLike = 1.0, beta: ArrayLike = 0.5, xi: ArrayLike = 0.0) -> np.ndarray:
@@ -329,71 +438,148 @@ def _follow(method: str | Method, Omega: np.ndarray, xi: float) -> np.ndarray:
     return track[np.searchsorted(way, Omega)]
 
 
+@functools.cache
+def expansion(method: Method) -> tuple[np.ndarray, float]:
+    """The power series of the principal root z without damping: ln z = x sum_k c_k x^k, where x = i Omega.
+
+    c_0 is 1. The odd coefficients change the size of the motion, and the even ones its period.
+
+    Returns
+    -------
+    coefficients : ndarray, shape (32,)
+    radius : float
+        The radius of a circle within which the series converges.
+
+    Notes
+    -----
+    The coefficients are the Fourier coefficients of ln z / x on a circle of complex x, the largest one on which the
+    series converges. A fit to real Omega would lose the small terms of methods of high order.
+    """
+    turns = np.exp(2j * np.pi * np.arange(_NODES) / _NODES)
+    for radius in _RADII.tolist():
+        x = radius * turns
+        roots = eigenvalues(_complex_matrices(method, -x * x))
+        nearest = np.abs(roots - np.exp(x)[:, None]).argmin(axis=1)
+        terms = np.fft.fft(np.log(roots[np.arange(_NODES), nearest]) / x) / _NODES
+        if np.abs(terms[_NODES // 2 :]).max() < _CONVERGED:
+            break
+    return (terms.real / radius ** np.arange(_NODES))[: _NODES // 2], radius
+
+
+def _complex_matrices(method: Method, k: np.ndarray) -> np.ndarray:
+    """The matrices of one step of u'' + k u = 0 with h = 1 and complex k: the step acts on real and imaginary parts."""
+    size, count = state_size(method), k.size
+    params = np.concatenate([np.tile(k.real, size), np.tile(k.imag, size)])
+    units = np.repeat(np.eye(size), count, axis=1)
+    stepped = step_once(method, _complex_oscillators, params, np.concatenate([units, 0 * units], axis=1))
+    real, imaginary = stepped.reshape(size, 2, size, count).transpose(1, 3, 0, 2)
+    return real + 1j * imaginary
+
+
+@cached_jit
+def _complex_oscillators(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
+    n = u.size // 2
+    for j in range(n):
+        a[j] = p[n + j] * u[n + j] - p[j] * u[j]
+        a[n + j] = -p[j] * u[n + j] - p[n + j] * u[j]
+
+
 def explain(method: str | Method) -> str:
     """The properties of a method on the oscillator, in a few lines of text: order, limits, damping, period."""
     method = check_method(method)
     free = method.without_velocity()  # the same step on an undamped oscillator, without a solve
-    undamped, evaluations = limit(free), method.evaluations
+    evaluations = method.evaluations
     each = (
         f"{evaluations} evaluation{'s' * (evaluations > 1)} a step"
         if evaluations
         else "a solve if the force reads velocity"
     )
-    per_evaluation = f", {undamped / evaluations:.4g} per evaluation" if evaluations and 0 < undamped < math.inf else ""
-    damped = ", ".join(f"{limit(method, xi):.6g} (xi = {xi:g})" for xi in (0.01, 0.1, 0.5, 1.0))
     return "\n".join(
         [
             f"{method!r}: order {method.order}, {each}.",
-            f"  Undamped, it is stable {_bound(undamped)}{per_evaluation}.",
-            f"  With physical damping, the limits are {damped}.",
+            f"  Undamped, it is stable {_undamped(free, evaluations)}.",
+            f"  {_damped(method)}",
             f"  {_leading_damping(free)}",
             f"  {_leading_period_error(free)}",
         ]
     )
 
 
-def _bound(Omega: float) -> str:
-    if Omega == 0:
-        return "at no step, however small"
-    return "at every step" if math.isinf(Omega) else f"up to omega h = {Omega:.6g}"
+def _undamped(method: Method, evaluations: int | None) -> str:
+    bound = limit(method)
+    if math.isinf(bound):
+        return "at every step"
+    practical = practical_limit(method)
+    if bound == 0:
+        return (
+            f"at no step, however small, but it grows weakly: by {growth_in_words(method)} a step, which is below "
+            f"{NEGLIGIBLE} up to omega h = {practical:.4g}"
+        )
+    parts = [f"up to omega h = {bound:.6g}"]
+    if evaluations:
+        parts.append(f", {bound / evaluations:.4g} per evaluation")
+    again = [f"from {low:.6g} to {high:.6g}" for low, high in _later_intervals(method, bound)]
+    if again:
+        parts.append(f", and again {' and '.join(again)}")
+    elif practical > _FURTHER * bound:
+        parts.append(f"; the growth beyond that is below {NEGLIGIBLE} a step up to {practical:.4g}")
+    return "".join(parts)
+
+
+def growth_in_words(method: Method) -> str:
+    """The leading term of the growth per step without damping; empty if the method does not grow."""
+    term = _leading_term(method, odd=True)
+    if term is None or term[0] > 0:
+        return ""
+    coefficient, power = term
+    return _term(-coefficient, power + 1)
+
+
+def _damped(method: Method) -> str:
+    if method.ignores_velocity:
+        return "It is for forces that do not depend on the velocity."
+    limits = ", ".join(f"{limit(method, xi):.6g} (xi = {xi:g})" for xi in (0.01, 0.1, 0.5, 1.0))
+    return f"With physical damping, the limits are {limits}."
 
 
 def _leading_damping(method: Method) -> str:
-    term = _leading_term(lambda Omega: damping_ratio(method, Omega), parity=1)
+    term = _leading_term(method, odd=True)
     if term is None:
         return "It has no numerical damping."
-    coefficient, power, shown = term
+    coefficient, power = term
+    ratio = f"the algorithmic damping ratio is {_term(coefficient, power)} + O(Omega^{power + 2})"
     if coefficient > 0:
-        return f"It removes energy numerically: the algorithmic damping ratio is {shown} + O(Omega^{power + 2})."
-    return f"It adds energy numerically: the algorithmic damping ratio is {shown} + O(Omega^{power + 2}), negative."
+        return f"It removes energy numerically: {ratio}."
+    return f"It adds energy numerically: {ratio}, negative."
 
 
 def _leading_period_error(method: Method) -> str:
-    term = _leading_term(lambda Omega: period_error(method, Omega), parity=0)
+    term = _leading_term(method, odd=False)
     if term is None:
         return "Its period is exact."
-    coefficient, power, shown = term
+    coefficient, power = term
     kind = "longer" if coefficient > 0 else "shorter"
-    shown = shown.removeprefix("-")
-    return f"Its period is {kind} than the exact one by {shown} + O(Omega^{power + 2}), relatively (Omega = omega h)."
+    shown = f"{_term(abs(coefficient), power)} + O(Omega^{power + 2})"
+    return f"Its period is {kind} than the exact one by {shown}, relatively (Omega = omega h)."
 
 
-def _leading_term(function: Callable[[np.ndarray], np.ndarray], parity: int) -> tuple[float, int, str] | None:
-    """The first term of an odd or even power series in Omega, from a fit; None if all of it is round-off."""
-    Omega = np.linspace(0.03, 0.3, 28)
-    powers = (1, 3, 5, 7, 9, 11, 13) if parity else (2, 4, 6, 8, 10, 12, 14)
-    columns = Omega[:, None] ** np.array(powers)
-    series = np.linalg.lstsq(columns, function(Omega), rcond=None)[0]
-    for coefficient, power in zip(series.tolist(), powers, strict=True):
-        if abs(coefficient) * 0.3**power > 1e-8:
-            return coefficient, power, _term(coefficient, power)
+def _leading_term(method: Method, odd: bool) -> tuple[float, int] | None:
+    """Coefficient and power of the first term of the damping ratio, which is odd in Omega, or of the period error.
+
+    A term below the order of the method is round-off of its coefficients. It is None if all terms are round-off.
+    """
+    coefficients, radius = expansion(method)
+    for power in range(max(1, method.order), len(coefficients)):
+        if power % 2 == odd and abs(coefficients[power]) * radius**power > _VISIBLE:
+            sign = 1 if (power + odd) % 4 == 2 else -1  # that of -i^(power + odd)
+            return sign * float(coefficients[power]), power
     return None
 
 
 def _term(coefficient: float, power: int) -> str:
     variable = "Omega" if power == 1 else f"Omega^{power}"
     fraction = Fraction(coefficient).limit_denominator(1000)
-    if fraction and abs(float(fraction) - coefficient) < 1e-5 * abs(coefficient):
+    if fraction and abs(float(fraction) - coefficient) < _EXACT * abs(coefficient):
         above = "" if abs(fraction.numerator) == 1 else f"{abs(fraction.numerator)} "
         below = "" if fraction.denominator == 1 else f"/{fraction.denominator}"
         return f"{'-' if coefficient < 0 else ''}{above}{variable}{below}"

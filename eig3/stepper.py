@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .callbacks import Callback, check_callback, compile_for_own_arrays
-from .checks import check_cancel, check_h, check_method, check_params, check_state, check_time
+from .checks import check_cancel, check_h, check_method, check_params, check_state, check_time, velocity_refused
 from .guard import first_acceleration, guarded
 from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
 from .kernels.interrupt import DeferredInterrupt
@@ -453,9 +453,7 @@ class Stepper:
         with np.errstate(over="ignore"):
             other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, by at least the size of u
         if np.any(self.acceleration(self.t0, u, other) != a):
-            if hasattr(self.method, "velocity"):
-                raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
-            raise ValueError(f"{self.method!r} needs a rhs that ignores v, and this one does not; take another method.")
+            raise velocity_refused(self.method)
 
 
 class _Alone:

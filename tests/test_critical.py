@@ -1,6 +1,7 @@
 """eig3.critical_step: against closed forms, and against runs on both sides of the limit that it finds."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ from hypothesis import strategies as st
 
 import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
-from eig3.analysis.critical import critical, longest_stable_step
+from eig3.analysis.critical import _sees_rates, critical, longest_stable_step
 from eig3.analysis.linear import Linearised
-from eig3.stability import limit
+from eig3.kernels import eig
+from eig3.stability import alternating_limit, limit, practical_limit
 
 from .conftest import gyroscope, hardening, oscillator, oscillator_vector, structure
 
@@ -333,7 +335,8 @@ def test_gyroscopic_systems_have_no_step_with_methods_that_excite_them(method, r
         critical_step(rhs, [1.0, 0.3], [0.2, 0.5], params, method=method)
     message = str(caught.value)
     assert "is unstable at every step for this system" in message
-    assert message.endswith("choose a method that has a stable step for it, such as 'cd', 'rk4'.")  # not 'eig3'
+    names = "'eig5', 'cd', 'rk4'" if rhs is gyroscope else "'cd', 'rk4'"  # not 'eig3'; with springs EIG-5 grows too
+    assert message.endswith(f"a method that has a stable step for it, such as {names}.")
     assert " and xi = 0;" in message
     # the growth is kappa^4 h^4 / 8 a step for RK2 and twice that for the others, at kappa h = 0.3 0.1 per cent
     assert farthest(rhs, params, method, 0.1, 40_000) > 1e6
@@ -349,6 +352,117 @@ def test_weak_gyroscopic_forces_excite_lagged_central_difference(n, size):
     params = np.concatenate([(Q @ np.diag(random.uniform(1, 10, n)) @ Q.T).ravel(), (size * (B - B.T)).ravel()])
     with pytest.raises(NoCriticalStepError, match="unstable at every step"):
         critical_step(structure, np.zeros(n), np.zeros(n), params, method=LAGGED)
+
+
+# The EIG family, RK5, RK8 and BM6 -------------------------------------------------------------------------------------
+
+STEADY_GRADES = (3, 4, 5, 8, 9, 12, 13)
+FAMILY = [*(eig3.EIG(grade) for grade in range(3, 14)), eig3.RK5(), eig3.RK8()]
+
+
+@pytest.mark.parametrize("method", [*(eig3.EIG(grade) for grade in STEADY_GRADES), "rk8", "bm6"], ids=name_of)
+def test_undamped_limits_of_the_family(method):
+    """A growth of 1e-8 a step is round-off of the differences: in grade 8 it is that of 5e-5 beyond the limit."""
+    for omega in (1e-3, 7.0):
+        found = critical_step(oscillator, 1.0, 0.0, (omega, 0.0), method=method)
+        record = method if isinstance(method, eig3.Method) else eig3.METHODS[method]()
+        expected = limit(record.without_velocity()) / omega
+        assert found.limit == pytest.approx(expected, rel=1e-3 if method == eig3.EIG(8) else 1e-6)
+        assert found.omega_max == pytest.approx(omega, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", FAMILY, ids=name_of)
+def test_damped_limits_of_the_family(method):
+    """The damping ratio is found to 1e-8, and the limit of grade 13 goes as 1 / xi."""
+    for xi in (0.02, 0.3, 2.0):
+        found = critical_step(oscillator, 1.0, 0.0, (7.0, xi), method=method)
+        assert found.limit == pytest.approx(limit(method, xi) / 7, rel=1e-5)
+
+
+@pytest.mark.parametrize(("grade", "rate"), [(6, "3 Omega^6/80"), (7, "7 Omega^8/96"), (10, "0.03157 Omega^10")])
+def test_a_weakly_growing_grade_names_its_rate_and_a_practical_step(grade, rate):
+    method = eig3.EIG(grade)
+    with pytest.raises(NoCriticalStepError) as caught:
+        critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), method=method)
+    found = re.search(
+        r"by less than 1e-5 a step up to h = ([\d.]+) \(by (.*), where Omega = omega h\);", str(caught.value)
+    )
+    assert found[2] == rate
+    assert float(found[1]) == pytest.approx(practical_limit(method) / 4, rel=1e-3)  # four digits
+    assert "EIG(grade=" in str(caught.value)
+    assert str(caught.value).endswith(
+        "choose a step below that, or a method that has a stable step for it, such as 'eig3', 'cd', 'rk4'."
+    )
+
+
+def test_growth_within_round_off_does_not_count():
+    """Grade 11 grows by less than 1e-8 a step up to where a root is -1, which grows fast."""
+    found = critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), method="eig11")
+    assert found.limit == pytest.approx(alternating_limit(11, 0.0) / 4, rel=1e-6)
+
+
+def test_growth_of_rk2_is_named_too():
+    with pytest.raises(NoCriticalStepError, match=r"up to h = 0\.02364 \(by Omega\^4/8, where"):
+        critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), method="rk2")
+
+
+@pytest.mark.parametrize("grade", [5, 7, 9, 13])
+@pytest.mark.parametrize("n", [3, 20])
+def test_runs_of_the_family_on_both_sides_of_the_limit_of_coupled_modes(grade, n):
+    """1 % above the limit, a root passes -1 by 0.1 to 1 %: round-off, which is 1e-16 h^2 of the motion, grows by more
+    than e^60 in 60 000 steps."""
+    K, C = system("full", n)
+    method = eig3.EIG(grade)
+    found = critical_step(structure, np.zeros(n), np.zeros(n), np.concatenate([K.ravel(), C.ravel()]), method=method)
+    assert largest(method, K, C, 0.99 * found.limit, 5000) < 30
+    assert not largest(method, K, C, 1.01 * found.limit, 60_000) < 1e6
+
+
+def gyroscopic_radius(grade, k):
+    """The largest root z of (1 - x)(1 - i k x K(1 - x)) = i k x S(1 - x), x = 1/z: EIG of v' = i k v with h = 1."""
+    x = np.polynomial.Polynomial([0, 1])
+    K, S = (
+        sum(float(c) * (1 - x) ** j for j, c in enumerate(coefficients))
+        for coefficients in (eig.kappa(grade - 2), eig.sigma(grade - 1))
+    )
+    return 1 / np.abs(((1 - x) * (1 - 1j * k * x * K) - 1j * k * x * S).roots()).min()
+
+
+@pytest.mark.parametrize("grade", [5, 7, 9, 13])
+def test_eig_of_a_gyroscope(grade):
+    """Its growth in grade 7 is 2e-8 a step at the limit, which is within the round-off of coupled modes."""
+    method = eig3.EIG(grade)
+    found = critical_step(gyroscope, [1.0, 0.3], [0.2, 0.5], 3.0, method=method)
+    for part in (0.01, 0.3, 0.9, 0.9999):
+        assert gyroscopic_radius(grade, 3 * found.limit * part) < 1 + 1e-7
+    assert gyroscopic_radius(grade, 3 * found.limit * 1.0001) > 1 + 1e-6
+    assert found.omega_max == pytest.approx(3, rel=1e-6)
+    assert farthest(gyroscope, (3.0,), method, 0.99 * found.limit, 5000) < 10
+    assert farthest(gyroscope, (3.0,), method, 1.01 * found.limit, 60_000) > 1e6
+
+
+def test_only_runge_kutta_sees_rates():
+    assert [method for method in FAMILY if _sees_rates(method)] == [eig3.RK5(), eig3.RK8()]
+
+
+def test_a_projected_step_has_the_limit_of_all_directions(monkeypatch):
+    """EIG-13 carries 15 values for each degree of freedom: with more than 21, the step is projected."""
+    method, coupled = eig3.EIG(13), Linearised(*system("full", 24), 0)
+    projected, _, _ = longest_stable_step(method, coupled)
+    assert projected > 0
+    monkeypatch.setattr("eig3.analysis.critical._VALUES", 10**4)
+    assert projected == pytest.approx(longest_stable_step(method, coupled)[0], rel=2e-3)
+
+
+def test_bm6_in_a_bar():
+    """The stiffest mode of all is the first to reach the short interval of unstable steps at pi."""
+    bar = problems.elastic_bar(30)
+    highest = 2 * math.sqrt(bar.params[0]) * math.cos(math.pi / 62)
+    found = bar.critical_step(method="bm6")
+    assert found.limit == pytest.approx(limit("bm6") / highest, rel=1e-6)
+    assert found.omega_max == pytest.approx(highest, rel=1e-6)
+    with pytest.raises(ValueError, match=r"^BM6\(\) needs a rhs that ignores v, and this one does not"):
+        critical_step(gyroscope, [1.0, 0.3], [0.2, 0.5], 3.0, method="bm6")
 
 
 # Where nothing oscillates --------------------------------------------------------------------------------------------

@@ -9,12 +9,12 @@ import pytest
 import eig3
 from eig3.bench import stability as bench
 from eig3.bench import stability_pictures
-from eig3.bench.options import ARTICLE_METHODS
-from eig3.bench.stability_sets import DAMPED, GROWING, UNDAMPED, evaluations_per_step
+from eig3.bench.stability_sets import DAMPED, GROWING, UNDAMPED, WEAK_GRADES, evaluations_per_step
 from eig3.cli import main
+from eig3.methods import LIBRARY
 from eig3.stability import explain, is_stable
 
-FIGURES = [*(f"figure{i}" for i in (1, 2, 3, 4, 5, 6, 7, 9)), "damped_limits"]
+FIGURES = [*(f"figure{i}" for i in (1, 2, 3, 4, 5, 6, 7, 9)), "damped_limits", "all_limits"]
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,8 @@ def test_closed_form_eigenvalue_and_run_agree(everything, title, expected):
     for *_, value, eigenvalue, run in table:
         if value != "-":
             assert float(value) == pytest.approx(float(eigenvalue), abs=1.5e-6)  # six digits are printed
-        assert float(run) == pytest.approx(float(eigenvalue), abs=bench.RESOLUTION + 5e-5)  # four digits
+        if run != "-":
+            assert float(run) == pytest.approx(float(eigenvalue), rel=bench.RESOLUTION + 5e-4, abs=5e-7)  # four digits
 
 
 def test_growth_of_runs_is_that_of_the_eigenvalue_and_tends_to_its_leading_term(everything):
@@ -64,16 +65,33 @@ def test_growth_of_runs_is_that_of_the_eigenvalue_and_tends_to_its_leading_term(
         assert leading == pytest.approx(eigenvalue, rel=2.5 * Omega**2)  # the next term: 2.1 Omega^2 for AB2
 
 
+def test_only_limits_that_runs_cannot_find_have_none(everything):
+    for title in ("Undamped", "With physical damping"):
+        without = [row[0] for row in rows(everything[0], title) if row[-1] == "-"]
+        assert without == (["EIG-8", "RK5", "BM6"] if title == "Undamped" else [])
+
+
+def test_weak_growth_of_runs_is_that_of_the_eigenvalue_and_tends_to_its_leading_term(everything):
+    """A run of 2e7 steps shows a growth of 1e-13 a step to some 2 %: its round-off is 5e-8 by then. The next term is
+    some 7 Omega^2 of the leading one."""
+    table = rows(everything[0], "Weak growth")
+    assert [row[0] for row in table[:: len(bench.WEAK_GROWTH_AT)]] == [f"EIG-{grade}" for grade in WEAK_GRADES]
+    for _, _, Omega, leading, eigenvalue, run in (row[:2] + [float(cell) for cell in row[2:]] for row in table):
+        assert run == pytest.approx(eigenvalue, rel=1e-3, abs=5e-15)
+        assert eigenvalue == pytest.approx(leading, rel=9 * Omega**2)
+
+
 def test_every_method_is_explained(everything):
     for case in DAMPED:
         assert explain(case.method) in everything[0]
-    assert {case.method.name for case in DAMPED} == set(ARTICLE_METHODS)
+    assert explain("bm6") in everything[0]
+    assert {case.method.name for case in DAMPED} == set(LIBRARY) - {"bm6"}
 
 
 def test_the_page_holds_the_tables_and_every_picture(everything):
     printed, out, figures = everything
     page = (out / "stability.md").read_text()
-    for title in ("Undamped", "With physical damping", "No stable step"):
+    for title in ("Undamped", "With physical damping", "No stable step", "Weak growth"):
         assert rows(page, title) == rows(printed, title)
     assert list(figures) == FIGURES
     for name in FIGURES:

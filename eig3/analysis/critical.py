@@ -13,9 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..callbacks import cached_jit
-from ..checks import check_method, check_time
+from ..checks import check_method, check_time, velocity_refused
 from ..methods import Method
-from ..stability import eigenvalues, first_exit, oscillator_matrices, state_size, step_once
+from ..stability import (
+    NEGLIGIBLE,
+    NEGLIGIBLE_GROWTH,
+    eigenvalues,
+    first_above,
+    first_exit,
+    growth_in_words,
+    oscillator_matrices,
+    state_size,
+    step_once,
+)
 from ..stability import limit as limit_of
 from ..stepper import Stepper
 from .linear import Linearised, linearise
@@ -30,10 +40,13 @@ _NEAR_PROJECTED = 5e-4  # the same for a projected system, where the projection 
 _SAME = 1e-3  # eigenvalues closer than this are equal: round-off is less, the difference of two methods is more
 _STEPPED = 22  # directions of each of three kinds, for an explicit method: all of them up to 64 degrees of freedom
 _SOLVED = 12  # the same for an implicit method, which needs a solve for each unit state
+_VALUES = 320  # largest size of the matrix of a step on the three kinds; its eigenvalues then take some 20 ms
 _SOLVED_TOGETHER = 32  # degrees of freedom in one solve: its cost grows with their cube
 _STEADY = ("eig3", "cd", "rk4")  # methods to suggest if the requested one has no stable step
 _SHORTEST, _LONGEST = 1e-3, 100.0  # first and last step of the search, in radians of the fastest and the slowest mode
-_COUPLED_SHORTEST = 0.03  # first step of the search for coupled modes
+_COUPLED_SHORTEST = 0.03  # longest first step of the search for coupled modes
+_FIRST_PART = 0.25  # the first step is at most this part of the limit with critical damping
+_SHORTER = 0.8  # factor to a step at which growth as a power of h is still seen
 _FINE, _COARSE = 1.02, 1.3  # ratio of one step of the search to the one before: for separate and for coupled modes
 _BEYOND = np.array([1.00001, 1.0005, 1.002, 1.01])  # where a short interval of unstable steps may begin at a limit
 
@@ -110,7 +123,8 @@ def critical_step(
         velocity="none" is given a rhs that reads v.
     NoCriticalStepError
         A ValueError. It is raised if nothing at this state limits the step, and if the method is unstable at every
-        step, as RK2 and AB2 are without damping.
+        step, as RK2, AB2 and EIG of the grades 6, 7, 10 and 11 are without damping. If the growth is slow, the message
+        names the step up to which it is below 1e-5 a step.
 
     Notes
     -----
@@ -118,11 +132,12 @@ def critical_step(
     freedom K and C are full matrices, and the limit of a smooth rhs is accurate to about 1e-6. For larger systems they
     are projected on 60 to 90 directions, which Arnoldi's iteration finds, and the limit is up to some 0.1 % too long.
 
-    If K and C have common modes, each mode is an oscillator u'' + c u' + k u = 0. If they have none, the step of a
-    Runge-Kutta or Adams method still depends on the rates of the system's own modes only. The step of EIG-3 and of
-    central difference does not: the kernel then takes one step of the whole system from each unit state, and the limit
-    follows from the eigenvalues of the matrix of these steps. An implicit method takes these steps on the 36 fastest
-    directions at most; with more degrees of freedom than that, its limit is accurate to 5e-4 or so.
+    If K and C have common modes, each mode is an oscillator u'' + c u' + k u = 0, and a growth below 1e-8 a step is
+    round-off. If they have none, the step of a Runge-Kutta or Adams method still depends on the rates of the system's
+    own modes only. The step of EIG-3, of EIG of any grade and of central difference does not: the kernel then takes one
+    step of the whole system from each unit state, and the limit follows from the eigenvalues of the matrix of these
+    steps, with a round-off of 1e-6. An implicit method takes these steps on the 36 fastest directions at most, EIG of
+    grade 5 on 45, and of grade 13 on 21; with more degrees of freedom, the limit is accurate to 5e-4 or so.
 
     A solution may grow if the system itself grows, as from an unstable position.
     """
@@ -137,7 +152,7 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
     """Do the same as `critical_step` for a function ``acceleration(t, u, v)`` that is finite at the state."""
     system = linearise(acceleration, t, u, v)
     if method.ignores_velocity and system.C.any():
-        raise ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
+        raise velocity_refused(method)
     limit, omega, xi = longest_stable_step(method, system)
     if math.isinf(limit):
         raise NoCriticalStepError(
@@ -145,19 +160,40 @@ def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, s
             "states that follow."
         )
     if limit == 0:
-        others = [name for name in _STEADY if longest_stable_step(check_method(name), system)[0] > 0]
-        such = f", such as {', '.join(map(repr, others))}" if others else ""
         raise NoStableStepError(
             f"{method!r} is unstable at every step for this system, with a mode of omega = {omega:.4g} and xi = "
-            f"{xi:.2g}; choose a method that has a stable step for it{such}."
+            f"{xi:.2g}; {_growth_of(method, system)}a method that has a stable step for it{_such_as(system)}."
         )
     return CriticalStep(safety * limit, omega, xi, system.evaluations, limit)
 
 
-def longest_stable_step(method: Method, system: Linearised) -> tuple[float, float, float]:
+def _growth_of(method: Method, system: Linearised) -> str:
+    """Say how fast the motion grows at short steps, and up to which step that is negligible in most runs."""
+    h, _, _ = longest_stable_step(method, system, NEGLIGIBLE_GROWTH)
+    if h == 0:
+        return "choose "
+    rate = "" if system.C.any() else growth_in_words(method.without_velocity())
+    shown = f" (by {rate}, where Omega = omega h)" if rate else ""
+    return f"it grows weakly, by less than {NEGLIGIBLE} a step up to h = {h:.4g}{shown}; choose a step below that, or "
+
+
+def _such_as(system: Linearised) -> str:
+    """Name methods that have a stable step. EIG-5 is named where EIG-3 has none, as with gyroscopic forces alone."""
+
+    def has_step(name: str) -> bool:
+        return longest_stable_step(check_method(name), system)[0] > 0
+
+    others = [name for name in _STEADY if has_step(name)]
+    if "eig3" not in others and has_step("eig5"):
+        others = ["eig5", *others]
+    return f", such as {', '.join(map(repr, others))}" if others else ""
+
+
+def longest_stable_step(method: Method, system: Linearised, growth: float = 0.0) -> tuple[float, float, float]:
     """The limit, and the frequency and damping ratio of the mode that sets it.
 
-    The limit is 0 if the method is unstable at every step, and infinite if nothing limits the step.
+    The limit is 0 if the method is unstable at every step, and infinite if nothing limits the step. With a `growth`, it
+    is the limit of the steps at which the motion grows by at most this much a step.
     """
     rates = system.rates()
     if not rates.any():
@@ -168,9 +204,14 @@ def longest_stable_step(method: Method, system: Linearised) -> tuple[float, floa
     if modes is None and not method.is_implicit and _sees_rates(method):
         modes = _oscillators_of(rates)
     if modes is None:
-        system = system.fastest(_SOLVED if method.is_implicit else _STEPPED)
-    limit, k, c = _coupled_limit(method, system) if modes is None else _modal_limit(method, *modes)
+        system = system.fastest(_directions(method))
+    limit, k, c = _coupled_limit(method, system, growth) if modes is None else _modal_limit(method, *modes, growth)
     return limit, *_frequency(k, c)
+
+
+def _directions(method: Method) -> int:
+    """Number of directions of each of three kinds for the step of a system without common modes."""
+    return _SOLVED if method.is_implicit else min(_STEPPED, _VALUES // (3 * state_size(method)))
 
 
 def _frequency(k: complex, c: complex) -> tuple[float, float]:
@@ -205,7 +246,7 @@ def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
     return k, c
 
 
-def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray) -> tuple[float, float, float]:
+def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray, allowed: float) -> tuple[float, float, float]:
     """The limit over all modes, and k and c of the mode that sets it."""
     scale = float(np.maximum(np.sqrt(np.abs(k)), np.abs(c)).max())
     k, c = k / scale / scale, c / scale
@@ -220,10 +261,23 @@ def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray) -> tuple[float, f
 
     slowest = float(np.where(k != 0, np.sqrt(np.abs(k)), np.abs(c)).min())
     steps = _geometric(_SHORTEST, _LONGEST / slowest, _FINE)
-    limit = first_exit(lambda h: growth(h).max(axis=1), _ROUND_OFF, blocks=np.array_split(steps, len(steps) // 50 + 1))
+    if not c.any() and k.max() > 0:  # BM6 is unstable in a short interval only
+        steps = np.union1d(steps, limit_of(method) / math.sqrt(k.max()) * _BEYOND)
+        steps = steps[(steps > 0) & np.isfinite(steps)]
+    blocks = np.array_split(steps, len(steps) // 50 + 1)
+
+    def largest(h: np.ndarray) -> np.ndarray:
+        return growth(h).max(axis=1)
+
+    if allowed:
+        limit, _ = first_above(largest, allowed, blocks=blocks)
+    else:
+        limit = first_exit(largest, _ROUND_OFF, blocks=blocks)
     if math.isinf(limit):
         return limit, 0.0, 0.0
-    limiting = int(np.argmax(growth(np.array([1.001 * limit if limit > 0 else 0.1]))[0]))
+    grown = growth(limit * _BEYOND if limit > 0 else np.array([0.1]))
+    first = np.argmax(grown.max(axis=1) > 2 * _ROUND_OFF)  # further on, another mode may grow faster
+    limiting = int(np.argmax(grown[first]))
     return limit / scale, float(k[limiting]) * scale * scale, float(c[limiting]) * scale
 
 
@@ -266,11 +320,11 @@ def _sees_rates(method: Method) -> bool:
     return bool(apart.min(axis=1).max() < _SAME and apart.min(axis=0).max() < _SAME)
 
 
-def _coupled_limit(method: Method, system: Linearised) -> tuple[float, complex, complex]:
+def _coupled_limit(method: Method, system: Linearised, allowed: float) -> tuple[float, complex, complex]:
     """The limit of modes that do not decouple, from the eigenvalues of the method's step of the whole system."""
     rates = system.rates()
 
-    def is_stable(h: float, tolerance: float = _COUPLED_ROUND_OFF) -> bool:
+    def is_stable(h: float, tolerance: float = max(allowed, _COUPLED_ROUND_OFF)) -> bool:
         return bool(_growth(_step_matrix(method, system, h), h, rates) <= tolerance)
 
     low = high = 0.0
@@ -289,9 +343,9 @@ def _coupled_limit(method: Method, system: Linearised) -> tuple[float, complex, 
     steep = [h for h in (_BEYOND * high).tolist() if not is_stable(h, 2 * _COUPLED_ROUND_OFF)]
     shape = _limiting_shape(method, system, max(steep, default=high))
     k, c = (complex(shape.conj() @ x @ shape) for x in (system.K, system.C))
-    # With weak damping, the growth beyond a limit is not steep either. But then nothing grows at half the step.
-    grows_at_every_step = not steep and not is_stable(high / 2, _COUPLED_ROUND_OFF / 100)
-    return 0.0 if grows_at_every_step else low, k, c
+    # With weak damping, the growth beyond a limit is not steep either. But then nothing grows at a shorter step.
+    grows_at_every_step = not steep and not is_stable(_SHORTER * high, _COUPLED_ROUND_OFF / 100)
+    return 0.0 if grows_at_every_step and not allowed else low, k, c
 
 
 def _limiting_shape(method: Method, system: Linearised, h: float) -> np.ndarray:
@@ -319,7 +373,10 @@ def _steps(method: Method, system: Linearised, fastest: float) -> list[float]:
     stiffest = math.sqrt(stiffness.max())
     restored = stiffness[stiffness > _RIGID * stiffness.max()]
     slowest = math.sqrt(restored.min()) if restored.size else fastest
-    steps = _geometric(_COUPLED_SHORTEST / fastest, _LONGEST / slowest, _COARSE)
+    # A method of high order has a short limit with damping.
+    damped = limit_of(method, 0.0 if method.ignores_velocity else 1.0) or math.inf
+    shortest = min(_COUPLED_SHORTEST, _FIRST_PART * damped)
+    steps = _geometric(shortest / fastest, _LONGEST / slowest, _COARSE)
     if stiffest > 0:
         beyond = limit_of(method.without_velocity()) / stiffest * _BEYOND
         steps = np.concatenate([steps, beyond[(beyond > steps[0]) & (beyond < steps[-1])]])
