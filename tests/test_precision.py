@@ -100,9 +100,14 @@ def test_rivals_solve_the_same_problem(name, key):
     assert answer.evaluations > 0
 
 
-@pytest.mark.parametrize("name", PROBLEM_SET)
-@pytest.mark.parametrize("key", [key for key, rival in rivals.RIVALS.items() if rival.package != "scipy"])
-def test_rivals_of_other_packages_solve_the_same_problems(name, key):
+@pytest.mark.parametrize(
+    ("key", "name"),
+    [
+        *(("heyoka", name) for name in PROBLEM_SET),  # it gets each problem as an expression of its own
+        *((key, name) for key in ("cyrk dop853", "cyrk vern8") for name in ("hardening_spring", "spring_pendulum")),
+    ],
+)
+def test_rivals_of_other_packages_solve_the_same_problems(key, name):
     rival = rivals.RIVALS[key]
     pytest.importorskip(rival.package)
     sizes = {"elastic_bar": {"n": 20}, "damped_bar": {"n": 20}, "hardening_chain": {"n": 20}}.get(name, {})
