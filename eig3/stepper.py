@@ -359,7 +359,7 @@ class Stepper:
             self._kernel = _inline(self._rhs, self._callback, running, self.form, n)
         else:
             self._callbacks = (self._callback.address, jacobian and jacobian.address)
-            self._kernel = pointer_kernel(formulas, self.form, jacobian is not None)
+            self._kernel = pointer_kernel(formulas, self.form, jacobian is not None, n == 2 and self.form is VECTOR)
 
     def _take(
         self, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray, cancels: tuple[Cancel, ...]

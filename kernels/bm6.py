@@ -27,11 +27,16 @@ def start(u, v, a, h):
 
 
 @element
+def move(u, v, a, kick, drift):
+    """Return u and v after a kick and a drift. In this form, u waits for one operation after a only."""
+    return (u + drift * v) + drift * kick * a, v + kick * a
+
+
+@element
 def step_scalar(f, at, y, c):
     u, v, a = y
     for i in range(11):
-        v += KICKS[i] * at.h * a
-        u += DRIFTS[i] * at.h * v
+        u, v = move(u, v, a, KICKS[i] * at.h, DRIFTS[i] * at.h)
         a = f(at.t + TIMES[i] * at.h, u, v, at.p)
     return (u, v + KICKS[11] * at.h * a, a), True
 
@@ -42,8 +47,7 @@ def step_vector(f, at, y, c, n):
     for i in range(11):
         kick, drift = KICKS[i] * at.h, DRIFTS[i] * at.h
         for j in range(n):
-            v[j] += kick * a[j]
-            u[j] += drift * v[j]
+            u[j], v[j] = move(u[j], v[j], a[j], kick, drift)
         f(at.t + TIMES[i] * at.h, u, v, at.p, a)
     for j in range(n):
         v[j] += KICKS[11] * at.h * a[j]

@@ -37,10 +37,6 @@ from .protocol import (
 #: heap are as fast, and the kernel compiles in a third of the time.
 STACKED_DEGREES = 6
 
-#: Largest number of rows for which the pointer mode has a loop of its own for two degrees of freedom. With more, the
-#: loop takes seconds to compile.
-MOST_ROWS_OF_TWO = 8
-
 
 def scalar(callbacks, state, settings, tally, run):
     f = RHS(callbacks)
@@ -57,7 +53,7 @@ def scalar(callbacks, state, settings, tally, run):
 
 
 def vector(callbacks, state, settings, tally, run):
-    n = state.shape[1]
+    n = N if N > 0 else state.shape[1]
     f = RHS(callbacks)
     c = CONSTANTS(settings, run.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
     y, begin, row = rows(state, ROWS), run.first, 0
@@ -65,10 +61,7 @@ def vector(callbacks, state, settings, tally, run):
         begin = max(run.first, min(run.first + run.count, START_STEPS))
         y, _, row = march_vector(START_STEP, nothing, f, y, c, n, run, run.first, begin, row)
     own, rest = head(y, OWN_ROWS), tail(y, OWN_ROWS)
-    if FEW_ROWS and n == 2:  # with a constant 2 the compiler removes the loops: a pendulum takes a tenth less time
-        own, end, row = march_vector(STEP, COMPLETE, f, own, c, 2, run, begin, run.first + run.count, row)
-    else:
-        own, end, row = march_vector(STEP, COMPLETE, f, own, c, n, run, begin, run.first + run.count, row)
+    own, end, row = march_vector(STEP, COMPLETE, f, own, c, n, run, begin, run.first + run.count, row)
     settle(own + rest, state, n)
     tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
     return end - run.first
@@ -181,7 +174,6 @@ class Formulas:
             "VALUES": 2 + self.past,
             "ROWS": self.rows,
             "OWN_ROWS": defined.ROWS,
-            "FEW_ROWS": defined.ROWS <= MOST_ROWS_OF_TWO,
             "START_STEPS": self.start_steps,
             "COST": cost,
             "START_COST": cost,
@@ -215,8 +207,11 @@ def _formulas(module: ModuleType, arguments: tuple, *steps: Any) -> Formulas:
 
 
 @functools.cache
-def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False) -> Any:
+def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False, is_pair: bool = False) -> Any:
     """Compile the kernel of a method for callbacks given as addresses, or load it from the disk.
+
+    With `is_pair`, it is valid for two degrees of freedom only: the compiler then removes the loops over them, and a
+    pendulum takes up to a quarter less time.
 
     The kernel of a method outside this package is compiled in each process: its formulas may use other files, and a
     change of these would go unnoticed.
@@ -225,12 +220,12 @@ def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False) -
     steps that it took. This is less than `run.count` if a solve failed.
     """
     rhs_at, jacobian_at = function_at(form.rhs), function_at(form.jacobian)
-    names = method.names(form)
+    names = {**method.names(form), "N": 2 if is_pair else 0}
     names["RHS"] = element(lambda callbacks: rhs_at(callbacks[0]))
     names["JACOBIAN"] = element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian)
     callbacks = Tuple((int64, int64 if takes_jacobian else none))
     signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
-    label = f"{method.label}{'_jacobian' * takes_jacobian}" if method.is_own else ""
+    label = f"{method.label}{'_jacobian' * takes_jacobian}{'_pair' * is_pair}" if method.is_own else ""
     return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)
 
 

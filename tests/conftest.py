@@ -47,6 +47,7 @@ def compile_kernels(shift=0.0):
     newton = eig3.CentralDifference(solver="newton").formulas
     kernels = [(each, form) for each in formulas for form in (SCALAR, VECTOR)]
     kernels += [(newton, form, True) for form in (SCALAR, VECTOR)]
+    kernels += [(each, VECTOR, False, True) for each in formulas]  # those for two degrees of freedom
     first = round(shift * len(kernels))
     for kernel in kernels[first:] + kernels[:first]:
         pointer_kernel(*kernel)
