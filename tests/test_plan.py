@@ -14,6 +14,8 @@ from eig3.analysis import planner
 from eig3.cli import main
 from eig3.methods import LIBRARY
 
+ANY_FORCE = [name for name in LIBRARY if name != "bm6"]  # the methods for a force that depends on the velocity
+
 
 def achieved(prediction, problem):
     solution = problem.integrate(h=prediction.h, method=prediction.method)
@@ -24,8 +26,8 @@ def achieved(prediction, problem):
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4])
 def test_every_method_reaches_the_accuracy_at_the_step_predicted(accuracy):
     problem = problems.single_dof(xi=0.02, force=1.0, force_omega=3.0, t_end=50.0)
-    plan = eig3.plan(problem, accuracy)
-    assert {p.method.name for p in plan.predictions} == set(LIBRARY)
+    plan = eig3.plan(problem, accuracy, methods=ANY_FORCE)
+    assert {p.method.name for p in plan.predictions} == set(ANY_FORCE)
     for prediction in plan.predictions:
         assert prediction.reaches, prediction
         if not prediction.note:
@@ -113,8 +115,8 @@ def running_away(t, u, v, p):
     ("build", "methods", "expected"),
     [
         (falling_cloth, ["eig3", "cd", "rk4"], "has a stable step"),
-        (lambda: problems.double_pendulum(t_end=20.0), None, "has a stable step"),
-        (lambda: problems.damped_bar(n=80, t_end=2e-4), None, "has a stable step"),
+        (lambda: problems.double_pendulum(t_end=20.0), ANY_FORCE, "has a stable step"),
+        (lambda: problems.damped_bar(n=80, t_end=2e-4), ANY_FORCE, "has a stable step"),
         (
             lambda: eig3.Problem("infinite", running_away, 1.0, 1.0, (), (0.0, 10.0)),
             ["eig3", "rk4"],

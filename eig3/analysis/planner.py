@@ -1,44 +1,56 @@
-"""Predict from short pilot runs which method reaches a given accuracy in the shortest time, and with which step."""
+"""Find by short pilot runs which method reaches a given accuracy in the shortest time, and with which step."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..checks import check_method
-from ..methods import LIBRARY, Method
+from ..callbacks import check_callback
+from ..checks import check_method, check_params, check_state
+from ..kernels.invariant import invariant_kernel
+from ..methods import EIG, LIBRARY, RK8, Method
 from ..problem import Problem
 from ..solution import Solution
-from .critical import longest_stable_step
-from .linear import Linearised, linearise
+from ..stepper import Stepper
 
-PILOT_SECONDS = 1.0  # time of all pilot runs together, not counting the search for stable runs
-_VALUES = 2**18  # largest number of values in the states at which two runs are compared
-_FIRST_STEPS = 64  # fewest steps of a pilot run
-_BELOW_CRITICAL = 0.95  # first step of the pilot runs, as a fraction of the critical step
-_LONGEST = 4.0  # longest first step in radians of the fastest mode: beyond the stability limit of every explicit method
-_PROJECTED = 8  # directions of each of three kinds on which a critical step is accurate enough to start from
-_REFINED = 64  # the search for a stable run takes at most this multiple of the steps of the first run,
-_EVALUATED = 2**24  # or, if that is more, steps with this number of evaluations of one degree of freedom
-_LEAST_EVALUATED = 2**20  # evaluations of one degree of freedom that the runs of a method may make in any case
-_SOLVED = 4  # estimated evaluations per step of an implicit method
-_MOST_EVALUATED = 2**25  # if the first run needs more evaluations of one degree of freedom, take a part of the span
-_SAFETY = 0.7  # aim for this fraction of the requested accuracy
-_ORDER_TOLERANCE = 0.4  # largest difference between observed and known order of an error that follows the order
-_UNSTABLE = 5.0  # a relative error above this means that the run is unstable
-_CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
-_NEAR = 10  # an error below this multiple of the accuracy is extrapolated to the accuracy
-_BISECTIONS = 3  # narrow down the longest stable step from a factor of 2 to a factor of 2^(1/8) = 1.09
-_LAST_TRIALS = 12  # largest number of runs of the whole span, each with 1.2 times the steps of the one before
+_GUIDE = RK8()
+#: The order in which the methods of the library are tried: a good method found early shortens the runs of the others.
+_FIRST = ("eig5", "eig8", "eig9", "eig10", "eig11", "eig12", "eig13", "eig7", "eig6", "bm6", "rk8", "rk5", "eig4")
+_WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders have no limit, but grow at every step
+_AIM = 0.9  # aim for this fraction of the requested accuracy
+_AGREEMENT = 0.25  # two runs that differ by this fraction of the accuracy give a reference
+_AGREEMENT_AT_MOST = 0.05  # runs with a larger relative difference may both be wrong
+_GUIDE_SECONDS = 0.3  # time for the runs of RK8 over each part of the span
+_SEARCH_SECONDS = 0.8  # time after which no method is tried any more
+_SHORT = 0.005  # a run that takes less time, s, is repeated
+_PIECES = 8  # of a run, after each of which it is checked
+_DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
+_LONGEST_TIMED = 0.02  # longest run that measures the time of a step, s
+_TIMED_SECONDS = 0.15  # time of the last comparison
+_LEAST_GUIDE = 2**26  # work that the runs of RK8 may make in any case
+_LEAST_WORK = 2**24  # work that the runs of a method named by the user may make in any case
+_CALL = 16  # the work of an evaluation is that for its degrees of freedom and this number
 _PARTS = (1, 1 / 8, 1 / 64)  # parts of the span to run
-_FURTHEST = 1e4  # largest ratio of the step of a pilot run to the step that is extrapolated from it
-_TIMED_SECONDS = 0.02  # length of each of three runs that measure the time of a step
-_ROUND_OFF = 1e-13  # a relative error that round-off may prevent
+_FEWEST = 61  # fewest steps of a run. A prime number: states at multiples of a period would hide an error of phase
+_STATES = 976  # most states at which two runs are compared, 16 times the fewest,
+_VALUES = 2**18  # or fewer, so that they have no more values than this
+_STEPS_PER_STATE = 16  # fewest steps from one of these states to the next, in a run of many steps
+_MOST_RUNS = 24  # of a method
+_CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
+_NEAR = 1.06  # the longest step is found to this factor
+_BRACKETED = 1.5  # between steps that differ by less than this factor, the error is interpolated
+_STEEP = 2.0  # an error that grows with more than this multiple of its order is one of stability
+_SLOW = 2.0  # a method that takes this multiple of the best time is given up
+_HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most this many times as fast
+_CLOSE = 1.6  # methods predicted to take at most this multiple of the shortest time are timed
+_IMPLICIT = 2  # fewest evaluations per step of an implicit method
+_ROUND_OFF = 1e-6  # an error below this that no longer falls is round-off
+_RULED_OUT = "ruled out: "
 
 
 @dataclass(frozen=True)
@@ -49,7 +61,7 @@ class Prediction:
     ----------
     method : Method
     h : float
-        The step; NaN if no step is predicted to reach the accuracy.
+        The step; NaN if no step is known to reach the accuracy.
     n_steps, evaluations : int
         Number of steps and of evaluations of the right-hand side over the whole span.
     seconds : float
@@ -57,7 +69,8 @@ class Prediction:
     error : float
         The error expected at h.
     note : str
-        Why the accuracy is not reached, or why the error is well below it; otherwise empty.
+        Why the accuracy is not reached, why the method was ruled out, or what limits the step; otherwise empty. A
+        method that was ruled out before it ran has no step.
     """
 
     method: Method
@@ -70,7 +83,7 @@ class Prediction:
 
     @property
     def reaches(self) -> bool:
-        """Whether the accuracy is predicted to be reached."""
+        """Whether a step is predicted to reach the accuracy."""
         return math.isfinite(self.h)
 
 
@@ -85,7 +98,7 @@ class Plan:
     metric : {"trajectory", "energy"}
     predictions : tuple of Prediction
     pilot_seconds : float
-        Time that the pilot runs took, without compilation.
+        Time that the pilot runs and their comparison took, without compilation.
     """
 
     problem: Problem
@@ -133,7 +146,7 @@ class Plan:
                 numbers = f"{p.h:>9.3g} {p.n_steps:>9.3g} {p.evaluations:>12.3g} {p.seconds:>9.3g} {p.error:>8.1e}"
                 lines.append(f"  {name:<{width}} {numbers}" + f"  {p.note}" * bool(p.note))
             else:
-                lines.append(f"  {name:<{width}} not reached: {p.note}")
+                lines.append(f"  {name:<{width}} {'' if p.note.startswith(_RULED_OUT) else 'not reached: '}{p.note}")
         return "\n".join(lines)
 
 
@@ -144,7 +157,7 @@ def plan(
     metric: str = "trajectory",
     methods: Sequence[str | Method] | None = None,
 ) -> Plan:
-    """Find the step at which each method reaches an accuracy over the whole span, and the time that it takes.
+    """Find the method that reaches an accuracy over the whole span in the shortest time, and its step.
 
     Parameters
     ----------
@@ -155,7 +168,8 @@ def plan(
         The error is max |u - u(t)| / max |u| over all degrees of freedom for "trajectory", and max |E - E0| / |E0| for
         "energy". For "trajectory", all degrees of freedom should have the same unit or be scaled.
     methods : sequence of str or Method, optional
-        The methods to compare; all methods of the library if None.
+        The methods to compare. Each of them gets a prediction. If None, all methods of the library are compared, and
+        those that cannot be the fastest are ruled out.
 
     Returns
     -------
@@ -168,15 +182,25 @@ def plan(
 
     Notes
     -----
-    The first pilot run of a method has a step just below the critical step at the start of the span. If there is no
-    critical step, it has a step that is too long for every method. The step is halved until a run is stable. This
-    search is limited by a number of steps, not by time, so that the load of the machine does not decide which methods
-    are stable.
+    RK8 runs first, each time with twice the steps, until two runs agree to a quarter of the accuracy. The last run is
+    the reference: the difference of another run from it is the error of that run. For the metric "energy", each run
+    gives its error itself. If RK8 takes too long, the runs cover a part of the span, and each error is extrapolated to
+    the whole span by its growth in the part.
 
-    Then the step is halved until two runs of the whole span differ as the order of the method predicts. If the method's
-    share of one second does not allow that, the runs are repeated over a part of the span, and the error is
-    extrapolated to the whole span by its growth in the part. The error of a run is its difference from the run at half
-    its step, times 2^p / (2^p - 1) for the order p (Richardson).
+    Each method starts with the number of steps that should take as long as the best method so far. From there its
+    longest step is searched for, down to 6 %. A method is given up when it would take twice the time of the best one.
+    A method is ruled out before it runs, and is then not compiled,
+
+    - by its order and evaluations: if another method takes four times as long as the best one, has at least the same
+      order and no more evaluations per step, and is not limited by stability;
+    - by its limit: if it is an EIG method, and stability limits an EIG method of a lower grade, which has the longer
+      limit, and that method is not the best one;
+    - if there is no time left.
+
+    The methods that are close to the fastest are timed at their steps, in turn.
+
+    RK8, and each method that the user names, may take a number of evaluations in any case, so that the load of the
+    machine does not decide which methods are stable.
     """
     if not isinstance(problem, Problem):
         raise TypeError(f"problem must be an eig3.Problem, not {type(problem).__name__}.")
@@ -186,296 +210,428 @@ def plan(
         raise ValueError(f"metric must be 'trajectory' or 'energy', not {metric!r}.")
     if metric == "energy" and problem.energy is None:
         raise ValueError(f"metric 'energy' needs a problem with an energy, and {problem.name} has none.")
-    records = [check_method(method) for method in (LIBRARY if methods is None else methods)]
+    records = [check_method(method) for method in (_in_order_of_trial() if methods is None else methods)]
     if methods is None and problem.uses_velocity:
         records = [method for method in records if not method.ignores_velocity]
     if not records:
         raise ValueError("methods must name at least one method.")
-    predictions, spent, system = [], 0.0, _linearised(problem)
-    for i, method in enumerate(records):
-        longest = _longest_step(system, method)
-        budget = max(PILOT_SECONDS / len(records), (PILOT_SECONDS - spent) / (len(records) - i))
-        pilot = Pilot(problem, method, metric, longest, budget)
-        predictions.append(pilot.predict(accuracy))
-        spent += pilot.spent
+    pilots = Pilots(problem, metric, _AIM * accuracy)
+    guide = pilots.guide()
+    if isinstance(guide, str):
+        predictions = [_failure(method, guide) for method in records]
+    else:
+        predictions = _choose(pilots, guide, records) if methods is None else _predict_each(pilots, guide, records)
     predictions.sort(key=lambda p: (not p.reaches, p.seconds))
-    return Plan(problem, float(accuracy), metric, tuple(predictions), spent)
+    return Plan(problem, float(accuracy), metric, tuple(predictions), pilots.spent)
 
 
-@dataclass
-class _Run:
-    """A pilot run over a part of the span, and its error, which is NaN until the run with half its step is made."""
+def _in_order_of_trial() -> list[str]:
+    return sorted(LIBRARY, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+
+
+def _choose(pilots: Pilots, guide: Search, records: list[Method]) -> list[Prediction]:
+    """The predictions of the methods that may be the fastest, and the reasons why the others are not."""
+    tried: list[Search] = []
+    ruled_out = []
+    best = guide
+    for method in records:
+        reason = _ruled_out(pilots, method, tried, best)
+        if not reason and tried and pilots.spent > _SEARCH_SECONDS:
+            reason = "no time was left to try it"
+        if reason:
+            ruled_out.append(_failure(method, _RULED_OUT + reason))
+            continue
+        search = guide if method == guide.method else Search(pilots, method)
+        longest = _SLOW * best.seconds
+        search.run(best, lambda longest=longest: longest)
+        tried.append(search)
+        if not search.steps:
+            ruled_out.append(
+                _failure(method, f"{_RULED_OUT}in {_SLOW:g} times the time of {best.method.label}, {search.verdict}")
+            )
+        best = min([guide, *tried], key=lambda search: search.seconds)
+    return _timed(pilots, [search for search in tried if search.steps]) + ruled_out
+
+
+def _ruled_out(pilots: Pilots, method: Method, tried: Sequence[Search], best: Search) -> str:
+    """Why the method cannot be the fastest; empty if it may be."""
+    for search in tried:
+        other = search.method
+        if search.is_limited:
+            graded = isinstance(method, EIG) and isinstance(other, EIG) and other.order not in _WEAK_ORDERS
+            if graded and other.order < method.order:
+                return f"stability limits its step more than that of {other.label}"
+        elif search.follows_order and method.order <= other.order and pilots.evaluations(method) >= search.evaluations:
+            factor = search.seconds / best.seconds
+            if factor > _HOPELESS:
+                return f"{other.label}, of order {other.order}, takes {factor:.2g} times as long as {best.method.label}"
+    return ""
+
+
+def _predict_each(pilots: Pilots, guide: Search, records: list[Method]) -> list[Prediction]:
+    """A prediction for every method, from the runs that its share of the time allows."""
+    searches = []
+    for i, method in enumerate(records):
+        search = guide if method == guide.method else Search(pilots, method)
+        until = pilots.spent + max(0.0, _SEARCH_SECONDS - pilots.spent) / (len(records) - i)
+        search.run(guide, lambda until=until: until - pilots.spent, _LEAST_WORK)
+        searches.append(search)
+    return _timed(pilots, searches)
+
+
+def _timed(pilots: Pilots, searches: Sequence[Search]) -> list[Prediction]:
+    """The predictions of all methods; those of the fastest have times measured in turn."""
+    shortest = min(search.seconds for search in searches)
+    close = [s for s in searches if s.steps and s.seconds <= _CLOSE * shortest]
+    runs = 0
+    until = pilots.spent + _TIMED_SECONDS
+    seconds = {id(search): math.inf for search in close}
+    while runs < 3 or (len(close) > 1 and pilots.spent < until and runs < 15):
+        for search in close:
+            seconds[id(search)] = min(seconds[id(search)], pilots.time_of_a_step(search))
+        runs += 1
+    return [search.predict(seconds.get(id(search))) for search in searches]
+
+
+@dataclass(frozen=True)
+class History:
+    """The states of a run, the spacing of their times, and what the run took."""
+
+    u: np.ndarray
+    v: np.ndarray
+    spacing: float
+    seconds: float
+    n_rhs: int
+
+
+@dataclass(frozen=True)
+class Run:
+    """A pilot run: its steps over the part of the span, its error over the whole span, and its cost of a step."""
 
     n_steps: int
-    solution: Solution
-    error: float = math.nan
-    growth: float = 1.0  # the error grows as this power of time
+    error: float  # infinite if the run diverged
+    seconds: float = math.nan
+    evaluations: float = math.nan
 
 
-@dataclass
-class Pilot:
-    """The pilot runs of one method, from the step `longest` down.
+class Pilots:
+    """The pilot runs of all methods on one problem.
 
-    `budget`, s, limits how often the step is halved after the first stable run. A small number of evaluations, which
-    take some milliseconds on an idle machine, is made in any case.
+    Attributes
+    ----------
+    aim : float
+        The error to reach.
+    part : float
+        The part of the span that is run.
     """
 
-    problem: Problem
-    method: Method
-    metric: str
-    longest: float
-    budget: float
-    spent: float = 0.0
-    evaluated: int = 0  # evaluations of one degree of freedom
-    part: float = 1.0
-    unstable: int = 0  # the largest number of steps over the part with which a run diverged
-    runs: list[_Run] = field(default_factory=list)
-
-    def predict(self, accuracy: float) -> Prediction:
-        self._integrate(1, self.problem.t_span[0] + self._span * 1e-9)  # compiles
-        self.spent, self.evaluated = 0.0, 0
-        for part in _PARTS:
-            self.part, self.unstable, self.runs = part, 0, []
-            if part != _PARTS[-1] and self._first_steps() * self._evaluations > _MOST_EVALUATED:
-                continue
-            if self._halve(accuracy) or not self._judged:
-                break
-            self.longest = self.runs[0].solution.h
-        return self._conclude(accuracy)
+    def __init__(self, problem: Problem, metric: str, aim: float) -> None:
+        self.problem, self.aim, self.part = problem, aim, 1.0
+        self.span = problem.t_span[1] - problem.t_span[0]
+        self._begin = time.perf_counter()
+        self._compiled: set[Method] = set()
+        self._reference: np.ndarray | None = None
+        self._size = math.inf
+        self._start: tuple[Any, Any] = problem.u0, problem.v0
+        self._energy = None
+        if metric == "energy":
+            zeros = np.zeros(len(problem.integrals))
+            self._start = tuple(np.append(x, zeros) if zeros.size else x for x in self._start)
+            self._energy = check_callback(problem.energy, "invariant", check_state(*self._start)[2], "energy")
+        most = min(_STATES, max(_FEWEST, _VALUES // np.size(problem.u0)))
+        self._states = _FEWEST * 2 ** int(math.log2(most / _FEWEST))
 
     @property
-    def _span(self) -> float:
-        return self.problem.t_span[1] - self.problem.t_span[0]
+    def spent(self) -> float:
+        """The time since the start, s, without compilation."""
+        return time.perf_counter() - self._begin
 
-    @property
-    def _evaluations(self) -> int:
-        """Evaluations of one degree of freedom in a step."""
-        return (self.method.evaluations or _SOLVED) * int(np.size(self.problem.u0))
+    def evaluations(self, method: Method) -> int:
+        """The evaluations in a step, at least."""
+        running = method.for_force(self.problem.uses_velocity, np.size(self.problem.u0))
+        return running.evaluations or _IMPLICIT
 
-    def _first_steps(self) -> int:
-        """The steps of the first run: a multiple of a power of 2, so that a saved state is at the end of the part."""
-        needed = max(float(_FIRST_STEPS), self.part * self._span / self.longest)
-        unit = 2 ** math.floor(math.log2(needed / _FIRST_STEPS))
-        return unit * math.ceil(needed / unit)
+    def work(self, method: Method, n_steps: float) -> float:
+        """The work of a run, in evaluations of one degree of freedom."""
+        return n_steps * self.evaluations(method) * (_CALL + np.size(self.problem.u0))
 
-    def _halve(self, accuracy: float) -> bool:
-        """Halve the step until the error is small or follows the order; return whether this is reached.
+    def guide(self) -> Search | str:
+        """Find a reference and the runs of RK8 that lead to it; if there is none, the reason why."""
+        shortest = math.inf  # of the steps that were unstable over a longer part
+        for self.part in _PARTS:
+            search = Search(self, _GUIDE)
+            found = self._guide(search)
+            stable = [run.n_steps for run in search.runs if math.isfinite(run.error)]
+            if stable and shortest < self.part * self.span / stable[0]:
+                return "unstable at every step tried"  # over the whole span
+            if found:
+                return search
+            if not stable:
+                shortest = self.part * self.span / search.runs[-1].n_steps
+        return search.failure
 
-        Until the error of a stable run is known, only the number of steps is limited. After that, the time is limited.
-        """
-        n_steps = self._first_steps()
-        most = max(_REFINED * n_steps, _EVALUATED // self._evaluations)
-        while not self._judged:
-            if n_steps > most:
-                return False
+    def _guide(self, search: Search) -> bool:
+        """Double the steps of RK8 until the error is known and far below the aim; return whether this is reached."""
+        until, work, seconds, n_steps = self.spent + _GUIDE_SECONDS, 0.0, 0.0, _FEWEST
+        coarse: History | None = None
+        while work + self.work(_GUIDE, n_steps) < _LEAST_GUIDE or self.spent + 2 * seconds < until:
             begin = self.spent
-            self._run(n_steps)
-            n_steps *= 2
-        until = self.spent + self.budget / len(_PARTS)
-        while True:
-            conclusive = self._is_conclusive(accuracy)
-            if conclusive and self._whole(self._judged[-1]) <= _NEAR * accuracy:
+            fine = self._history(_GUIDE, n_steps)
+            seconds = self.spent - begin
+            work += self.work(_GUIDE, n_steps)
+            if fine is None:
+                search.add(Run(n_steps, math.inf))
+            elif self._energy:
+                search.add(self._judged(n_steps, fine))
+            elif coarse:
+                self._reference, self._size = fine.u, float(np.abs(fine.u).max())
+                search.add(self._judged(n_steps // 2, coarse))
+            if search.runs and search.runs[-1].error <= min(_AGREEMENT * self.aim, _AGREEMENT_AT_MOST):
                 return True
-            if self.evaluated > _LEAST_EVALUATED and self.spent + 2.2 * (self.spent - begin) > until:
-                return conclusive
-            begin = self.spent
-            self._run(n_steps)
-            if not self._judged:  # a shorter step diverged
+            if search.is_stalled:
                 return False
+            coarse = fine
             n_steps *= 2
+        return False
 
-    def _run(self, n_steps: int) -> None:
-        solution = self._integrate(n_steps, self.problem.t_span[0] + self.part * self._span)
-        if not solution.success:
-            self.unstable = max(self.unstable, n_steps)
-            self.runs = []
-            return
-        run = _Run(n_steps, solution)
-        if self.metric == "energy":
-            run.error = solution.drift["energy"] / abs(self.problem.energy_of(self.problem.u0, self.problem.v0))
-        elif self.runs:
-            self._judge(self.runs[-1], run)
-            if not self.runs[-1].error < _UNSTABLE:  # it was still finite at the end
-                self.unstable = self.runs[-1].n_steps
-                self.runs = []
-        self.runs.append(run)
+    def run(self, method: Method, n_steps: int) -> Run:
+        """Run a method over the part of the span; a short run twice, because of what else the machine does."""
+        history = self._history(method, n_steps)
+        if history is None:
+            return Run(n_steps, math.inf)
+        run = self._judged(n_steps, history)
+        again = history.seconds < _SHORT and self._history(method, n_steps)
+        return replace(run, seconds=min(run.seconds, again.seconds / n_steps)) if again else run
 
-    def _integrate(self, n_steps: int, t_end: float, every: int = 0) -> Solution:
-        begin = time.perf_counter()
-        every = every or _every(self.problem, n_steps)
-        h = (t_end - self.problem.t_span[0]) / n_steps
-        watched: dict[str, Any] = {"invariants": {}} if self.metric == "trajectory" else {}
-        solution = self.problem.integrate(h=h, method=self.method, t_end=t_end, save_every=every, **watched)
-        self.spent += time.perf_counter() - begin
-        self.evaluated += solution.n_rhs * np.size(self.problem.u0)
-        return solution
+    def time_of_a_step(self, search: Search) -> float:
+        """Seconds, measured at the predicted step."""
+        n_steps = search.steps
+        count = max(1, min(n_steps, int(_LONGEST_TIMED / search.pace)))
+        history = self._advance(search.method, self.span / n_steps, count, _every(self.problem, n_steps))
+        return history.seconds / count if history else math.inf
 
-    def _judge(self, coarse: _Run, fine: _Run) -> None:
-        every = max(1, (len(fine.solution.u) - 1) // (len(coarse.solution.u) - 1))
-        u_coarse, u_fine = coarse.solution.u, fine.solution.u
-        difference = np.abs(u_coarse - u_fine[::every])
-        size = self._size(fine.solution)
-        errors = difference.reshape(len(difference), -1).max(axis=1) / size
-        gain = 2.0**self.method.order
-        coarse.error = float(errors.max()) * gain / (gain - 1)
-        half = float(errors[: len(errors) // 2 + 1].max())
-        coarse.growth = min(2.0, max(0.0, math.log2(errors.max() / half))) if half > 0 else 1.0
+    def multiple(self, n_steps: float) -> int:
+        """The number of steps close to `n_steps` after which states can be compared."""
+        n_steps = max(n_steps, _FEWEST)
+        unit = min(self._states, _FEWEST * 2 ** max(0, int(math.log2(n_steps / _STEPS_PER_STATE / _FEWEST))))
+        return unit * round(n_steps / unit)
 
-    def _size(self, solution: Solution) -> float:
-        return float(np.abs(solution.u).max())
+    def _history(self, method: Method, n_steps: int) -> History | None:
+        """The states to compare of a run over the part of the span, which has a multiple of the fewest steps."""
+        if method not in self._compiled:
+            self._compiled.add(method)
+            begin = time.perf_counter()
+            self._advance(method, 1e-9 * self.span, 1, 1)
+            self._begin += time.perf_counter() - begin  # this was compilation
+        states = _FEWEST
+        while states < self._states and n_steps % (2 * states) == 0:
+            states *= 2
+        return self._advance(method, self.part * self.span / n_steps, n_steps, n_steps // states)
+
+    def _advance(self, method: Method, h: float, n_steps: int, every: int) -> History | None:
+        """Run in several pieces, and stop as soon as the run has diverged, with the result None."""
+        t0 = self.problem.t_span[0]
+        stepper = Stepper(self.problem.rhs, *self._start, h=h, t0=t0, params=self.problem.params, method=method)
+        shape = n_steps // every, *np.shape(stepper.start[0])
+        u, v = np.empty(shape), np.empty(shape)
+        piece = every * math.ceil(shape[0] / _PIECES) if shape[0] else n_steps
+        while stepper.index < n_steps:
+            first, count = stepper.index // every, min(piece, n_steps - stepper.index)
+            taken = stepper.advance(count, every, u[first:], v[first:])
+            if taken < count or not stepper.is_finite or stepper.sizes[0] > _DIVERGED * self._size:
+                return None
+        return History(u, v, h * every, stepper.seconds, stepper.n_rhs)
+
+    def _judged(self, n_steps: int, history: History) -> Run:
+        """The run of this history, with its error extrapolated to the whole span."""
+        error, growth = self._energy_error(history) if self._energy else self._trajectory_error(history)
+        return Run(n_steps, error * (1 / self.part) ** growth, history.seconds / n_steps, history.n_rhs / n_steps)
+
+    def _trajectory_error(self, history: History) -> tuple[float, float]:
+        """The error, and the power of time with which it grows."""
+        assert self._reference is not None
+        both = math.gcd(len(history.u), len(self._reference))
+        u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (history.u, self._reference))
+        errors = np.abs(u - known).reshape(both, -1).max(axis=1) / self._size
+        error, half = float(errors.max()), float(errors[: both // 2].max())
+        return error, min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
+
+    def _energy_error(self, history: History) -> tuple[float, float]:
+        assert self._energy is not None
+        u0, v0, form = check_state(*self._start)
+        t0, params = self.problem.t_span[0], check_params(self.problem.params)
+        start = self._energy.call(t0, u0, v0, params)
+        low, high = invariant_kernel(form)(self._energy.address, t0, history.spacing, params, 1, history.u, history.v)
+        return float(np.maximum(start - low, high - start)) / abs(start), 1.0
+
+
+class Search:
+    """The search for the longest step with which a method reaches the aim."""
+
+    def __init__(self, pilots: Pilots, method: Method) -> None:
+        self.pilots, self.method, self.evaluations = pilots, method, pilots.evaluations(method)
+        self.runs: list[Run] = []  # from the fewest steps to the most
+
+    def add(self, run: Run) -> None:
+        self.runs = sorted([*self.runs, run], key=lambda run: run.n_steps)
+
+    def run(self, other: Search, longest: Callable[[], float], work: float = 0.0) -> None:
+        """Run until the longest step is known, or the next run would take too long.
+
+        The first run takes as long as `other` takes to reach the aim. `longest` returns the seconds that the next run
+        may take; a run within the remaining `work` may be made in any case.
+        """
+        guess = other.pace / other.evaluations * self.evaluations
+        n_steps: float | None = other.seconds / guess * self.pilots.part
+        while n_steps and len(self.runs) < _MOST_RUNS:
+            pace = self.pace if math.isfinite(self.pace) else guess
+            most = max(longest() / pace * self.pilots.part, work / self.pilots.work(self.method, 1))
+            n_steps = self.pilots.multiple(min(n_steps, most))
+            if self.runs and (n_steps > _NEAR * most or any(run.n_steps == n_steps for run in self.runs)):
+                return
+            self.add(self.pilots.run(self.method, n_steps))
+            work -= self.pilots.work(self.method, n_steps)
+            n_steps = self._next()
 
     @property
-    def _judged(self) -> list[_Run]:
-        return [run for run in self.runs if math.isfinite(run.error)]
+    def pace(self) -> float:
+        """Seconds of a step, in the fastest run; infinite if no run was stable."""
+        return min((run.seconds for run in self.runs if math.isfinite(run.seconds)), default=math.inf)
 
-    def _order(self) -> float:
-        """The order of convergence over the last two runs; NaN if there are not two, 0 if the error does not fall."""
-        if len(self._judged) < 2:
-            return math.nan
-        before, last = (run.error for run in self._judged[-2:])
-        return max(0.0, math.log2(before / last)) if last > 0 else float(self.method.order)
+    @property
+    def _bad(self) -> Run | None:
+        """The run with the most steps that does not reach the aim."""
+        return next((run for run in reversed(self.runs) if not run.error <= self.pilots.aim), None)
 
-    def _is_conclusive(self, accuracy: float) -> bool:
-        judged = self._judged
-        if not judged or judged[-1].error > _CONVERGING:
+    @property
+    def _good(self) -> Run | None:
+        """The run with the fewest steps from which on every run reaches the aim."""
+        bad = self._bad
+        return next((run for run in self.runs if not bad or run.n_steps > bad.n_steps), None)
+
+    def _next(self) -> float | None:
+        """The steps of the next run, before they are rounded; None if no run is needed."""
+        good, bad, aim = self._good, self._bad, self.pilots.aim
+        if not good:
+            last = self.runs[-1]
+            if self.is_stalled:
+                return None
+            factor = min(4.0, 1.05 * (last.error / aim) ** (1 / self.order)) if last.error < _CONVERGING else 1.5
+            return max(factor, _NEAR) * last.n_steps
+        if not bad:
+            factor = max(1 / 4, 0.97 * (good.error / aim) ** (1 / self.order))
+            return min(factor, 1 / _NEAR) * good.n_steps
+        ratio = good.n_steps / bad.n_steps
+        if ratio < _NEAR or (ratio < _BRACKETED and not self.is_limited):
+            return None
+        return self._between(bad, good) if bad.error < _CONVERGING else math.sqrt(ratio) * bad.n_steps
+
+    def _between(self, bad: Run, good: Run) -> float:
+        """The steps with which the error is the aim, if it is a power of the step."""
+        slope = self._slope(bad, good)
+        return bad.n_steps * (bad.error / self.pilots.aim) ** (1 / slope)
+
+    def _slope(self, bad: Run, good: Run) -> float:
+        return math.log(bad.error / max(good.error, 1e-300)) / math.log(good.n_steps / bad.n_steps)
+
+    @property
+    def order(self) -> float:
+        """The order of convergence over the two runs with the most steps, or else that of the method."""
+        known = float(self.method.order)
+        return min(2 * known, max(known / 2, self._observed)) if self._observed else known
+
+    @property
+    def _observed(self) -> float | None:
+        converging = [run for run in self.runs if run.error < _CONVERGING][-2:]
+        return self._slope(*converging) if len(converging) == 2 else None
+
+    @property
+    def follows_order(self) -> bool:
+        """Whether the error falls with the step as the order predicts, so that it can be extrapolated."""
+        return self._observed is not None and not self.is_limited
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether stability limits the step: beyond the longest step, the error grows faster than by the order."""
+        good, bad = self._good, self._bad
+        if good and not bad:
             return False
-        excess = self._order() - self._order_of_metric()
-        if self._whole(judged[-1]) <= _SAFETY * accuracy:
-            return not excess > 3 * _ORDER_TOLERANCE  # an error that falls faster changes sign, and grows again
-        return abs(excess) < _ORDER_TOLERANCE
+        slope = self._observed
+        if good and bad:
+            slope = self._slope(bad, good) if bad.error < _CONVERGING else None
+        return slope is None or slope > _STEEP * (self.method.order + 1)
 
-    def _order_of_metric(self) -> float:
-        # The energy error of a Runge-Kutta method can have one order more than the method.
-        order = self._order()
-        return float(self.method.order) if self.metric == "trajectory" else max(float(self.method.order), order)
+    @property
+    def is_stalled(self) -> bool:
+        """Whether round-off keeps the error from falling."""
+        last = self.runs[-2:]
+        return len(last) == 2 and last[0].error < _ROUND_OFF and last[1].error > last[0].error / 1.4
 
-    def _whole(self, run: _Run) -> float:
-        """The error of a run at the end of the whole span."""
-        return run.error * (1 / self.part) ** run.growth
-
-    def _conclude(self, accuracy: float) -> Prediction:
-        judged = self._judged
-        if not judged:
-            return self._failure("unstable at every step tried")
-        if not self._is_conclusive(accuracy):
-            stalled = judged[-1].error < 1e-6 and self._order() < 0.5
-            return self._failure(
-                f"round-off leaves an error of {judged[-1].error:.1e}"
-                if stalled
-                else f"the error does not converge down to h = {judged[-1].solution.h:.2g}, where it is "
-                f"{judged[-1].error:.1e} (chaos, or a step still too long)"
-            )
-        aim = _SAFETY * accuracy
-        if self._whole(judged[-1]) > aim:
-            return self._extrapolated(judged[-1], aim)
-        above = [i for i, run in enumerate(judged) if self._whole(run) > aim]
-        i = above[-1] + 1 if above else 0
-        fine = judged[i]
-        if i == 0:
-            return self._limited_by_stability(fine, aim)
-        return self._at(self._between(judged[i - 1], fine, aim), aim)
-
-    def _between(self, coarse: _Run, fine: _Run, aim: float) -> float:
-        if self._whole(coarse) > _CONVERGING:  # the error is not a power of h between the two runs
-            fraction = 1 - math.log2(aim / self._whole(fine)) / self.method.order
+    @property
+    def steps(self) -> int:
+        """The steps over the whole span that reach the aim; 0 if unknown."""
+        good, bad = self._good, self._bad
+        if good:
+            n_steps = self._between(bad, good) if bad and not self.is_limited else good.n_steps
+        elif self.runs and self.runs[-1].error < _CONVERGING and not self.is_stalled:
+            n_steps = self.runs[-1].n_steps * (self.runs[-1].error / self.pilots.aim) ** (1 / self.order)
         else:
-            fraction = math.log(self._whole(coarse) / aim) / math.log(self._whole(coarse) / self._whole(fine))
-        return coarse.n_steps * 2 ** min(1.0, max(0.0, fraction))
+            return 0
+        return math.ceil(n_steps / self.pilots.part)
 
-    def _extrapolated(self, run: _Run, aim: float) -> Prediction:
-        if aim < _ROUND_OFF:
-            return self._failure("the accuracy is below round-off")
-        smaller = (self._whole(run) / aim) ** (1 / self._order())
-        if smaller > _FURTHEST:
-            return self._failure(f"it needs a step more than {_FURTHEST:g} times shorter than in the pilot runs")
-        return self._at(run.n_steps * smaller, aim)
+    @property
+    def seconds(self) -> float:
+        """The predicted time; infinite if unknown."""
+        return self.steps * self.pace if self.steps else math.inf
 
-    def _limited_by_stability(self, run: _Run, aim: float) -> Prediction:
-        """The first stable run is accurate enough: find the longest stable step, between its step and twice that."""
-        low, high = self.unstable or run.n_steps // 2, run.n_steps
-        largest = _UNSTABLE * self._size(run.solution)
-        for _ in range(_BISECTIONS):
-            middle = round(math.sqrt(low * high))
-            solution = self._integrate(middle, self.problem.t_span[0] + self.part * self._span)
-            stable = solution.success and self._size(solution) < largest
-            low, high = (low, middle) if stable else (middle, high)
-        if self.part < 1:
-            high = self._stable_over_the_span(high, largest)
-            if high == 0:
-                return self._failure("unstable over the whole span at every step tried")
-        error = self._whole(run) * (run.n_steps / high) ** self.method.order
-        needed = run.n_steps * (self._whole(run) / aim) ** (1 / self.method.order)
-        if needed >= high:
-            return self._at(needed, aim)
-        return self._at(1.02 * high, error, "the step is limited by stability")
+    @property
+    def verdict(self) -> str:
+        """How the run with the most steps ended."""
+        error = self.runs[-1].error
+        return f"its error is {error:.1e}" if math.isfinite(error) else "it is unstable"
 
-    def _stable_over_the_span(self, n_steps: int, largest: float) -> int:
-        """Steps over the part with which the whole span is stable; 0 if no number tried is enough.
+    @property
+    def failure(self) -> str:
+        """Why the aim is not reached."""
+        stable = [run for run in self.runs if math.isfinite(run.error)]
+        if not stable:
+            return "unstable at every step tried"
+        last = stable[-1]
+        if self.is_stalled:
+            return f"round-off leaves an error of {last.error:.1e}"
+        h = self.pilots.part * self.pilots.span / last.n_steps
+        return (
+            f"the error does not converge down to h = {h:.2g}, where it is {last.error:.1e} (chaos, or a step still "
+            "too long)"
+        )
 
-        The growth of RK2 and AB2 may be too small to be seen in a part of the span.
-        """
-        for _ in range(_LAST_TRIALS):
-            solution = self._integrate(round(n_steps / self.part), self.problem.t_span[1])
-            if solution.success and self._size(solution) < largest:
-                return n_steps
-            n_steps = math.ceil(1.2 * n_steps)
-        return 0
-
-    def _at(self, n_steps: float, error: float, note: str = "") -> Prediction:
-        """The prediction for a number of steps over the part."""
-        total = math.ceil(n_steps / self.part)
-        seconds, evaluations = self._cost_of_a_step(total)
+    def predict(self, seconds_of_a_step: float | None) -> Prediction:
+        if not self.steps:
+            return _failure(self.method, self.failure)
+        good = self._good
+        cost = min((run for run in self.runs if math.isfinite(run.seconds)), key=lambda run: run.seconds)
+        note = "" if good else "extrapolated"
+        if good and self.is_limited:
+            note = "the step is limited by stability"
         return Prediction(
             method=self.method,
-            h=self._span / total,
-            n_steps=total,
-            evaluations=round(total * evaluations),
-            seconds=total * seconds,
-            error=error,
+            h=self.pilots.span / self.steps,
+            n_steps=self.steps,
+            evaluations=round(self.steps * cost.evaluations),
+            seconds=self.steps * (seconds_of_a_step or cost.seconds),
+            error=good.error if good and self.is_limited else self.pilots.aim,
             note=note,
         )
 
-    def _cost_of_a_step(self, total: int) -> tuple[float, float]:
-        """Seconds and evaluations of a step: the fastest of three short runs at the step of the whole run."""
-        last = self.runs[-1].solution
-        count = min(total, max(1, int(_TIMED_SECONDS * last.n_steps / last.kernel_seconds)))
-        every = _every(self.problem, total)  # the run keeps as many
-        h = self._span / total
-        runs = [self._integrate(count, self.problem.t_span[0] + count * h, every) for _ in range(3)]
-        seconds = min(run.kernel_seconds / run.n_steps for run in runs)
-        return seconds, runs[0].n_rhs / runs[0].n_steps
 
-    def _failure(self, note: str) -> Prediction:
-        return Prediction(self.method, math.nan, 0, 0, math.inf, math.nan, note)
+def _failure(method: Method, note: str) -> Prediction:
+    return Prediction(method, math.nan, 0, 0, math.inf, math.nan, note)
 
 
 def _every(problem: Problem, n_steps: int) -> int:
-    """The `save_every` with which comparing two runs takes less time than the runs.
-
-    It is a power of 2, so that a run with twice the steps keeps the states at the same times.
-    """
+    """The `save_every` with which a run keeps about 2000 states, or fewer of a large system."""
     most = min(2048, max(64, _VALUES // np.size(problem.u0)))
     return 2 ** max(0, (n_steps // most).bit_length() - 1)
-
-
-def _linearised(problem: Problem) -> Linearised | None:
-    """The problem linearised at its start, on few directions; None if rhs is not finite close to it."""
-    stepper = problem.stepper(h=1.0, method="rk4")
-    try:
-        system = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
-    except ValueError:
-        return None
-    return system if len(system.K) <= 3 * _PROJECTED else system.fastest(_PROJECTED)
-
-
-def _longest_step(system: Linearised | None, method: Method) -> float:
-    """The step of the first pilot run; infinite if nothing limits it."""
-    if system is None:
-        return math.inf
-    fastest = float(np.abs(system.rates()).max())
-    longest = _LONGEST / fastest if fastest > 0 else math.inf
-    limit, _, _ = longest_stable_step(method, system)
-    return min(_BELOW_CRITICAL * limit, longest) if limit > 0 else longest
 
 
 def _name(method: Method) -> str:
