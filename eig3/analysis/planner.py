@@ -20,9 +20,9 @@ from ..stepper import Stepper
 
 _GUIDE = RK8()
 #: The order in which the methods of the library are tried: a good method found early shortens the runs of the others.
-_FIRST = ("eig5", "eig8", "eig9", "eig10", "eig11", "eig12", "eig13", "eig7", "eig6", "bm6", "rk8", "rk5", "eig4")
+_FIRST = ("eig5", "bm6", "eig8", "eig9", "eig10", "eig11", "eig12", "eig13", "eig7", "eig6", "rk8", "rk5", "eig4")
 _WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders have no limit, but grow at every step
-_AIM = 0.9  # aim for this fraction of the requested accuracy
+_AIM = 0.8  # aim for this fraction of the requested accuracy
 _AGREEMENT = 0.25  # two runs that differ by this fraction of the accuracy give a reference
 _AGREEMENT_AT_MOST = 0.05  # runs with a larger relative difference may both be wrong
 _GUIDE_SECONDS = 0.3  # time for the runs of RK8 over each part of the span
@@ -43,13 +43,16 @@ _STEPS_PER_STATE = 16  # fewest steps from one of these states to the next, in a
 _MOST_RUNS = 24  # of a method
 _CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
 _NEAR = 1.06  # the longest step is found to this factor
-_BRACKETED = 1.5  # between steps that differ by less than this factor, the error is interpolated
+_SAME = 1.04  # steps closer than this need no run
+_ENOUGH = 0.7  # or until the error is at least this fraction of the aim
 _STEEP = 2.0  # an error that grows with more than this multiple of its order is one of stability
 _SLOW = 2.0  # a method that takes this multiple of the best time is given up
 _HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most this many times as fast
 _CLOSE = 1.6  # methods predicted to take at most this multiple of the shortest time are timed
 _IMPLICIT = 2  # fewest evaluations per step of an implicit method
-_ROUND_OFF = 1e-6  # an error below this that no longer falls is round-off
+_ROUND_OFF = 1e-6  # an error below this is round-off, if it falls with a power of the step
+_STALLED = 0.5  # below this
+EXTRAPOLATED = "extrapolated from longer steps"  # the note of a prediction that is rougher than the others
 _RULED_OUT = "ruled out: "
 
 
@@ -411,8 +414,10 @@ class Pilots:
         return history.seconds / count if history else math.inf
 
     def multiple(self, n_steps: float) -> int:
-        """The number of steps close to `n_steps` after which states can be compared."""
+        """The number of steps close to `n_steps` with which there are states to compare with the reference."""
         n_steps = max(n_steps, _FEWEST)
+        if self._energy:
+            return round(n_steps)
         unit = min(self._states, _FEWEST * 2 ** max(0, int(math.log2(n_steps / _STEPS_PER_STATE / _FEWEST))))
         return unit * round(n_steps / unit)
 
@@ -426,7 +431,8 @@ class Pilots:
         states = _FEWEST
         while states < self._states and n_steps % (2 * states) == 0:
             states *= 2
-        return self._advance(method, self.part * self.span / n_steps, n_steps, n_steps // states)
+        every = max(1, n_steps // self._states) if self._energy else n_steps // states
+        return self._advance(method, self.part * self.span / n_steps, n_steps, every)
 
     def _advance(self, method: Method, h: float, n_steps: int, every: int) -> History | None:
         """Run in several pieces, and stop as soon as the run has diverged, with the result None."""
@@ -482,12 +488,13 @@ class Search:
         may take; a run within the remaining `work` may be made in any case.
         """
         guess = other.pace / other.evaluations * self.evaluations
-        n_steps: float | None = other.seconds / guess * self.pilots.part
+        n_steps = self._next() if self.runs else other.seconds / guess * self.pilots.part
         while n_steps and len(self.runs) < _MOST_RUNS:
             pace = self.pace if math.isfinite(self.pace) else guess
             most = max(longest() / pace * self.pilots.part, work / self.pilots.work(self.method, 1))
             n_steps = self.pilots.multiple(min(n_steps, most))
-            if self.runs and (n_steps > _NEAR * most or any(run.n_steps == n_steps for run in self.runs)):
+            tried = any(run.n_steps <= n_steps < _SAME * run.n_steps for run in self.runs)
+            if tried or (self.runs and n_steps > _NEAR * most):
                 return
             self.add(self.pilots.run(self.method, n_steps))
             work -= self.pilots.work(self.method, n_steps)
@@ -522,14 +529,13 @@ class Search:
             factor = max(1 / 4, 0.97 * (good.error / aim) ** (1 / self.order))
             return min(factor, 1 / _NEAR) * good.n_steps
         ratio = good.n_steps / bad.n_steps
-        if ratio < _NEAR or (ratio < _BRACKETED and not self.is_limited):
+        if ratio < _NEAR or good.error > _ENOUGH * aim:
             return None
         return self._between(bad, good) if bad.error < _CONVERGING else math.sqrt(ratio) * bad.n_steps
 
     def _between(self, bad: Run, good: Run) -> float:
-        """The steps with which the error is the aim, if it is a power of the step."""
-        slope = self._slope(bad, good)
-        return bad.n_steps * (bad.error / self.pilots.aim) ** (1 / slope)
+        """The steps with which the error is just below the aim, if it is a power of the step."""
+        return 1.01 * bad.n_steps * (bad.error / self.pilots.aim) ** (1 / self._slope(bad, good))
 
     def _slope(self, bad: Run, good: Run) -> float:
         return math.log(bad.error / max(good.error, 1e-300)) / math.log(good.n_steps / bad.n_steps)
@@ -564,15 +570,14 @@ class Search:
     @property
     def is_stalled(self) -> bool:
         """Whether round-off keeps the error from falling."""
-        last = self.runs[-2:]
-        return len(last) == 2 and last[0].error < _ROUND_OFF and last[1].error > last[0].error / 1.4
+        before = self.runs[-2].error if len(self.runs) > 1 else math.inf
+        return before < _ROUND_OFF and (self._observed or 0.0) < _STALLED
 
     @property
     def steps(self) -> int:
         """The steps over the whole span that reach the aim; 0 if unknown."""
-        good, bad = self._good, self._bad
-        if good:
-            n_steps = self._between(bad, good) if bad and not self.is_limited else good.n_steps
+        if self._good:
+            n_steps: float = self._good.n_steps
         elif self.runs and self.runs[-1].error < _CONVERGING and not self.is_stalled:
             n_steps = self.runs[-1].n_steps * (self.runs[-1].error / self.pilots.aim) ** (1 / self.order)
         else:
@@ -610,7 +615,7 @@ class Search:
             return _failure(self.method, self.failure)
         good = self._good
         cost = min((run for run in self.runs if math.isfinite(run.seconds)), key=lambda run: run.seconds)
-        note = "" if good else "extrapolated"
+        note = "" if good else EXTRAPOLATED
         if good and self.is_limited:
             note = "the step is limited by stability"
         return Prediction(
@@ -619,7 +624,7 @@ class Search:
             n_steps=self.steps,
             evaluations=round(self.steps * cost.evaluations),
             seconds=self.steps * (seconds_of_a_step or cost.seconds),
-            error=good.error if good and self.is_limited else self.pilots.aim,
+            error=good.error if good else self.pilots.aim,
             note=note,
         )
 
