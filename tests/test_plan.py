@@ -10,7 +10,7 @@ import pytest
 
 import eig3
 from eig3 import problems
-from eig3.analysis import planner
+from eig3.analysis import pilots
 from eig3.cli import main
 from eig3.methods import LIBRARY
 
@@ -92,7 +92,7 @@ def test_a_large_system_is_not_given_newtons_differences():
 def slow_clock(monkeypatch, factor):
     """Let every run seem to take `factor` times as long."""
     clock = SimpleNamespace(perf_counter=lambda: factor * time.perf_counter())
-    monkeypatch.setattr(planner, "time", clock)
+    monkeypatch.setattr(pilots, "time", clock)
 
 
 def verdicts(plan):

@@ -1,0 +1,178 @@
+"""Pilot runs: runs of any method with a known error, over the span of a problem or over a part of it."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..callbacks import check_callback
+from ..checks import check_params, check_state
+from ..kernels.invariant import invariant_kernel
+from ..methods import Method
+from ..problem import Problem
+from ..stepper import Stepper
+
+FEWEST = 61  # fewest steps of a run. A prime number: states at multiples of a period would hide an error of phase
+_STATES = 976  # most states at which two runs are compared, 16 times the fewest,
+_VALUES = 2**18  # or fewer, so that they have no more values than this
+_STEPS_PER_STATE = 16  # fewest steps from one of these states to the next, in a run of many steps
+_PIECES = 8  # of a run, after each of which it is checked
+_DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
+_SHORT = 0.005  # a run that takes less time, s, is repeated
+_LONGEST_TIMED = 0.02  # longest run that measures the time of a step, s
+_IMPLICIT = 2  # fewest evaluations per step of an implicit method
+_CALL = 16  # an evaluation takes as long as for this number of degrees of freedom more in a long vector
+
+
+@dataclass(frozen=True)
+class History:
+    """The states of a run, the spacing of their times, and what the run took."""
+
+    u: np.ndarray
+    v: np.ndarray
+    spacing: float
+    seconds: float
+    n_rhs: int
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run: its steps over the part of the span, its error over the whole span, and the cost of a step."""
+
+    n_steps: int
+    error: float  # infinite if the run diverged
+    seconds: float = math.nan
+    evaluations: float = math.nan
+
+
+class Pilots:
+    """The pilot runs of all methods on one problem.
+
+    For the metric "energy", a run gives its error itself. For "trajectory", the error is the difference from the run
+    that `refer_to` sets, at states that both runs have: the numbers of steps are multiples of `FEWEST`.
+
+    Attributes
+    ----------
+    problem : Problem
+    aim : float
+        The error to reach.
+    part : float
+        The part of the span that is run.
+    span : float
+    needs_reference : bool
+    """
+
+    def __init__(self, problem: Problem, metric: str, aim: float) -> None:
+        self.problem, self.aim, self.part = problem, aim, 1.0
+        self.span = problem.t_span[1] - problem.t_span[0]
+        self.needs_reference = metric == "trajectory"
+        self._begin = time.perf_counter()
+        self._compiled: set[Method] = set()
+        self._reference: np.ndarray | None = None
+        self._size = math.inf
+        zeros = np.zeros(0 if self.needs_reference else len(problem.integrals))
+        u0, v0 = (np.append(x, zeros) if zeros.size else x for x in (problem.u0, problem.v0))
+        self._u0, self._v0, self._form = check_state(u0, v0)
+        most = min(_STATES, max(FEWEST, _VALUES // np.size(problem.u0)))
+        self._states = FEWEST * 2 ** int(math.log2(most / FEWEST))
+
+    @property
+    def spent(self) -> float:
+        """The time since the start, s, without compilation."""
+        return time.perf_counter() - self._begin
+
+    def evaluations(self, method: Method) -> int:
+        """The evaluations in a step, at least."""
+        running = method.for_force(self.problem.uses_velocity, np.size(self.problem.u0))
+        return running.evaluations or _IMPLICIT
+
+    def work(self, method: Method, n_steps: float) -> float:
+        """The work of a run, in evaluations of one degree of freedom in a long vector."""
+        return n_steps * self.evaluations(method) * (_CALL + np.size(self.problem.u0))
+
+    def refer_to(self, history: History) -> None:
+        """Let the error of each run be its difference from this one."""
+        self._reference, self._size = history.u, float(np.abs(history.u).max())
+
+    def run(self, method: Method, n_steps: int) -> Run:
+        """Run a method over the part of the span; a short run twice, because of what else the machine does."""
+        history = self.history(method, n_steps)
+        if history is None:
+            return Run(n_steps, math.inf)
+        run = self.judged(n_steps, history)
+        again = history.seconds < _SHORT and self.history(method, n_steps)
+        return replace(run, seconds=min(run.seconds, again.seconds / n_steps)) if again else run
+
+    def history(self, method: Method, n_steps: int) -> History | None:
+        """Run a method over the part of the span, and return states; None if the run diverges."""
+        if method not in self._compiled:
+            self._compiled.add(method)
+            begin = time.perf_counter()
+            self._advance(method, 1e-9 * self.span, 1, 1)
+            self._begin += time.perf_counter() - begin  # this was compilation
+        every = max(1, n_steps // self._states)
+        if self.needs_reference:
+            states = FEWEST
+            while states < self._states and n_steps % (2 * states) == 0:
+                states *= 2
+            every = n_steps // states
+        return self._advance(method, self.part * self.span / n_steps, n_steps, every)
+
+    def judged(self, n_steps: int, history: History) -> Run:
+        """The run of this history, with its error extrapolated to the whole span."""
+        error, growth = self._trajectory_error(history) if self.needs_reference else (self._energy_error(history), 1.0)
+        return Run(n_steps, error * (1 / self.part) ** growth, history.seconds / n_steps, history.n_rhs / n_steps)
+
+    def time_of_a_step(self, method: Method, total: int, pace: float) -> float:
+        """Seconds, measured in a short run with the step of `total` steps over the span; `pace` is an estimate."""
+        count = max(1, min(total, int(_LONGEST_TIMED / pace)))
+        history = self._advance(method, self.span / total, count, save_every(self.problem, total))
+        return history.seconds / count if history else math.inf
+
+    def possible(self, n_steps: float) -> int:
+        """The number of steps close to `n_steps` with which there are enough states to compare."""
+        n_steps = max(n_steps, FEWEST)
+        if not self.needs_reference:
+            return round(n_steps)
+        unit = min(self._states, FEWEST * 2 ** max(0, int(math.log2(n_steps / _STEPS_PER_STATE / FEWEST))))
+        return unit * round(n_steps / unit)
+
+    def _advance(self, method: Method, h: float, n_steps: int, every: int) -> History | None:
+        """Run in several pieces, and stop as soon as the run has diverged."""
+        t0, params = self.problem.t_span[0], self.problem.params
+        stepper = Stepper(self.problem.rhs, self._u0, self._v0, h=h, t0=t0, params=params, method=method)
+        shape = n_steps // every, *np.shape(self._u0)
+        u, v = np.empty(shape), np.empty(shape)
+        piece = every * math.ceil(shape[0] / _PIECES) if shape[0] else n_steps
+        while stepper.index < n_steps:
+            first, count = stepper.index // every, min(piece, n_steps - stepper.index)
+            taken = stepper.advance(count, every, u[first:], v[first:])
+            if taken < count or not stepper.is_finite or stepper.sizes[0] > _DIVERGED * self._size:
+                return None
+        return History(u, v, h * every, stepper.seconds, stepper.n_rhs)
+
+    def _trajectory_error(self, history: History) -> tuple[float, float]:
+        """The error, and the power of time with which it grows."""
+        assert self._reference is not None
+        both = math.gcd(len(history.u), len(self._reference))
+        u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (history.u, self._reference))
+        errors = np.abs(u - known).reshape(both, -1).max(axis=1) / self._size
+        error, half = float(errors.max()), float(errors[: both // 2].max())
+        return error, min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
+
+    def _energy_error(self, history: History) -> float:
+        energy = check_callback(self.problem.energy, "invariant", self._form, "energy")
+        t0, params = self.problem.t_span[0], check_params(self.problem.params)
+        start = energy.call(t0, self._u0, self._v0, params)
+        kernel = invariant_kernel(self._form)
+        low, high = kernel(energy.address, t0, history.spacing, params, 1, history.u, history.v)
+        return float(np.maximum(start - low, high - start)) / abs(start)
+
+
+def save_every(problem: Problem, n_steps: int) -> int:
+    """The `save_every` with which a run keeps about 2000 states, or fewer of a large system."""
+    most = min(2048, max(64, _VALUES // np.size(problem.u0)))
+    return 2 ** max(0, (n_steps // most).bit_length() - 1)
