@@ -12,7 +12,6 @@ import eig3
 from eig3.analysis.planner import EXTRAPOLATED, Plan, Prediction
 from eig3.integration import divide
 from eig3.methods import LIBRARY, METHODS, Method
-from eig3.problem import Problem
 
 from . import text
 from .environment import in_words
@@ -30,6 +29,7 @@ MOST = 1.3  # largest ratio of the time of the first choice to that of the best
 ERROR_RANGE = (0.1, 1.0)  # of a prediction, relative to the requested accuracy
 TIME_FACTOR = 1.5  # of a prediction
 _CONTENDERS = 3  # the fastest methods of the sweep, which are timed again beside the first choice
+_TRIALS = 30  # steps tried from the interpolated one down
 _LONGEST_PREDICTED = 3.0  # a prediction with a longer time is not checked, s
 HEADER = [
     "problem",
@@ -181,7 +181,7 @@ def cases_of(name: str, repeats: int, longest: float) -> list[Case]:
     for metric in PLAN_METRICS:
         for accuracy in ACCURACIES if metric in swept.metrics else ():
             text.status(f"{name}, {metric} {accuracy:g}")
-            contenders = fastest(problem, chosen, methods, swept, metric, accuracy)
+            contenders = fastest(judge, chosen, methods, swept, metric, accuracy)
             if contenders:
                 plan = eig3.plan(problem, accuracy, metric=metric)
                 found.append(compare(plan, follow(plan, judge), contenders, repeats))
@@ -190,7 +190,7 @@ def cases_of(name: str, repeats: int, longest: float) -> list[Case]:
 
 
 def fastest(
-    problem: Problem,
+    judge: Judge,
     chosen: BenchmarkProblem,
     methods: Sequence[str],
     swept: WorkPrecisionSet,
@@ -199,11 +199,29 @@ def fastest(
 ) -> list[tuple[str, Method, float]]:
     """The label, record and step of the methods of the sweep that reach the accuracy first."""
     reached = []
-    for key, method in records(problem, chosen, methods):
+    for key, method in records(judge.problem, chosen, methods):
         found = reach(swept.of(key), metric, accuracy)
         if found:
             reached.append((found.seconds, swept.methods[key], method, found.setting))
-    return [entry[1:] for entry in sorted(reached, key=lambda entry: entry[0])[:_CONTENDERS]]
+    reached.sort(key=lambda entry: entry[0])
+    return [
+        (label, method, reaching(judge, method, h, metric, accuracy)) for _, label, method, h in reached[:_CONTENDERS]
+    ]
+
+
+def reaching(judge: Judge, method: Method, h: float, metric: str, accuracy: float) -> float:
+    """The first step from `h` down, by 3 % each time, that reaches the accuracy; `reach` only interpolates it."""
+    for _ in range(_TRIALS):
+        if error_of(judge, method, h, metric) <= accuracy:
+            break
+        h *= 0.97
+    return h
+
+
+def error_of(judge: Judge, method: Method, h: float, metric: str) -> float:
+    n_steps, h = divide(judge.problem.t_span[1] - judge.problem.t_span[0], h)
+    solution = judge.problem.integrate(h=h, method=method, save_every=max(1, n_steps // STATES))
+    return judge.of_run(solution)[metric] if solution.success else float("inf")
 
 
 def compare(
@@ -232,9 +250,7 @@ def follow(plan: Plan, judge: Judge) -> list[Checked]:
     checked = []
     for prediction in plan.predictions:
         if prediction.reaches and prediction.note != EXTRAPOLATED and prediction.seconds < _LONGEST_PREDICTED:
-            every = max(1, prediction.n_steps // STATES)
-            solution = plan.problem.integrate(h=prediction.h, method=prediction.method, save_every=every)
-            error = judge.of_run(solution)[plan.metric] if solution.success else float("inf")
+            error = error_of(judge, prediction.method, prediction.h, plan.metric)
             start = plan.problem.stepper(h=prediction.h, method=prediction.method)
             seconds = statistics.median(kernel_run(start, prediction.n_steps)() for _ in range(3))
             checked.append(Checked(prediction, error / plan.accuracy, seconds / prediction.seconds))

@@ -10,9 +10,12 @@ import pytest
 
 import eig3
 from eig3 import problems
-from eig3.analysis import pilots
+from eig3.analysis import pilots, planner, search
+from eig3.checks import check_method
 from eig3.cli import main
+from eig3.effects import LinearDamper, LinearSpring
 from eig3.methods import LIBRARY
+from eig3.scene import Scene
 
 ANY_FORCE = [name for name in LIBRARY if name != "bm6"]  # the methods for a force that depends on the velocity
 
@@ -65,6 +68,34 @@ def test_a_step_limited_by_stability_has_a_note_and_is_stable():
     assert prediction.note == "the step is limited by stability"
     assert 0.8 < prediction.h / (8**0.5 / (2 * 5000 * 101)) < 1.0
     assert achieved(prediction, problem) < 0.1
+
+
+def test_a_part_of_the_span_is_enough(monkeypatch):
+    """The error of the phase grows with time: 16 times as far over the whole span."""
+    monkeypatch.setattr(search, "_PARTS", {1 / 16: 0.3})
+    problem = problems.single_dof(t_end=200.0)
+    (prediction,) = eig3.plan(problem, 1e-4, methods=["rk4"]).predictions
+    assert 0.3 <= achieved(prediction, problem) / 1e-4 <= 1.2
+
+
+def test_work_counts_in_the_error_of_the_energy():
+    """The damper takes most of the energy away; the energy minus the work is constant."""
+    scene = Scene(dimension=1)
+    mass = scene.mass(1.0, (1.0,))
+    wall = scene.fixed((0.0,))
+    scene.add(LinearSpring(stiffness=1.0, length=0.5), wall, mass)
+    scene.add(LinearDamper(damping=0.2), wall, mass)
+    problem = scene.problem((0, 100), work=True)
+    (prediction,) = eig3.plan(problem, 1e-4, metric="energy", methods=["rk4"]).predictions
+    drift = problem.integrate(h=prediction.h, method=prediction.method).drift["energy"]
+    assert 0.3 <= drift / problem.energy_of(problem.u0, problem.v0) / 1e-4 <= 1.0
+
+
+def test_a_long_decay_is_no_slower_than_its_motion():
+    """After a thousand time constants, all numbers are subnormal, and a step takes a hundred times as long."""
+    problem = problems.single_dof(xi=0.2, t_end=2000.0)
+    (prediction,) = eig3.plan(problem, 1e-3, methods=["rk4"]).predictions
+    assert 0.3 <= achieved(prediction, problem) / 1e-3 <= 1.2
 
 
 def test_chaos_is_reported():
@@ -152,6 +183,56 @@ def test_a_fast_decay_is_resolved_also_by_a_method_that_it_does_not_limit():
     exact = problem.integrate(h=prediction.h / 8, method="rk4", save_every=8)
     solution = problem.integrate(h=prediction.h, method=prediction.method)
     assert np.abs(solution.u - exact.u).max() / np.abs(exact.u).max() < 1.5e-2
+
+
+# What is ruled out ---------------------------------------------------------------------------------------------------
+
+
+def test_methods_that_are_ruled_out_by_order_or_limit_are_not_compiled(monkeypatch):
+    """At 1e-8, methods of low order need ten times the evaluations of those of high order."""
+    ran = set()
+    advance = pilots.Pilots._advance
+    monkeypatch.setattr(
+        pilots.Pilots, "_advance", lambda self, method, *rest: ran.add(method.name) or advance(self, method, *rest)
+    )
+    plan = eig3.plan(problems.single_dof(t_end=200.0), 1e-8)
+    assert {p.method.name for p in plan.predictions} == set(LIBRARY)
+    assert plan.best.method.order >= 6
+    assert {"eig3", "cd", "rk2", "ab2"}.isdisjoint(ran)
+    for prediction in plan.predictions:
+        if prediction.method.name not in ran:
+            assert not prediction.reaches
+            assert prediction.note.startswith("ruled out: ")
+    assert "  CD             ruled out: " in repr(plan)
+
+
+def searched(method, *, seconds, is_limited=False, follows_order=True):
+    return SimpleNamespace(
+        method=check_method(method),
+        seconds=seconds,
+        is_limited=is_limited,
+        follows_order=follows_order,
+        evaluations=check_method(method).evaluations,
+        pilots=SimpleNamespace(evaluations=lambda method: method.evaluations),
+    )
+
+
+@pytest.mark.parametrize(
+    ("method", "other", "expected"),
+    [
+        ("eig9", searched("eig5", seconds=1.0, is_limited=True), "stability limits its step more than that of EIG-5"),
+        ("eig4", searched("eig5", seconds=1.0, is_limited=True), ""),
+        ("eig9", searched("eig7", seconds=1.0, is_limited=True), ""),  # it has no limit without damping, but EIG-9 has
+        ("rk4", searched("eig5", seconds=5.0), "EIG-5, of order 4, takes 5 times as long as RK8"),
+        ("rk4", searched("eig5", seconds=3.0), ""),  # a method may have a smaller error than another of its order
+        ("rk5", searched("eig5", seconds=5.0), ""),
+        ("eig4", searched("rk5", seconds=5.0), ""),  # it has fewer evaluations
+        ("rk4", searched("eig5", seconds=5.0, follows_order=False), ""),
+    ],
+)
+def test_what_rules_a_method_out(method, other, expected):
+    best = searched("rk8", seconds=1.0)
+    assert planner._ruled_out(check_method(method), [other], best) == expected
 
 
 # Which methods -------------------------------------------------------------------------------------------------------

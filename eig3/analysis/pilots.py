@@ -19,8 +19,10 @@ FEWEST = 61  # fewest steps of a run. A prime number: states at multiples of a p
 _STATES = 976  # most states at which two runs are compared, 16 times the fewest,
 _VALUES = 2**18  # or fewer, so that they have no more values than this
 _STEPS_PER_STATE = 16  # fewest steps from one of these states to the next, in a run of many steps
-_PIECES = 8  # of a run, after each of which it is checked
+_FOLLOWED = 2**22  # most values in the states of a run whose energy is followed
+_PIECES = 32  # of a run, after each of which it is checked
 _DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
+_AT_REST = 1e-150  # a motion below this has decayed
 _SHORT = 0.005  # a run that takes less time, s, is repeated
 _LONGEST_TIMED = 0.02  # longest run that measures the time of a step, s
 _IMPLICIT = 2  # fewest evaluations per step of an implicit method
@@ -29,13 +31,12 @@ _CALL = 16  # an evaluation takes as long as for this number of degrees of freed
 
 @dataclass(frozen=True)
 class History:
-    """The states of a run, the spacing of their times, and what the run took."""
+    """What a run took, and the states to compare or the largest change of the energy."""
 
-    u: np.ndarray
-    v: np.ndarray
-    spacing: float
     seconds: float
-    n_rhs: int
+    n_rhs: float
+    u: np.ndarray
+    drift: float
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,9 @@ class Run:
 class Pilots:
     """The pilot runs of all methods on one problem.
 
-    For the metric "energy", a run gives its error itself. For "trajectory", the error is the difference from the run
-    that `refer_to` sets, at states that both runs have: the numbers of steps are multiples of `FEWEST`.
+    For the metric "energy", a run gives its error itself, from all its steps or, in a large system, many of them. For
+    "trajectory", the error is the difference from the run that `refer_to` sets, at states that both runs have: the
+    numbers of steps are multiples of `FEWEST`.
 
     Attributes
     ----------
@@ -78,6 +80,9 @@ class Pilots:
         self._u0, self._v0, self._form = check_state(u0, v0)
         most = min(_STATES, max(FEWEST, _VALUES // np.size(problem.u0)))
         self._states = FEWEST * 2 ** int(math.log2(most / FEWEST))
+        self._energy = None
+        if metric == "energy":
+            self._energy = check_callback(problem.energy, "invariant", self._form, "energy")
 
     @property
     def spent(self) -> float:
@@ -95,35 +100,39 @@ class Pilots:
 
     def refer_to(self, history: History) -> None:
         """Let the error of each run be its difference from this one."""
-        self._reference, self._size = history.u, float(np.abs(history.u).max())
+        self._reference = history.u
+        self._size = float(max(np.abs(history.u).max(), np.abs(self._u0).max()))
 
     def run(self, method: Method, n_steps: int) -> Run:
-        """Run a method over the part of the span; a short run twice, because of what else the machine does."""
+        """Run a method over the part of the span."""
         history = self.history(method, n_steps)
         if history is None:
             return Run(n_steps, math.inf)
         run = self.judged(n_steps, history)
-        again = history.seconds < _SHORT and self.history(method, n_steps)
-        return replace(run, seconds=min(run.seconds, again.seconds / n_steps)) if again else run
+        # Following the energy takes time, and what else the machine does may take longer than a short run.
+        if self._energy or history.seconds < _SHORT:
+            again = self._advance(method, self.part * self.span / n_steps, n_steps, n_steps)
+            run = replace(run, seconds=min(run.seconds, again.seconds / n_steps)) if again else run
+        return run
 
     def history(self, method: Method, n_steps: int) -> History | None:
-        """Run a method over the part of the span, and return states; None if the run diverges."""
+        """Run a method over the part of the span, and follow what gives the error; None if the run diverges."""
         if method not in self._compiled:
             self._compiled.add(method)
             begin = time.perf_counter()
             self._advance(method, 1e-9 * self.span, 1, 1)
             self._begin += time.perf_counter() - begin  # this was compilation
-        every = max(1, n_steps // self._states)
-        if self.needs_reference:
-            states = FEWEST
-            while states < self._states and n_steps % (2 * states) == 0:
-                states *= 2
-            every = n_steps // states
-        return self._advance(method, self.part * self.span / n_steps, n_steps, every)
+        h = self.part * self.span / n_steps
+        if self._energy:
+            return self._advance(method, h, n_steps, math.ceil(n_steps * np.size(self._u0) / _FOLLOWED), follow=True)
+        states = FEWEST
+        while states < self._states and n_steps % (2 * states) == 0:
+            states *= 2
+        return self._advance(method, h, n_steps, n_steps // states)
 
     def judged(self, n_steps: int, history: History) -> Run:
         """The run of this history, with its error extrapolated to the whole span."""
-        error, growth = self._trajectory_error(history) if self.needs_reference else (self._energy_error(history), 1.0)
+        error, growth = self._trajectory_error(history.u) if self.needs_reference else (history.drift, 1.0)
         return Run(n_steps, error * (1 / self.part) ** growth, history.seconds / n_steps, history.n_rhs / n_steps)
 
     def time_of_a_step(self, method: Method, total: int, pace: float) -> float:
@@ -140,36 +149,49 @@ class Pilots:
         unit = min(self._states, FEWEST * 2 ** max(0, int(math.log2(n_steps / _STEPS_PER_STATE / FEWEST))))
         return unit * round(n_steps / unit)
 
-    def _advance(self, method: Method, h: float, n_steps: int, every: int) -> History | None:
-        """Run in several pieces, and stop as soon as the run has diverged."""
+    def _advance(self, method: Method, h: float, n_steps: int, every: int, *, follow: bool = False) -> History | None:
+        """Run in several pieces, and stop as soon as the run has diverged.
+
+        Each `every`-th state is kept or, with `follow`, only its energy.
+        """
         t0, params = self.problem.t_span[0], self.problem.params
         stepper = Stepper(self.problem.rhs, self._u0, self._v0, h=h, t0=t0, params=params, method=method)
-        shape = n_steps // every, *np.shape(self._u0)
+        states = n_steps // every
+        each = max(1, math.ceil(states / _PIECES))
+        shape = each if follow else states, *np.shape(self._u0)
         u, v = np.empty(shape), np.empty(shape)
-        piece = every * math.ceil(shape[0] / _PIECES) if shape[0] else n_steps
+        drift = 0.0
         while stepper.index < n_steps:
-            first, count = stepper.index // every, min(piece, n_steps - stepper.index)
-            taken = stepper.advance(count, every, u[first:], v[first:])
+            first = stepper.index // every
+            count = min(each * every, n_steps - stepper.index)
+            rows = slice(0, count // every) if follow else slice(first, first + count // every)
+            taken = stepper.advance(count, every, u[rows], v[rows])
             if taken < count or not stepper.is_finite or stepper.sizes[0] > _DIVERGED * self._size:
                 return None
-        return History(u, v, h * every, stepper.seconds, stepper.n_rhs)
+            if follow:
+                drift = max(drift, self._drift(first + 1, h * every, u[rows], v[rows]))
+            elif 0 < max(stepper.sizes) < _AT_REST:  # a step with subnormal numbers takes a hundred times as long
+                u[rows.stop :] = 0.0
+                break
+        whole = n_steps / stepper.index
+        return History(stepper.seconds * whole, stepper.n_rhs * whole, u, drift)
 
-    def _trajectory_error(self, history: History) -> tuple[float, float]:
+    def _drift(self, first: int, spacing: float, u: np.ndarray, v: np.ndarray) -> float:
+        """The largest relative change of the energy over states with this spacing."""
+        assert self._energy is not None
+        t0, params = self.problem.t_span[0], check_params(self.problem.params)
+        start = self._energy.call(t0, self._u0, self._v0, params)
+        low, high = invariant_kernel(self._form)(self._energy.address, t0, spacing, params, first, u, v)
+        return max(start - low, high - start) / abs(start)
+
+    def _trajectory_error(self, u: np.ndarray) -> tuple[float, float]:
         """The error, and the power of time with which it grows."""
         assert self._reference is not None
-        both = math.gcd(len(history.u), len(self._reference))
-        u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (history.u, self._reference))
+        both = math.gcd(len(u), len(self._reference))
+        u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (u, self._reference))
         errors = np.abs(u - known).reshape(both, -1).max(axis=1) / self._size
         error, half = float(errors.max()), float(errors[: both // 2].max())
         return error, min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
-
-    def _energy_error(self, history: History) -> float:
-        energy = check_callback(self.problem.energy, "invariant", self._form, "energy")
-        t0, params = self.problem.t_span[0], check_params(self.problem.params)
-        start = energy.call(t0, self._u0, self._v0, params)
-        kernel = invariant_kernel(self._form)
-        low, high = kernel(energy.address, t0, history.spacing, params, 1, history.u, history.v)
-        return float(np.maximum(start - low, high - start)) / abs(start)
 
 
 def save_every(problem: Problem, n_steps: int) -> int:

@@ -16,12 +16,13 @@ from .search import Search, guide
 
 EXTRAPOLATED = "extrapolated from longer steps"  # the note of a prediction that is rougher than the others
 #: The order in which the methods of the library are tried: a good method found early shortens the runs of the others.
-_FIRST = ("eig5", "bm6", "eig8", "eig9", "eig10", "eig11", "eig12", "eig13", "eig7", "eig6", "rk8", "rk5", "eig4")
+_FIRST = ("eig5", "eig4", "eig3", "cd", "bm6", "rk8", *(f"eig{k}" for k in (8, 9, 10, 11, 12, 13, 7, 6)), "rk5", "rk4")
 _WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders have no limit, but grow at every step
 _AIM = 0.8  # aim for this fraction of the requested accuracy
-_SECONDS = 0.8  # time after which no method is tried any more
+_SECONDS = 0.8  # time after which no method is tried any more,
+_LEAST_SECONDS = 0.4  # or this time after the reference has been found
 _WORK = 2**24  # work that the runs of a method named by the user may do in any case
-_TIMED_SECONDS = 0.15  # time of the last comparison,
+_TIMED_SECONDS = 0.2  # time of the last comparison,
 _TIMED_RUNS = 3, 15  # and the fewest and most runs of each method in it
 _SLOW = 2.0  # a method that takes this multiple of the best time is given up
 _HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most this many times as fast
@@ -208,11 +209,12 @@ def _in_order_of_trial() -> list[str]:
 def _choose(first: Search, records: list[Method]) -> list[Prediction]:
     """The predictions of the methods that may be the fastest, and the reasons why the others are not."""
     pilots, best = first.pilots, first
+    until = _end_of_search(pilots)
     tried: list[Search] = []
     ruled_out = []
     for method in records:
         reason = _ruled_out(method, tried, best)
-        if not reason and method != first.method and pilots.spent > _SECONDS:
+        if not reason and method != first.method and pilots.spent > until:
             reason = "no time was left to try it"
         if not reason:
             search = first if method == first.method else Search(pilots, method)
@@ -244,12 +246,17 @@ def _ruled_out(method: Method, tried: Sequence[Search], best: Search) -> str:
 def _predict_each(first: Search, records: list[Method]) -> list[Prediction]:
     """A prediction for every method, from the runs that its share of the time allows."""
     pilots, searches = first.pilots, []
+    end = _end_of_search(pilots)
     for i, method in enumerate(records):
         search = first if method == first.method else Search(pilots, method)
-        until = pilots.spent + max(0.0, _SECONDS - pilots.spent) / (len(records) - i)
+        until = pilots.spent + max(0.0, end - pilots.spent) / (len(records) - i)
         search.run(first, until=until, work=_WORK)
         searches.append(search)
     return _timed(searches)
+
+
+def _end_of_search(pilots: Pilots) -> float:
+    return max(_SECONDS, pilots.spent + _LEAST_SECONDS)
 
 
 def _timed(searches: Sequence[Search]) -> list[Prediction]:

@@ -10,14 +10,16 @@ from .pilots import FEWEST, History, Pilots, Run
 GUIDE = RK8()
 _AGREEMENT = 0.25  # two runs that differ by this fraction of the accuracy give a reference
 _AGREEMENT_AT_MOST = 0.05  # runs with a larger relative difference may both be wrong
-_GUIDE_SECONDS = 0.3  # time for the runs of RK8 over each part of the span,
-_GUIDE_WORK = 2**26  # and the work that they may do in any case
-_PARTS = (1, 1 / 8, 1 / 64)  # parts of the span to run
+#: Parts of the span to run, and the time that RK8 may take over each of them,
+_PARTS = {1.0: 0.3, 1 / 16: 0.15, 1 / 256: 0.15, 1 / 4096: 0.15}
+_GUIDE_WORK = 2**26  # and the work that it may do in any case
 _MOST_RUNS = 24  # of a method
 _CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
 _NEAR = 1.06  # the longest step is found to this factor,
 _ENOUGH = 0.7  # or until the error is at least this fraction of the aim
 _SAME = 1.04  # steps closer than this need no run
+_LARGEST = 2.0  # the relative error of two motions of the same size that have nothing in common
+_APART = 1.2  # ratio of two steps from which on the change of the error shows a power of the step
 _STEEP = 2.0  # an error that grows with more than this multiple of its order is one of stability
 _ROUND_OFF = 1e-6  # an error below this is round-off if it falls with a power of the step
 _STALLED = 0.5  # below this
@@ -26,9 +28,9 @@ _STALLED = 0.5  # below this
 def guide(pilots: Pilots) -> Search | str:
     """Find a reference, and the runs of RK8 that lead to it; if there is none, the reason why."""
     shortest = math.inf  # of the steps that were unstable over a longer part
-    for pilots.part in _PARTS:
+    for pilots.part, seconds in _PARTS.items():
         search = Search(pilots, GUIDE)
-        found = _double(search)
+        found = _double(search, seconds)
         stable = [run.n_steps for run in search.runs if math.isfinite(run.error)]
         if stable and shortest < pilots.part * pilots.span / stable[0]:
             return "unstable at every step tried"  # over the longer part
@@ -39,10 +41,10 @@ def guide(pilots: Pilots) -> Search | str:
     return search.failure
 
 
-def _double(search: Search) -> bool:
+def _double(search: Search, allowed: float) -> bool:
     """Double the steps until the error is known and far below the aim; return whether this is reached."""
     pilots, method = search.pilots, search.method
-    until, work, seconds, n_steps = pilots.spent + _GUIDE_SECONDS, 0.0, 0.0, FEWEST
+    until, work, seconds, n_steps = pilots.spent + allowed, 0.0, 0.0, FEWEST
     coarse: History | None = None
     while work + pilots.work(method, n_steps) < _GUIDE_WORK or pilots.spent + 2 * seconds < until:
         begin = pilots.spent
@@ -153,14 +155,14 @@ class Search:
 
     @property
     def is_limited(self) -> bool:
-        """Whether stability limits the step: beyond the longest step, the error grows faster than by the order."""
-        good, bad = self._good, self._bad
-        if good and not bad:
+        """Whether stability limits the step: with a longer one, the error grows much faster than by the order."""
+        if not self._bad:
             return False
-        slope = self._observed
-        if good and bad:
-            slope = self._slope(bad, good) if bad.error < _CONVERGING else None
-        return slope is None or slope > _STEEP * (self.method.order + 1)
+        fine = self._good or self.runs[-1]
+        coarse = next((run for run in reversed(self.runs) if _APART * run.n_steps < fine.n_steps), None)
+        if coarse is None:
+            return self._bad.error > _LARGEST
+        return coarse.error > _LARGEST or self._slope(coarse, fine) > _STEEP * (self.method.order + 1)
 
     @property
     def is_stalled(self) -> bool:
