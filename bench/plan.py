@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import eig3
@@ -142,9 +142,13 @@ def benchmark(
     only: Sequence[str] | None = None,
     repeats: int = 9,
     longest: float = LONGEST,
+    swept: Mapping[str, WorkPrecisionSet] | None = None,
     write: Callable[[str], None] = print,
 ) -> None:
-    """Print a table with every case of every problem, the ratios, and every miss."""
+    """Print a table with every case of every problem, the ratios, and every miss.
+
+    `swept` has the sweeps of problems that are known already.
+    """
     names = choose(only, list(PROBLEM_SET), "--problem")
     write(f"Machine: {in_words()}")
     write(
@@ -153,7 +157,7 @@ def benchmark(
         f"{ERROR_RANGE[1]} of the requested error, or less with a note, and the predicted time to a factor of "
         f"{TIME_FACTOR}; extrapolated predictions are left out.\n"
     )
-    cases = [case for name in names for case in cases_of(name, repeats, longest)]
+    cases = [case for name in names for case in cases_of(name, repeats, longest, (swept or {}).get(name))]
     write(text.table(HEADER, [case.row for case in cases]))
     write("\n" + summary(cases))
 
@@ -170,12 +174,12 @@ def summary(cases: Sequence[Case]) -> str:
     return "\n".join(lines)
 
 
-def cases_of(name: str, repeats: int, longest: float) -> list[Case]:
-    """Sweep over every method, then make a plan for each metric and accuracy that a method of the sweep reaches."""
+def cases_of(name: str, repeats: int, longest: float, swept: WorkPrecisionSet | None) -> list[Case]:
+    """A plan for each metric and accuracy that a method of the sweep reaches."""
     problem = PROBLEM_SET[name].build()
     chosen = dataclasses.replace(PROBLEM_SET[name], build=lambda: problem)  # its reference is found only once
     methods = [m for m in LIBRARY if not (problem.uses_velocity and METHODS[m]().ignores_velocity)]
-    swept = measure(name, chosen, methods, 3, longest, rivals=False)
+    swept = swept or measure(name, chosen, methods, 3, longest, rivals=False)
     judge = Judge(problem, reference(problem, chosen.omega))
     found = []
     for metric in PLAN_METRICS:

@@ -170,8 +170,8 @@ def plan(
 
     - by its order and evaluations: if another method takes four times as long as the best one, has at least the same
       order and no more evaluations per step, and is not limited by stability;
-    - by its limit: if it is an EIG method, and stability limits an EIG method of a lower grade, which has the longer
-      limit, and that method is not the best one;
+    - by its limit: if it is an EIG method, and stability limits the step of an EIG method of a lower grade, whose limit
+      is longer;
     - if there is no time left.
 
     The methods that are close to the fastest are timed at their steps, in turn.
