@@ -213,7 +213,7 @@ def _choose(first: Search, records: list[Method]) -> list[Prediction]:
     tried: list[Search] = []
     ruled_out = []
     for method in records:
-        reason = _ruled_out(method, tried, best)
+        reason = "" if method == best.method else _ruled_out(method, tried, best)
         if not reason and method != first.method and pilots.spent > until:
             reason = "no time was left to try it"
         if not reason:

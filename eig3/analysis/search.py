@@ -36,7 +36,7 @@ def guide(pilots: Pilots) -> Search | str:
             return "unstable at every step tried"  # over the longer part
         if found:
             return search
-        if not stable:
+        if search.runs and not stable:
             shortest = pilots.part * pilots.span / search.runs[-1].n_steps
     return search.failure
 
@@ -151,7 +151,7 @@ class Search:
     @property
     def follows_order(self) -> bool:
         """Whether the error falls with the step as the order predicts, so that it can be extrapolated."""
-        return self._observed is not None and not self.is_limited
+        return self._observed is not None and not self.is_limited and not self.is_stalled
 
     @property
     def is_limited(self) -> bool:
@@ -217,6 +217,8 @@ class Search:
     def failure(self) -> str:
         """Why the aim is not reached."""
         stable = [run for run in self.runs if math.isfinite(run.error)]
+        if not self.runs:
+            return "two runs of a small part of the span take too long"
         if not stable:
             return "unstable at every step tried"
         last = stable[-1]
