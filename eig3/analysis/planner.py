@@ -18,7 +18,8 @@ EXTRAPOLATED = "extrapolated from longer steps"  # the note of a prediction that
 #: The order in which the methods of the library are tried: a good method found early shortens the runs of the others.
 _FIRST = ("eig5", "eig4", "eig3", "cd", "bm6", "rk8", *(f"eig{k}" for k in (8, 9, 10, 11, 12, 13, 7, 6)), "rk5", "rk4")
 _WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders have no limit, but grow at every step
-_AIM = 0.8  # aim for this fraction of the requested accuracy
+#: Aim for this fraction of the accuracy. The error of the trajectory is measured at some states, the energy's at more.
+_AIM = {"trajectory": 0.75, "energy": 0.9}
 _SECONDS = 0.8  # time after which no method is tried any more,
 _LEAST_SECONDS = 0.4  # or this time after the reference has been found
 _WORK = 2**24  # work that the runs of a method named by the user may do in any case
@@ -192,7 +193,7 @@ def plan(
         records = [method for method in records if not method.ignores_velocity]
     if not records:
         raise ValueError("methods must name at least one method.")
-    pilots = Pilots(problem, metric, _AIM * accuracy)
+    pilots = Pilots(problem, metric, _AIM[metric] * accuracy)
     first = guide(pilots)
     if isinstance(first, str):
         predictions = [_failure(method, first) for method in records]

@@ -17,16 +17,20 @@ _MOST_RUNS = 24  # of a method
 _CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
 _NEAR = 1.06  # the longest step is found to this factor,
 _ENOUGH = 0.7  # or until the error is at least this fraction of the aim
+_COARSE = 1.1  # between two steps this far apart, the longest step is interpolated
 _SAME = 1.04  # steps closer than this need no run
 _LARGEST = 2.0  # the relative error of two motions of the same size that have nothing in common
 _APART = 1.2  # ratio of two steps from which on the change of the error shows a power of the step
 _STEEP = 2.0  # an error that grows with more than this multiple of its order is one of stability
 _ROUND_OFF = 1e-6  # an error below this is round-off if it falls with a power of the step
 _STALLED = 0.5  # below this
+_LEAST = 5e-14  # runs may agree to less than this by chance only
 
 
 def guide(pilots: Pilots) -> Search | str:
     """Find a reference, and the runs of RK8 that lead to it; if there is none, the reason why."""
+    if pilots.aim < _LEAST:
+        return "the accuracy is below round-off"
     shortest = math.inf  # of the steps that were unstable over a longer part
     for pilots.part, seconds in _PARTS.items():
         search = Search(pilots, GUIDE)
@@ -128,7 +132,8 @@ class Search:
         ratio = good.n_steps / bad.n_steps
         if ratio < _NEAR or good.error > _ENOUGH * aim:
             return None
-        return self._between(bad, good) if bad.error < _CONVERGING else math.sqrt(ratio) * bad.n_steps
+        between = self._between(bad, good) if bad.error < _CONVERGING else math.sqrt(ratio) * bad.n_steps
+        return max(between, 1.001 * _SAME * bad.n_steps)
 
     def _between(self, bad: Run, good: Run) -> float:
         """The steps with which the error is just below the aim, if it is a power of the step."""
@@ -183,8 +188,9 @@ class Search:
             last = self.runs[-1] if self.runs else Run(0, math.inf)
             extrapolated = last.error < _CONVERGING and not self.is_stalled
             return last.n_steps * (last.error / self.pilots.aim) ** (1 / self.order) if extrapolated else 0
-        if bad and good.n_steps > _NEAR * bad.n_steps and not self.is_limited:
-            return min(good.n_steps, self._between(bad, good))  # no number of steps between them is possible
+        if bad and good.n_steps > _COARSE * bad.n_steps and self.pilots.needs_reference and not self.is_limited:
+            # No number of steps between them may be possible. An interpolated one might not reach the aim.
+            return min(good.n_steps, _SAME * self._between(bad, good))
         return good.n_steps
 
     @property
