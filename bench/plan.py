@@ -1,105 +1,261 @@
-"""Check on seven problems what eig3.plan predicts, against the true error and the measured time."""
+"""Measure what the first choice of eig3.plan costs against the best of a sweep over all methods and steps."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+import dataclasses
+import statistics
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import eig3
-from eig3.analysis.planner import Plan, Prediction
+from eig3.analysis.planner import EXTRAPOLATED, Plan, Prediction
+from eig3.integration import divide
+from eig3.methods import LIBRARY, METHODS, Method
 
 from . import text
 from .environment import in_words
-from .options import add_problems, choose
-from .problem_set import PROBLEM_SET
+from .options import add_problems, add_repeats, choose
+from .precision import reach
+from .problem_set import PROBLEM_SET, BenchmarkProblem
 from .reference import Judge, reference
+from .sweep import LONGEST, STATES, WorkPrecisionSet, measure, records
+from .timing import Storage, kernel_run, medians
 
-SUMMARY = "how well eig3.plan predicts"
-ACCURACIES = (1e-2, 1e-4, 1e-6)
-ERROR_RANGE = (0.1, 1.5)  # relative to the requested accuracy
-TIME_FACTOR = 1.5
-_LONGEST = 3.0  # a run with a longer predicted time is left out, s
-HEADER = ["problem", "accuracy", "fastest", "h", "achieved / asked", "time / predicted", "hits of all methods"]
+SUMMARY = "what the first choice of eig3.plan costs against the best of a sweep"
+ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
+PLAN_METRICS = ("trajectory", "energy")
+MOST = 1.3  # largest ratio of the time of the first choice to that of the best
+ERROR_RANGE = (0.1, 1.0)  # of a prediction, relative to the requested accuracy
+TIME_FACTOR = 1.5  # of a prediction
+_CONTENDERS = 3  # the fastest methods of the sweep, which are timed again beside the first choice
+_TRIALS = 30  # steps tried from the interpolated one down
+_LONGEST_PREDICTED = 3.0  # a prediction with a longer time is not checked, s
+HEADER = [
+    "problem",
+    "error of",
+    "accuracy",
+    "first choice",
+    "ms",
+    "achieved / asked",
+    "best of the sweep",
+    "ms",
+    "ratio",
+    "predictions hit",
+    "pilot s",
+]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_problems(parser)
+    add_repeats(parser, 9)
+    parser.add_argument(
+        "--longest",
+        type=float,
+        default=LONGEST,
+        metavar="S",
+        help=f"halve the steps of the sweep until a run takes this time ({LONGEST})",
+    )
 
 
 def run(options: argparse.Namespace) -> None:
-    benchmark(only=options.problems)
+    benchmark(only=options.problems, repeats=options.repeats, longest=options.longest)
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """A prediction after its run: the error over the requested accuracy, and the time over the predicted time."""
+class Checked:
+    """A prediction after its run: its error over the requested accuracy, and its time over the predicted time."""
 
     prediction: Prediction
     error: float
     time: float
 
     @property
-    def misses(self) -> list[str]:
-        """The quantities outside their ranges. A smaller error is not a miss if stability limits the step."""
-        found = []
-        limited = self.error < ERROR_RANGE[0] and self.prediction.note
-        if not limited and not ERROR_RANGE[0] <= self.error <= ERROR_RANGE[1]:
-            found.append(f"error {text.number(self.error, 2)} of the requested accuracy")
-        if not 1 / TIME_FACTOR <= self.time <= TIME_FACTOR:
-            found.append(f"time {self.time:.2f} of the predicted time")
-        return found
+    def is_hit(self) -> bool:
+        """Whether error and time are in their ranges. A smaller error is a hit if stability limits the step."""
+        reaches = self.error <= ERROR_RANGE[1] and (self.error >= ERROR_RANGE[0] or bool(self.prediction.note))
+        return reaches and 1 / TIME_FACTOR <= self.time <= TIME_FACTOR
 
 
-def benchmark(*, only: Sequence[str] | None = None, write: Callable[[str], None] = print) -> None:
-    """Print the fastest method of each plan with its outcome, and every miss of every method."""
+@dataclass(frozen=True)
+class Case:
+    """A plan, its predictions after their runs, and the first choice timed beside the best of the sweep.
+
+    Attributes
+    ----------
+    plan : Plan
+    checked : sequence of Checked
+        The first choice comes first.
+    seconds : float
+        The median time of the first choice.
+    best : str
+        The label of the best method of the sweep; empty if none reaches the accuracy.
+    best_seconds : float
+        Its median time.
+    """
+
+    plan: Plan
+    checked: Sequence[Checked]
+    seconds: float
+    best: str
+    best_seconds: float
+
+    @property
+    def ratio(self) -> float:
+        return self.seconds / self.best_seconds
+
+    @property
+    def name(self) -> str:
+        return f"{self.plan.problem.name}, {self.plan.metric} {self.plan.accuracy:g}"
+
+    @property
+    def miss(self) -> str:
+        """What is wrong with the first choice; empty if nothing is."""
+        if not self.checked:
+            return f"no method is predicted to reach the accuracy, but {self.best} does"
+        label = self.plan.best.method.label
+        if self.checked[0].error > 1:
+            return f"{label} has {text.number(self.checked[0].error)} of the requested error"
+        return f"{label} takes {self.ratio:.2f} times as long as {self.best}" if self.ratio > MOST else ""
+
+    @property
+    def row(self) -> list[str]:
+        plan, hits = self.plan, sum(checked.is_hit for checked in self.checked)
+        first = self.checked[0] if self.checked else None
+        return [
+            plan.problem.name,
+            plan.metric,
+            f"{plan.accuracy:g}",
+            first.prediction.method.label if first else "-",
+            text.number(1e3 * self.seconds),
+            text.number(first.error, 2) if first else "-",
+            self.best,
+            text.number(1e3 * self.best_seconds),
+            f"{self.ratio:.2f}",
+            f"{hits} of {len(self.checked)}",
+            f"{plan.pilot_seconds:.2f}",
+        ]
+
+
+def benchmark(
+    *,
+    only: Sequence[str] | None = None,
+    repeats: int = 9,
+    longest: float = LONGEST,
+    swept: Mapping[str, WorkPrecisionSet] | None = None,
+    write: Callable[[str], None] = print,
+) -> None:
+    """Print a table with every case of every problem, the ratios, and every miss.
+
+    `swept` has the sweeps of problems that are known already.
+    """
     names = choose(only, list(PROBLEM_SET), "--problem")
     write(f"Machine: {in_words()}")
     write(
-        f"A hit has {ERROR_RANGE[0]} to {ERROR_RANGE[1]} of the requested error, or less if the plan says that "
-        f"stability limits the step. It takes the predicted time to a factor of {TIME_FACTOR}.\n"
+        f"The first choice beside the {_CONTENDERS} fastest methods of a sweep, each at the step with which it reaches "
+        f"the accuracy: medians of {repeats} interleaved runs. A prediction hits with {ERROR_RANGE[0]} to "
+        f"{ERROR_RANGE[1]} of the requested error, or less with a note, and the predicted time to a factor of "
+        f"{TIME_FACTOR}; extrapolated predictions are left out.\n"
     )
-    rows, misses, total = [], [], 0
-    for name in names:
-        problem = PROBLEM_SET[name].build()
-        judge = Judge(problem, reference(problem, PROBLEM_SET[name].omega))
-        for accuracy in ACCURACIES:
-            text.status(f"{name}, accuracy {accuracy:g}")
-            plan = eig3.plan(problem, accuracy)
-            outcomes = follow(plan, judge)
-            total += len(outcomes)
-            rows.append(_row(plan, outcomes))
-            misses += [
-                f"{name}, {accuracy:g}, {outcome.prediction.method.label}: {miss}"
-                for outcome in outcomes
-                for miss in outcome.misses
-            ]
-    text.status("")
-    write(text.table(HEADER, rows))
-    write(f"\n{total} predictions were run, with {len(misses)} misses{':' if misses else '.'}\n")
-    write("\n".join(f"- {miss}" for miss in misses))
+    cases = [case for name in names for case in cases_of(name, repeats, longest, (swept or {}).get(name))]
+    write(text.table(HEADER, [case.row for case in cases]))
+    write("\n" + summary(cases))
 
 
-def follow(plan: Plan, judge: Judge) -> list[Outcome]:
-    """Run every prediction, the fastest first."""
-    outcomes = []
-    for prediction in plan.predictions:
-        if prediction.reaches and prediction.seconds < _LONGEST:
-            solution = Plan(plan.problem, plan.accuracy, plan.metric, (prediction,), 0.0).run()
-            error = judge.errors(solution.t, solution.u)["trajectory"] if solution.success else float("inf")
-            outcomes.append(Outcome(prediction, error / plan.accuracy, solution.kernel_seconds / prediction.seconds))
-    return outcomes
-
-
-def _row(plan: Plan, outcomes: Sequence[Outcome]) -> list[str]:
-    best, good = outcomes[0], sum(not outcome.misses for outcome in outcomes)
-    note = f" ({best.prediction.note})" if best.prediction.note else ""
-    return [
-        plan.problem.name,
-        f"{plan.accuracy:g}",
-        best.prediction.method.label,
-        f"{best.prediction.h:.2e}",
-        text.number(best.error, 2) + note,
-        f"{best.time:.2f}",
-        f"{good} of {len(outcomes)}",
+def summary(cases: Sequence[Case]) -> str:
+    """In how many cases the first choice is good, and a line for each of the others."""
+    good = sum(bool(case.checked) and case.ratio <= MOST for case in cases)
+    reached = sum(bool(case.checked) and case.checked[0].error <= 1 for case in cases)
+    lines = [
+        f"The first choice takes at most {MOST} times as long as the best in {good} of {len(cases)} cases. It reaches "
+        f"the accuracy in {reached}.",
+        *(f"- {case.name}: {case.miss}" for case in cases if case.miss),
     ]
+    return "\n".join(lines)
+
+
+def cases_of(name: str, repeats: int, longest: float, swept: WorkPrecisionSet | None) -> list[Case]:
+    """A plan for each metric and accuracy that a method of the sweep reaches."""
+    problem = PROBLEM_SET[name].build()
+    chosen = dataclasses.replace(PROBLEM_SET[name], build=lambda: problem)  # its reference is found only once
+    methods = [m for m in LIBRARY if not (problem.uses_velocity and METHODS[m]().ignores_velocity)]
+    swept = swept or measure(name, chosen, methods, 3, longest, rivals=False)
+    judge = Judge(problem, reference(problem, chosen.omega))
+    found = []
+    for metric in PLAN_METRICS:
+        for accuracy in ACCURACIES if metric in swept.metrics else ():
+            text.status(f"{name}, {metric} {accuracy:g}")
+            contenders = fastest(judge, chosen, methods, swept, metric, accuracy)
+            if contenders:
+                plan = eig3.plan(problem, accuracy, metric=metric)
+                found.append(compare(plan, follow(plan, judge), contenders, repeats))
+    text.status("")
+    return found
+
+
+def fastest(
+    judge: Judge,
+    chosen: BenchmarkProblem,
+    methods: Sequence[str],
+    swept: WorkPrecisionSet,
+    metric: str,
+    accuracy: float,
+) -> list[tuple[str, Method, float]]:
+    """The label, record and step of the methods of the sweep that reach the accuracy first."""
+    reached = []
+    for key, method in records(judge.problem, chosen, methods):
+        found = reach(swept.of(key), metric, accuracy)
+        if found:
+            reached.append((found.seconds, swept.methods[key], method, found.setting))
+    reached.sort(key=lambda entry: entry[0])
+    return [
+        (label, method, reaching(judge, method, h, metric, accuracy)) for _, label, method, h in reached[:_CONTENDERS]
+    ]
+
+
+def reaching(judge: Judge, method: Method, h: float, metric: str, accuracy: float) -> float:
+    """The first step from `h` down, by 3 % each time, that reaches the accuracy; `reach` only interpolates it."""
+    for _ in range(_TRIALS):
+        if error_of(judge, method, h, metric) <= accuracy:
+            break
+        h *= 0.97
+    return h
+
+
+def error_of(judge: Judge, method: Method, h: float, metric: str) -> float:
+    n_steps, h = divide(judge.problem.t_span[1] - judge.problem.t_span[0], h)
+    solution = judge.problem.integrate(h=h, method=method, save_every=max(1, n_steps // STATES))
+    return judge.of_run(solution)[metric] if solution.success else float("inf")
+
+
+def compare(
+    plan: Plan, checked: Sequence[Checked], contenders: Sequence[tuple[str, Method, float]], repeats: int
+) -> Case:
+    """Time the first choice and the contenders in turn."""
+    problem = plan.problem
+    storage = Storage.for_steps(problem, 2 * STATES)
+
+    def timed(method: Method, h: float) -> Callable[[], float]:
+        n_steps, h = divide(problem.t_span[1] - problem.t_span[0], h)
+        start = problem.stepper(h=h, method=method)
+        return kernel_run(start, n_steps, every=max(1, n_steps // STATES), storage=storage)
+
+    runs = {label: timed(method, h) for label, method, h in contenders}
+    if checked:
+        runs["first choice"] = timed(plan.best.method, plan.best.h)
+    seconds = medians(runs, repeats, problem.name)
+    first = seconds.pop("first choice", float("inf"))
+    best = min(seconds, key=lambda label: seconds[label])
+    return Case(plan, checked, first, best, seconds[best])
+
+
+def follow(plan: Plan, judge: Judge) -> list[Checked]:
+    """Run every prediction that is not extrapolated, the fastest first."""
+    checked = []
+    for prediction in plan.predictions:
+        if prediction.reaches and prediction.note != EXTRAPOLATED and prediction.seconds < _LONGEST_PREDICTED:
+            error = error_of(judge, prediction.method, prediction.h, plan.metric)
+            start = plan.problem.stepper(h=prediction.h, method=prediction.method)
+            seconds = statistics.median(kernel_run(start, prediction.n_steps)() for _ in range(3))
+            checked.append(Checked(prediction, error / plan.accuracy, seconds / prediction.seconds))
+    return checked

@@ -76,7 +76,8 @@ def benchmark(
         page.add(*_work_precision(files, results[-1]))
         precision.save(files, results)
     write("work and precision: done")
-    page.add("## What eig3.plan predicts", _collected(lambda line: plan.benchmark(only=only, write=line)))
+    swept = {result.name: result for result in results}
+    page.add("## What eig3.plan predicts", _collected(lambda line: plan.benchmark(only=only, swept=swept, write=line)))
     files.finish(write)
 
 

@@ -10,9 +10,14 @@ import pytest
 
 import eig3
 from eig3 import problems
-from eig3.analysis import planner
+from eig3.analysis import pilots, planner, search
+from eig3.checks import check_method
 from eig3.cli import main
+from eig3.effects import LinearDamper, LinearSpring
 from eig3.methods import LIBRARY
+from eig3.scene import Scene
+
+ANY_FORCE = [name for name in LIBRARY if name != "bm6"]  # the methods for a force that depends on the velocity
 
 
 def achieved(prediction, problem):
@@ -24,8 +29,8 @@ def achieved(prediction, problem):
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4])
 def test_every_method_reaches_the_accuracy_at_the_step_predicted(accuracy):
     problem = problems.single_dof(xi=0.02, force=1.0, force_omega=3.0, t_end=50.0)
-    plan = eig3.plan(problem, accuracy)
-    assert {p.method.name for p in plan.predictions} == set(LIBRARY)
+    plan = eig3.plan(problem, accuracy, methods=ANY_FORCE)
+    assert {p.method.name for p in plan.predictions} == set(ANY_FORCE)
     for prediction in plan.predictions:
         assert prediction.reaches, prediction
         if not prediction.note:
@@ -65,6 +70,39 @@ def test_a_step_limited_by_stability_has_a_note_and_is_stable():
     assert achieved(prediction, problem) < 0.1
 
 
+def test_a_part_of_the_span_is_enough(monkeypatch):
+    """The error of the phase grows with time: 16 times as far over the whole span."""
+    monkeypatch.setattr(search, "_PARTS", {1 / 16: 0.3})
+    problem = problems.single_dof(t_end=200.0)
+    (prediction,) = eig3.plan(problem, 1e-4, methods=["rk4"]).predictions
+    assert 0.3 <= achieved(prediction, problem) / 1e-4 <= 1.2
+
+
+def test_work_counts_in_the_error_of_the_energy():
+    """The damper takes most of the energy away; the energy minus the work is constant."""
+    scene = Scene(dimension=1)
+    mass = scene.mass(1.0, (1.0,))
+    wall = scene.fixed((0.0,))
+    scene.add(LinearSpring(stiffness=1.0, length=0.5), wall, mass)
+    scene.add(LinearDamper(damping=0.2), wall, mass)
+    problem = scene.problem((0, 100), work=True)
+    (prediction,) = eig3.plan(problem, 1e-4, metric="energy", methods=["rk4"]).predictions
+    drift = problem.integrate(h=prediction.h, method=prediction.method).drift["energy"]
+    assert 0.3 <= drift / problem.energy_of(problem.u0, problem.v0) / 1e-4 <= 1.0
+
+
+def test_a_run_ends_when_its_motion_has_decayed():
+    """After that, all numbers are subnormal, and a step takes a hundred times as long."""
+    problem = problems.single_dof(xi=0.2, t_end=2000.0)
+    runs = pilots.Pilots(problem, "trajectory", 1e-3)
+    n_steps = 61 * 512
+    history = runs.history(check_method("rk8"), n_steps)
+    times = np.linspace(0.0, 2000.0, len(history.u) + 1)[1:]
+    np.testing.assert_allclose(history.u, problem.exact(times)[0], rtol=0, atol=1e-5)
+    assert history.u[-1] == 0
+    assert history.n_rhs == pytest.approx(12 * n_steps, rel=1e-3)  # as if it had taken all its steps
+
+
 def test_chaos_is_reported():
     plan = eig3.plan(problems.spring_pendulum(r0=1.5, theta0=2.5, t_end=3e4), 1e-6, methods=["eig3"])
     assert not plan.predictions[0].reaches
@@ -90,7 +128,7 @@ def test_a_large_system_is_not_given_newtons_differences():
 def slow_clock(monkeypatch, factor):
     """Let every run seem to take `factor` times as long."""
     clock = SimpleNamespace(perf_counter=lambda: factor * time.perf_counter())
-    monkeypatch.setattr(planner, "time", clock)
+    monkeypatch.setattr(pilots, "time", clock)
 
 
 def verdicts(plan):
@@ -113,8 +151,8 @@ def running_away(t, u, v, p):
     ("build", "methods", "expected"),
     [
         (falling_cloth, ["eig3", "cd", "rk4"], "has a stable step"),
-        (lambda: problems.double_pendulum(t_end=20.0), None, "has a stable step"),
-        (lambda: problems.damped_bar(n=80, t_end=2e-4), None, "has a stable step"),
+        (lambda: problems.double_pendulum(t_end=20.0), ANY_FORCE, "has a stable step"),
+        (lambda: problems.damped_bar(n=80, t_end=2e-4), ANY_FORCE, "has a stable step"),
         (
             lambda: eig3.Problem("infinite", running_away, 1.0, 1.0, (), (0.0, 10.0)),
             ["eig3", "rk4"],
@@ -150,6 +188,56 @@ def test_a_fast_decay_is_resolved_also_by_a_method_that_it_does_not_limit():
     exact = problem.integrate(h=prediction.h / 8, method="rk4", save_every=8)
     solution = problem.integrate(h=prediction.h, method=prediction.method)
     assert np.abs(solution.u - exact.u).max() / np.abs(exact.u).max() < 1.5e-2
+
+
+# What is ruled out ---------------------------------------------------------------------------------------------------
+
+
+def test_methods_that_are_ruled_out_by_order_or_limit_are_not_compiled(monkeypatch):
+    """At 1e-8, methods of low order need ten times the evaluations of those of high order."""
+    ran = set()
+    advance = pilots.Pilots._advance
+    monkeypatch.setattr(
+        pilots.Pilots, "_advance", lambda self, method, *rest: ran.add(method.name) or advance(self, method, *rest)
+    )
+    plan = eig3.plan(problems.single_dof(t_end=200.0), 1e-8)
+    assert {p.method.name for p in plan.predictions} == set(LIBRARY)
+    assert plan.best.method.order >= 6
+    assert {"eig3", "cd", "rk2", "ab2"}.isdisjoint(ran)
+    for prediction in plan.predictions:
+        if prediction.method.name not in ran:
+            assert not prediction.reaches
+            assert prediction.note.startswith("ruled out: ")
+    assert "  CD             ruled out: " in repr(plan)
+
+
+def searched(method, *, seconds, is_limited=False, follows_order=True):
+    return SimpleNamespace(
+        method=check_method(method),
+        seconds=seconds,
+        is_limited=is_limited,
+        follows_order=follows_order,
+        evaluations=check_method(method).evaluations,
+        pilots=SimpleNamespace(evaluations=lambda method: method.evaluations),
+    )
+
+
+@pytest.mark.parametrize(
+    ("method", "other", "expected"),
+    [
+        ("eig9", searched("eig5", seconds=1.0, is_limited=True), "stability limits its step more than that of EIG-5"),
+        ("eig4", searched("eig5", seconds=1.0, is_limited=True), ""),
+        ("eig9", searched("eig7", seconds=1.0, is_limited=True), ""),  # it has no limit without damping, but EIG-9 has
+        ("rk4", searched("eig5", seconds=5.0), "EIG-5, of order 4, takes 5 times as long as RK8"),
+        ("rk4", searched("eig5", seconds=3.0), ""),  # a method may have a smaller error than another of its order
+        ("rk5", searched("eig5", seconds=5.0), ""),
+        ("eig4", searched("rk5", seconds=5.0), ""),  # it has fewer evaluations
+        ("rk4", searched("eig5", seconds=5.0, follows_order=False), ""),
+    ],
+)
+def test_what_rules_a_method_out(method, other, expected):
+    best = searched("rk8", seconds=1.0)
+    assert planner._ruled_out(check_method(method), [other], best) == expected
 
 
 # Which methods -------------------------------------------------------------------------------------------------------

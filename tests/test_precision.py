@@ -170,20 +170,36 @@ def test_unknown_names_are_refused(option, tmp_path):
 
 
 @pytest.mark.usefixtures("small")
-def test_plan_runs_every_prediction(capsys):
-    assert main(["bench", "plan", "--problem", "single_dof"]) == 0
+def test_plan_is_measured_against_the_sweep(capsys, monkeypatch):
+    monkeypatch.setattr(plan, "ACCURACIES", (1e-2, 1e-4))
+    assert main(["bench", "plan", "--problem", "single_dof", "--repeats", "1", "--longest", "0.001"]) == 0
     printed = capsys.readouterr().out
-    assert printed.count("| single_dof ") == 3
-    assert "21 predictions were run" in printed
+    assert printed.count("| single_dof | trajectory |") == printed.count("| single_dof |     energy |") == 2
+    assert re.search(r"at most 1.3 times as long as the best in \d of 4 cases. It reaches the accuracy in \d.", printed)
     with pytest.raises(SystemExit, match="--problem must be one of"):
         main(["bench", "plan", "--problem", "none"])
 
 
-def test_a_miss_says_what_is_outside_its_range():
-    (prediction,) = eig3.plan(problems.single_dof(t_end=10.0), 1e-2, methods=["rk4"]).predictions
-    assert plan.Outcome(prediction, 0.7, 1.1).misses == []
-    misses = ["error 2.0 of the requested accuracy", "time 2.00 of the predicted time"]
-    assert plan.Outcome(prediction, 2.0, 2.0).misses == misses
+def test_a_miss_says_what_is_wrong_with_the_first_choice():
+    chosen = eig3.plan(problems.single_dof(t_end=10.0), 1e-2, methods=["rk4"])
+    (prediction,) = chosen.predictions
+
+    def case(error, seconds):
+        return plan.Case(chosen, [plan.Checked(prediction, error, 1.0)], seconds, "EIG-9", 1.0)
+
+    cases = [case(0.7, 1.2), case(1.4, 1.2), case(0.7, 2.0), plan.Case(chosen, [], float("inf"), "EIG-9", 1.0)]
+    assert [c.miss for c in cases] == [
+        "",
+        "RK4 has 1.40 of the requested error",
+        "RK4 takes 2.00 times as long as EIG-9",
+        "no method is predicted to reach the accuracy, but EIG-9 does",
+    ]
+    text = plan.summary(cases)
+    assert "in 2 of 4 cases. It reaches the accuracy in 2." in text
+    assert text.count("- single_dof, trajectory 0.01: ") == 3
+    assert plan.Checked(prediction, 0.7, 1.1).is_hit
+    assert not plan.Checked(prediction, 0.7, 2.0).is_hit
+    assert not plan.Checked(prediction, 1.1, 1.0).is_hit
 
 
 @pytest.mark.usefixtures("small")

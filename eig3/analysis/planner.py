@@ -1,44 +1,34 @@
-"""Predict from short pilot runs which method reaches a given accuracy in the shortest time, and with which step."""
+"""Find by short pilot runs which method reaches a given accuracy in the shortest time, and with which step."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ..checks import check_method
-from ..methods import LIBRARY, Method
+from ..methods import EIG, LIBRARY, Method
 from ..problem import Problem
 from ..solution import Solution
-from .critical import longest_stable_step
-from .linear import Linearised, linearise
+from .pilots import Pilots, save_every
+from .search import Search, guide
 
-PILOT_SECONDS = 1.0  # time of all pilot runs together, not counting the search for stable runs
-_VALUES = 2**18  # largest number of values in the states at which two runs are compared
-_FIRST_STEPS = 64  # fewest steps of a pilot run
-_BELOW_CRITICAL = 0.95  # first step of the pilot runs, as a fraction of the critical step
-_LONGEST = 4.0  # longest first step in radians of the fastest mode: beyond the stability limit of every explicit method
-_PROJECTED = 8  # directions of each of three kinds on which a critical step is accurate enough to start from
-_REFINED = 64  # the search for a stable run takes at most this multiple of the steps of the first run,
-_EVALUATED = 2**24  # or, if that is more, steps with this number of evaluations of one degree of freedom
-_LEAST_EVALUATED = 2**20  # evaluations of one degree of freedom that the runs of a method may make in any case
-_SOLVED = 4  # estimated evaluations per step of an implicit method
-_MOST_EVALUATED = 2**25  # if the first run needs more evaluations of one degree of freedom, take a part of the span
-_SAFETY = 0.7  # aim for this fraction of the requested accuracy
-_ORDER_TOLERANCE = 0.4  # largest difference between observed and known order of an error that follows the order
-_UNSTABLE = 5.0  # a relative error above this means that the run is unstable
-_CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
-_NEAR = 10  # an error below this multiple of the accuracy is extrapolated to the accuracy
-_BISECTIONS = 3  # narrow down the longest stable step from a factor of 2 to a factor of 2^(1/8) = 1.09
-_LAST_TRIALS = 12  # largest number of runs of the whole span, each with 1.2 times the steps of the one before
-_PARTS = (1, 1 / 8, 1 / 64)  # parts of the span to run
-_FURTHEST = 1e4  # largest ratio of the step of a pilot run to the step that is extrapolated from it
-_TIMED_SECONDS = 0.02  # length of each of three runs that measure the time of a step
-_ROUND_OFF = 1e-13  # a relative error that round-off may prevent
+EXTRAPOLATED = "extrapolated from longer steps"  # the note of a prediction that is rougher than the others
+#: The order in which the methods of the library are tried: a good method found early shortens the runs of the others.
+_FIRST = ("eig5", "eig4", "eig3", "cd", "bm6", "rk8", *(f"eig{k}" for k in (8, 9, 10, 11, 12, 13, 7, 6)), "rk5", "rk4")
+_WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders have no limit, but grow at every step
+#: Aim for this fraction of the accuracy. The error of the trajectory is measured at some states, the energy's at more.
+_AIM = {"trajectory": 0.75, "energy": 0.9}
+_SECONDS = 0.8  # time after which no method is tried any more,
+_LEAST_SECONDS = 0.4  # or this time after the reference has been found
+_WORK = 2**24  # work that the runs of a method named by the user may do in any case
+_TIMED_SECONDS = 0.2  # time of the last comparison,
+_TIMED_RUNS = 3, 15  # and the fewest and most runs of each method in it
+_SLOW = 2.0  # a method that takes this multiple of the best time is given up
+_HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most this many times as fast
+_CLOSE = 1.6  # methods predicted to take at most this multiple of the shortest time are timed
+_RULED_OUT = "ruled out: "
 
 
 @dataclass(frozen=True)
@@ -49,7 +39,7 @@ class Prediction:
     ----------
     method : Method
     h : float
-        The step; NaN if no step is predicted to reach the accuracy.
+        The step; NaN if no step is known to reach the accuracy.
     n_steps, evaluations : int
         Number of steps and of evaluations of the right-hand side over the whole span.
     seconds : float
@@ -57,7 +47,8 @@ class Prediction:
     error : float
         The error expected at h.
     note : str
-        Why the accuracy is not reached, or why the error is well below it; otherwise empty.
+        Why the accuracy is not reached, why the method was ruled out, or what limits the step; otherwise empty. A
+        method that was ruled out before it ran has no step.
     """
 
     method: Method
@@ -70,7 +61,7 @@ class Prediction:
 
     @property
     def reaches(self) -> bool:
-        """Whether the accuracy is predicted to be reached."""
+        """Whether a step is predicted to reach the accuracy."""
         return math.isfinite(self.h)
 
 
@@ -85,7 +76,7 @@ class Plan:
     metric : {"trajectory", "energy"}
     predictions : tuple of Prediction
     pilot_seconds : float
-        Time that the pilot runs took, without compilation.
+        Time that the pilot runs and their comparison took, without compilation.
     """
 
     problem: Problem
@@ -115,7 +106,7 @@ class Plan:
         the energy is computed only if it is the metric.
         """
         best = self.best
-        options.setdefault("save_every", _every(self.problem, best.n_steps))
+        options.setdefault("save_every", save_every(self.problem, best.n_steps))
         if self.metric == "trajectory":
             options.setdefault("invariants", {})
         return self.problem.integrate(h=best.h, method=best.method, **options)
@@ -133,7 +124,7 @@ class Plan:
                 numbers = f"{p.h:>9.3g} {p.n_steps:>9.3g} {p.evaluations:>12.3g} {p.seconds:>9.3g} {p.error:>8.1e}"
                 lines.append(f"  {name:<{width}} {numbers}" + f"  {p.note}" * bool(p.note))
             else:
-                lines.append(f"  {name:<{width}} not reached: {p.note}")
+                lines.append(f"  {name:<{width}} {'' if p.note.startswith(_RULED_OUT) else 'not reached: '}{p.note}")
         return "\n".join(lines)
 
 
@@ -144,7 +135,7 @@ def plan(
     metric: str = "trajectory",
     methods: Sequence[str | Method] | None = None,
 ) -> Plan:
-    """Find the step at which each method reaches an accuracy over the whole span, and the time that it takes.
+    """Find the method that reaches an accuracy over the whole span in the shortest time, and its step.
 
     Parameters
     ----------
@@ -155,7 +146,8 @@ def plan(
         The error is max |u - u(t)| / max |u| over all degrees of freedom for "trajectory", and max |E - E0| / |E0| for
         "energy". For "trajectory", all degrees of freedom should have the same unit or be scaled.
     methods : sequence of str or Method, optional
-        The methods to compare; all methods of the library if None.
+        The methods to compare. Each of them gets a prediction. If None, all methods of the library are compared, and
+        those that cannot be the fastest are ruled out.
 
     Returns
     -------
@@ -168,15 +160,25 @@ def plan(
 
     Notes
     -----
-    The first pilot run of a method has a step just below the critical step at the start of the span. If there is no
-    critical step, it has a step that is too long for every method. The step is halved until a run is stable. This
-    search is limited by a number of steps, not by time, so that the load of the machine does not decide which methods
-    are stable.
+    RK8 runs first, each time with twice the steps, until two runs agree to a quarter of the accuracy. The last run is
+    the reference: the difference of another run from it is the error of that run. For the metric "energy", each run
+    gives its error itself. If RK8 takes too long, the runs cover a part of the span, and each error is extrapolated to
+    the whole span by its growth in the part.
 
-    Then the step is halved until two runs of the whole span differ as the order of the method predicts. If the method's
-    share of one second does not allow that, the runs are repeated over a part of the span, and the error is
-    extrapolated to the whole span by its growth in the part. The error of a run is its difference from the run at half
-    its step, times 2^p / (2^p - 1) for the order p (Richardson).
+    Each method starts with the number of steps that should take as long as the best method so far. From there its
+    longest step is searched for, down to 6 %. A method is given up when it would take twice the time of the best one.
+    A method is ruled out before it runs, and is then not compiled,
+
+    - by its order and evaluations: if another method takes four times as long as the best one, has at least the same
+      order and no more evaluations per step, and is not limited by stability;
+    - by its limit: if it is an EIG method, and stability limits the step of an EIG method of a lower grade, whose limit
+      is longer;
+    - if there is no time left.
+
+    The methods that are close to the fastest are timed at their steps, in turn.
+
+    RK8, and each method that the user names, may take a number of evaluations in any case, so that the load of the
+    machine does not decide which methods are stable.
     """
     if not isinstance(problem, Problem):
         raise TypeError(f"problem must be an eig3.Problem, not {type(problem).__name__}.")
@@ -186,296 +188,110 @@ def plan(
         raise ValueError(f"metric must be 'trajectory' or 'energy', not {metric!r}.")
     if metric == "energy" and problem.energy is None:
         raise ValueError(f"metric 'energy' needs a problem with an energy, and {problem.name} has none.")
-    records = [check_method(method) for method in (LIBRARY if methods is None else methods)]
+    records = [check_method(method) for method in (_in_order_of_trial() if methods is None else methods)]
     if methods is None and problem.uses_velocity:
         records = [method for method in records if not method.ignores_velocity]
     if not records:
         raise ValueError("methods must name at least one method.")
-    predictions, spent, system = [], 0.0, _linearised(problem)
-    for i, method in enumerate(records):
-        longest = _longest_step(system, method)
-        budget = max(PILOT_SECONDS / len(records), (PILOT_SECONDS - spent) / (len(records) - i))
-        pilot = Pilot(problem, method, metric, longest, budget)
-        predictions.append(pilot.predict(accuracy))
-        spent += pilot.spent
+    pilots = Pilots(problem, metric, _AIM[metric] * accuracy)
+    first = guide(pilots)
+    if isinstance(first, str):
+        predictions = [_failure(method, first) for method in records]
+    else:
+        predictions = _choose(first, records) if methods is None else _predict_each(first, records)
     predictions.sort(key=lambda p: (not p.reaches, p.seconds))
-    return Plan(problem, float(accuracy), metric, tuple(predictions), spent)
+    return Plan(problem, float(accuracy), metric, tuple(predictions), pilots.spent)
 
 
-@dataclass
-class _Run:
-    """A pilot run over a part of the span, and its error, which is NaN until the run with half its step is made."""
-
-    n_steps: int
-    solution: Solution
-    error: float = math.nan
-    growth: float = 1.0  # the error grows as this power of time
+def _in_order_of_trial() -> list[str]:
+    return sorted(LIBRARY, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
 
 
-@dataclass
-class Pilot:
-    """The pilot runs of one method, from the step `longest` down.
-
-    `budget`, s, limits how often the step is halved after the first stable run. A small number of evaluations, which
-    take some milliseconds on an idle machine, is made in any case.
-    """
-
-    problem: Problem
-    method: Method
-    metric: str
-    longest: float
-    budget: float
-    spent: float = 0.0
-    evaluated: int = 0  # evaluations of one degree of freedom
-    part: float = 1.0
-    unstable: int = 0  # the largest number of steps over the part with which a run diverged
-    runs: list[_Run] = field(default_factory=list)
-
-    def predict(self, accuracy: float) -> Prediction:
-        self._integrate(1, self.problem.t_span[0] + self._span * 1e-9)  # compiles
-        self.spent, self.evaluated = 0.0, 0
-        for part in _PARTS:
-            self.part, self.unstable, self.runs = part, 0, []
-            if part != _PARTS[-1] and self._first_steps() * self._evaluations > _MOST_EVALUATED:
-                continue
-            if self._halve(accuracy) or not self._judged:
-                break
-            self.longest = self.runs[0].solution.h
-        return self._conclude(accuracy)
-
-    @property
-    def _span(self) -> float:
-        return self.problem.t_span[1] - self.problem.t_span[0]
-
-    @property
-    def _evaluations(self) -> int:
-        """Evaluations of one degree of freedom in a step."""
-        return (self.method.evaluations or _SOLVED) * int(np.size(self.problem.u0))
-
-    def _first_steps(self) -> int:
-        """The steps of the first run: a multiple of a power of 2, so that a saved state is at the end of the part."""
-        needed = max(float(_FIRST_STEPS), self.part * self._span / self.longest)
-        unit = 2 ** math.floor(math.log2(needed / _FIRST_STEPS))
-        return unit * math.ceil(needed / unit)
-
-    def _halve(self, accuracy: float) -> bool:
-        """Halve the step until the error is small or follows the order; return whether this is reached.
-
-        Until the error of a stable run is known, only the number of steps is limited. After that, the time is limited.
-        """
-        n_steps = self._first_steps()
-        most = max(_REFINED * n_steps, _EVALUATED // self._evaluations)
-        while not self._judged:
-            if n_steps > most:
-                return False
-            begin = self.spent
-            self._run(n_steps)
-            n_steps *= 2
-        until = self.spent + self.budget / len(_PARTS)
-        while True:
-            conclusive = self._is_conclusive(accuracy)
-            if conclusive and self._whole(self._judged[-1]) <= _NEAR * accuracy:
-                return True
-            if self.evaluated > _LEAST_EVALUATED and self.spent + 2.2 * (self.spent - begin) > until:
-                return conclusive
-            begin = self.spent
-            self._run(n_steps)
-            if not self._judged:  # a shorter step diverged
-                return False
-            n_steps *= 2
-
-    def _run(self, n_steps: int) -> None:
-        solution = self._integrate(n_steps, self.problem.t_span[0] + self.part * self._span)
-        if not solution.success:
-            self.unstable = max(self.unstable, n_steps)
-            self.runs = []
-            return
-        run = _Run(n_steps, solution)
-        if self.metric == "energy":
-            run.error = solution.drift["energy"] / abs(self.problem.energy_of(self.problem.u0, self.problem.v0))
-        elif self.runs:
-            self._judge(self.runs[-1], run)
-            if not self.runs[-1].error < _UNSTABLE:  # it was still finite at the end
-                self.unstable = self.runs[-1].n_steps
-                self.runs = []
-        self.runs.append(run)
-
-    def _integrate(self, n_steps: int, t_end: float, every: int = 0) -> Solution:
-        begin = time.perf_counter()
-        every = every or _every(self.problem, n_steps)
-        h = (t_end - self.problem.t_span[0]) / n_steps
-        watched: dict[str, Any] = {"invariants": {}} if self.metric == "trajectory" else {}
-        solution = self.problem.integrate(h=h, method=self.method, t_end=t_end, save_every=every, **watched)
-        self.spent += time.perf_counter() - begin
-        self.evaluated += solution.n_rhs * np.size(self.problem.u0)
-        return solution
-
-    def _judge(self, coarse: _Run, fine: _Run) -> None:
-        every = max(1, (len(fine.solution.u) - 1) // (len(coarse.solution.u) - 1))
-        u_coarse, u_fine = coarse.solution.u, fine.solution.u
-        difference = np.abs(u_coarse - u_fine[::every])
-        size = self._size(fine.solution)
-        errors = difference.reshape(len(difference), -1).max(axis=1) / size
-        gain = 2.0**self.method.order
-        coarse.error = float(errors.max()) * gain / (gain - 1)
-        half = float(errors[: len(errors) // 2 + 1].max())
-        coarse.growth = min(2.0, max(0.0, math.log2(errors.max() / half))) if half > 0 else 1.0
-
-    def _size(self, solution: Solution) -> float:
-        return float(np.abs(solution.u).max())
-
-    @property
-    def _judged(self) -> list[_Run]:
-        return [run for run in self.runs if math.isfinite(run.error)]
-
-    def _order(self) -> float:
-        """The order of convergence over the last two runs; NaN if there are not two, 0 if the error does not fall."""
-        if len(self._judged) < 2:
-            return math.nan
-        before, last = (run.error for run in self._judged[-2:])
-        return max(0.0, math.log2(before / last)) if last > 0 else float(self.method.order)
-
-    def _is_conclusive(self, accuracy: float) -> bool:
-        judged = self._judged
-        if not judged or judged[-1].error > _CONVERGING:
-            return False
-        excess = self._order() - self._order_of_metric()
-        if self._whole(judged[-1]) <= _SAFETY * accuracy:
-            return not excess > 3 * _ORDER_TOLERANCE  # an error that falls faster changes sign, and grows again
-        return abs(excess) < _ORDER_TOLERANCE
-
-    def _order_of_metric(self) -> float:
-        # The energy error of a Runge-Kutta method can have one order more than the method.
-        order = self._order()
-        return float(self.method.order) if self.metric == "trajectory" else max(float(self.method.order), order)
-
-    def _whole(self, run: _Run) -> float:
-        """The error of a run at the end of the whole span."""
-        return run.error * (1 / self.part) ** run.growth
-
-    def _conclude(self, accuracy: float) -> Prediction:
-        judged = self._judged
-        if not judged:
-            return self._failure("unstable at every step tried")
-        if not self._is_conclusive(accuracy):
-            stalled = judged[-1].error < 1e-6 and self._order() < 0.5
-            return self._failure(
-                f"round-off leaves an error of {judged[-1].error:.1e}"
-                if stalled
-                else f"the error does not converge down to h = {judged[-1].solution.h:.2g}, where it is "
-                f"{judged[-1].error:.1e} (chaos, or a step still too long)"
-            )
-        aim = _SAFETY * accuracy
-        if self._whole(judged[-1]) > aim:
-            return self._extrapolated(judged[-1], aim)
-        above = [i for i, run in enumerate(judged) if self._whole(run) > aim]
-        i = above[-1] + 1 if above else 0
-        fine = judged[i]
-        if i == 0:
-            return self._limited_by_stability(fine, aim)
-        return self._at(self._between(judged[i - 1], fine, aim), aim)
-
-    def _between(self, coarse: _Run, fine: _Run, aim: float) -> float:
-        if self._whole(coarse) > _CONVERGING:  # the error is not a power of h between the two runs
-            fraction = 1 - math.log2(aim / self._whole(fine)) / self.method.order
-        else:
-            fraction = math.log(self._whole(coarse) / aim) / math.log(self._whole(coarse) / self._whole(fine))
-        return coarse.n_steps * 2 ** min(1.0, max(0.0, fraction))
-
-    def _extrapolated(self, run: _Run, aim: float) -> Prediction:
-        if aim < _ROUND_OFF:
-            return self._failure("the accuracy is below round-off")
-        smaller = (self._whole(run) / aim) ** (1 / self._order())
-        if smaller > _FURTHEST:
-            return self._failure(f"it needs a step more than {_FURTHEST:g} times shorter than in the pilot runs")
-        return self._at(run.n_steps * smaller, aim)
-
-    def _limited_by_stability(self, run: _Run, aim: float) -> Prediction:
-        """The first stable run is accurate enough: find the longest stable step, between its step and twice that."""
-        low, high = self.unstable or run.n_steps // 2, run.n_steps
-        largest = _UNSTABLE * self._size(run.solution)
-        for _ in range(_BISECTIONS):
-            middle = round(math.sqrt(low * high))
-            solution = self._integrate(middle, self.problem.t_span[0] + self.part * self._span)
-            stable = solution.success and self._size(solution) < largest
-            low, high = (low, middle) if stable else (middle, high)
-        if self.part < 1:
-            high = self._stable_over_the_span(high, largest)
-            if high == 0:
-                return self._failure("unstable over the whole span at every step tried")
-        error = self._whole(run) * (run.n_steps / high) ** self.method.order
-        needed = run.n_steps * (self._whole(run) / aim) ** (1 / self.method.order)
-        if needed >= high:
-            return self._at(needed, aim)
-        return self._at(1.02 * high, error, "the step is limited by stability")
-
-    def _stable_over_the_span(self, n_steps: int, largest: float) -> int:
-        """Steps over the part with which the whole span is stable; 0 if no number tried is enough.
-
-        The growth of RK2 and AB2 may be too small to be seen in a part of the span.
-        """
-        for _ in range(_LAST_TRIALS):
-            solution = self._integrate(round(n_steps / self.part), self.problem.t_span[1])
-            if solution.success and self._size(solution) < largest:
-                return n_steps
-            n_steps = math.ceil(1.2 * n_steps)
-        return 0
-
-    def _at(self, n_steps: float, error: float, note: str = "") -> Prediction:
-        """The prediction for a number of steps over the part."""
-        total = math.ceil(n_steps / self.part)
-        seconds, evaluations = self._cost_of_a_step(total)
-        return Prediction(
-            method=self.method,
-            h=self._span / total,
-            n_steps=total,
-            evaluations=round(total * evaluations),
-            seconds=total * seconds,
-            error=error,
-            note=note,
-        )
-
-    def _cost_of_a_step(self, total: int) -> tuple[float, float]:
-        """Seconds and evaluations of a step: the fastest of three short runs at the step of the whole run."""
-        last = self.runs[-1].solution
-        count = min(total, max(1, int(_TIMED_SECONDS * last.n_steps / last.kernel_seconds)))
-        every = _every(self.problem, total)  # the run keeps as many
-        h = self._span / total
-        runs = [self._integrate(count, self.problem.t_span[0] + count * h, every) for _ in range(3)]
-        seconds = min(run.kernel_seconds / run.n_steps for run in runs)
-        return seconds, runs[0].n_rhs / runs[0].n_steps
-
-    def _failure(self, note: str) -> Prediction:
-        return Prediction(self.method, math.nan, 0, 0, math.inf, math.nan, note)
+def _choose(first: Search, records: list[Method]) -> list[Prediction]:
+    """The predictions of the methods that may be the fastest, and the reasons why the others are not."""
+    pilots, best = first.pilots, first
+    until = _end_of_search(pilots)
+    tried: list[Search] = []
+    ruled_out = []
+    for method in records:
+        reason = "" if method == best.method else _ruled_out(method, tried, best)
+        if not reason and method != first.method and pilots.spent > until:
+            reason = "no time was left to try it"
+        if not reason:
+            search = first if method == first.method else Search(pilots, method)
+            search.run(best, longest=_SLOW * best.seconds)
+            tried.append(search)
+            if not search.steps:
+                reason = f"in {_SLOW:g} times the time of {best.method.label}, {search.verdict}"
+            best = min(best, search, key=lambda search: search.seconds)
+        if reason:
+            ruled_out.append(_failure(method, _RULED_OUT + reason))
+    return _timed([search for search in tried if search.steps]) + ruled_out
 
 
-def _every(problem: Problem, n_steps: int) -> int:
-    """The `save_every` with which comparing two runs takes less time than the runs.
-
-    It is a power of 2, so that a run with twice the steps keeps the states at the same times.
-    """
-    most = min(2048, max(64, _VALUES // np.size(problem.u0)))
-    return 2 ** max(0, (n_steps // most).bit_length() - 1)
-
-
-def _linearised(problem: Problem) -> Linearised | None:
-    """The problem linearised at its start, on few directions; None if rhs is not finite close to it."""
-    stepper = problem.stepper(h=1.0, method="rk4")
-    try:
-        system = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
-    except ValueError:
-        return None
-    return system if len(system.K) <= 3 * _PROJECTED else system.fastest(_PROJECTED)
+def _ruled_out(method: Method, tried: Sequence[Search], best: Search) -> str:
+    """Why the method cannot be the fastest; empty if it may be."""
+    for search in tried:
+        other = search.method
+        if search.is_limited:
+            graded = isinstance(method, EIG) and isinstance(other, EIG) and other.order not in _WEAK_ORDERS
+            if graded and other.order < method.order:
+                return f"stability limits its step more than that of {other.label}"
+        elif search.follows_order and method.order <= other.order:
+            factor = search.seconds / best.seconds
+            if factor > _HOPELESS and search.pilots.evaluations(method) >= search.evaluations:
+                return f"{other.label}, of order {other.order}, takes {factor:.2g} times as long as {best.method.label}"
+    return ""
 
 
-def _longest_step(system: Linearised | None, method: Method) -> float:
-    """The step of the first pilot run; infinite if nothing limits it."""
-    if system is None:
-        return math.inf
-    fastest = float(np.abs(system.rates()).max())
-    longest = _LONGEST / fastest if fastest > 0 else math.inf
-    limit, _, _ = longest_stable_step(method, system)
-    return min(_BELOW_CRITICAL * limit, longest) if limit > 0 else longest
+def _predict_each(first: Search, records: list[Method]) -> list[Prediction]:
+    """A prediction for every method, from the runs that its share of the time allows."""
+    pilots, searches = first.pilots, []
+    end = _end_of_search(pilots)
+    for i, method in enumerate(records):
+        search = first if method == first.method else Search(pilots, method)
+        until = pilots.spent + max(0.0, end - pilots.spent) / (len(records) - i)
+        search.run(first, until=until, work=_WORK)
+        searches.append(search)
+    return _timed(searches)
+
+
+def _end_of_search(pilots: Pilots) -> float:
+    return max(_SECONDS, pilots.spent + _LEAST_SECONDS)
+
+
+def _timed(searches: Sequence[Search]) -> list[Prediction]:
+    """The predictions of all methods. The times of the fastest are measured in turn."""
+    shortest = min((search.seconds for search in searches), default=math.inf)
+    close = [search for search in searches if search.steps and search.seconds <= _CLOSE * shortest]
+    paces: dict[Search, list[float]] = {search: [] for search in close}
+    pilots, (fewest, most) = searches[0].pilots, _TIMED_RUNS
+    until = pilots.spent + _TIMED_SECONDS
+    for i in range(most):
+        if i >= fewest and (len(close) == 1 or pilots.spent > until):
+            break
+        for search in close:
+            paces[search].append(pilots.time_of_a_step(search.method, search.steps, search.pace))
+    return [_prediction(search, min(paces.get(search, [search.pace]))) for search in searches]
+
+
+def _prediction(search: Search, pace: float) -> Prediction:
+    if not search.steps:
+        return _failure(search.method, search.failure)
+    note = "the step is limited by stability" if search.is_limited else ""
+    return Prediction(
+        method=search.method,
+        h=search.pilots.span / search.steps,
+        n_steps=search.steps,
+        evaluations=round(search.steps * search.mean_evaluations),
+        seconds=search.steps * pace,
+        error=search.error,
+        note=note if search.reaches else EXTRAPOLATED,
+    )
+
+
+def _failure(method: Method, note: str) -> Prediction:
+    return Prediction(method, math.nan, 0, 0, math.inf, math.nan, note)
 
 
 def _name(method: Method) -> str:
