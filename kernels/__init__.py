@@ -19,8 +19,10 @@ start(u, v, a, h)
 START : str, START_STEPS : int
     The file of this folder whose method takes the first steps, and the number of these steps.
 start_step_scalar(f, at, y, c), start_step_vector(f, at, y, c, n)
-    A starting step, written with STARTER_STEP and STARTER_CONSTANTS, the names of the starter, for a method whose past
-    values its own step cannot record in a step of the starter.
+    A starting step for a method whose own step cannot record the past values. c of the vector form is (c, scratch). It
+    calls ``u, v, success = STARTER(f, at, u, v)`` or ``success = STARTER(f, at, u, v, scratch, n)``, the starter.
+brief_step_vector(f, at, u, v, scratch, n)
+    A step that starts another method, written for a short compilation. It changes u and v and the rows of scratch.
 TURN : int
     Number of steps after which the rows are in their places again; 6 by default.
 member(...)

@@ -118,20 +118,21 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
     start_scalar = [
         "def start_step_scalar(f, at, y, c):",
         f"u, v, V, {rows} = y",
-        "(u, v), success = STARTER_STEP(f, at, (u, v), STARTER_CONSTANTS((), at.h, None))",
+        "u, v, success = STARTER(f, at, u, v)",
         f"{', '.join(past[1:])} = {', '.join(past[:-1])}",
         "a0 = f(at.t + at.h, u, v, at.p)",
         f"return (u, v, {synchronised('v', '', '-')}, {rows}), success",
     ]
     start_vector = [
         "def start_step_vector(f, at, y, c, n):",
-        f"u, v, V, {rows} = head(y, OWN_ROWS)",
-        "_, success = STARTER_STEP(f, at, (u, v) + tail(y, OWN_ROWS_AND_2), STARTER_CONSTANTS((), at.h, None), n)",
+        "c, scratch = c",
+        f"u, v, V, {rows} = y",
+        "success = STARTER(f, at, u, v, scratch, n)",
         f"f(at.t + at.h, u, v, at.p, {past[-1]})",
         f"{rows} = {past[-1]}, {', '.join(past[:-1])}",
         "for j in range(n):",
         f"    V[j] = {synchronised('v[j]', '[j]', '-')}",
-        f"return (u, v, V, {rows}) + tail(y, OWN_ROWS), success",
+        f"return (u, v, V, {rows}), success",
     ]
     functions = [scalar, vector, complete, start_scalar, start_vector]
     text = "\n\n".join("\n    ".join(lines) for lines in functions) + "\n\n" + c.source()

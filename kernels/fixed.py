@@ -21,15 +21,14 @@ from .march import march_scalar, march_vector, settle
 from .protocol import (
     EVALUATIONS,
     SCALAR,
+    VECTOR,
     Form,
     Work,
     copy_rows,
     floats,
     function_at,
-    head,
     rows,
     stack_rows,
-    tail,
     vector_type,
 )
 
@@ -56,13 +55,12 @@ def vector(callbacks, state, settings, tally, run):
     n = N if N > 0 else state.shape[1]
     f = RHS(callbacks)
     c = CONSTANTS(settings, run.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
-    y, begin, row = rows(state, ROWS), run.first, 0
+    y, begin, row = rows(state, OWN_ROWS), run.first, 0
     if START_STEPS > 0:
         begin = max(run.first, min(run.first + run.count, START_STEPS))
-        y, _, row = march_vector(START_STEP, nothing, f, y, c, n, run, run.first, begin, row)
-    own, rest = head(y, OWN_ROWS), tail(y, OWN_ROWS)
-    own, end, row = march_vector(STEP, COMPLETE, f, own, c, n, run, begin, run.first + run.count, row)
-    settle(own + rest, state, n)
+        y, _, row = march_vector(START_STEP, nothing, f, y, (c, state[OWN_ROWS:]), n, run, run.first, begin, row)
+    y, end, row = march_vector(STEP, COMPLETE, f, y, c, n, run, begin, run.first + run.count, row)
+    settle(y, state, n)
     tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
     return end - run.first
 
@@ -70,34 +68,53 @@ def vector(callbacks, state, settings, tally, run):
 def stacked(callbacks, state, settings, tally, run):
     f = RHS(callbacks)
     c = CONSTANTS(settings, run.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
-    kept, begin, row = rows(state, ROWS), run.first, 0
-    y = stack_rows(N, ROWS)
+    kept, begin, row = rows(state, OWN_ROWS), run.first, 0
+    y = stack_rows(N, OWN_ROWS)
     copy_rows(y, kept, N)
     if START_STEPS > 0:
         begin = max(run.first, min(run.first + run.count, START_STEPS))
-        y, _, row = march_vector(START_STEP, nothing, f, y, c, N, run, run.first, begin, row)
-    own, end, row = march_vector(STEP, COMPLETE, f, head(y, OWN_ROWS), c, N, run, begin, run.first + run.count, row)
-    copy_rows(head(kept, OWN_ROWS), own, N)
+        y, _, row = march_vector(START_STEP, nothing, f, y, (c, state[OWN_ROWS:]), N, run, run.first, begin, row)
+    y, end, row = march_vector(STEP, COMPLETE, f, y, c, N, run, begin, run.first + run.count, row)
+    copy_rows(kept, y, N)
     tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
     return end - run.first
 
 
 def start_scalar(f, at, y, c):
     """Take u and v from a step of the starter, and the past values from a step of the method itself."""
-    own, _ = STEP(f, at, y, c)
-    started, success = STARTER_STEP(f, at, (y[0], y[1]), STARTER_CONSTANTS((), at.h, None))
-    return started + own[2:], success
+    y_next, _ = STEP(f, at, y, c)
+    u, v, success = STARTER(f, at, y[0], y[1])
+    started = u, v
+    return started + y_next[2:], success
 
 
 def start_vector(f, at, y, c, n):
-    kept, rest = head(tail(y, OWN_ROWS), 2), tail(y, OWN_ROWS_AND_2)
+    c, scratch = c
+    kept = rows(scratch, 2)
     for j in range(n):
         kept[0][j], kept[1][j] = y[0][j], y[1][j]
-    own, _ = STEP(f, at, head(y, OWN_ROWS), c, n)
+    y, _ = STEP(f, at, y, c, n)
+    u, v = y[0], y[1]
     for j in range(n):
-        own[0][j], own[1][j] = kept[0][j], kept[1][j]
-    started, success = STARTER_STEP(f, at, own[:2] + rest, STARTER_CONSTANTS((), at.h, None), n)
-    return started[:2] + own[2:] + kept + started[2:], success
+        u[j], v[j] = kept[0][j], kept[1][j]
+    return y, STARTER(f, at, u, v, scratch, n)
+
+
+def starter_scalar(f, at, u, v):
+    """Return u and v after a step of the starter, and whether it succeeded."""
+    y, success = THEIR_STEP(f, at, (u, v), THEIR_CONSTANTS((), at.h, None))
+    return y[0], y[1], success
+
+
+def starter_vector(f, at, u, v, scratch, n):
+    """Advance u and v by a step of the starter, and return whether it succeeded."""
+    y = rows(scratch, THEIR_ROWS)
+    for j in range(n):
+        y[0][j], y[1][j] = u[j], v[j]
+    y, success = THEIR_STEP(f, at, y, THEIR_CONSTANTS((), at.h, None), n)
+    for j in range(n):
+        u[j], v[j] = y[0][j], y[1][j]
+    return success
 
 
 def stack_step(f, at, y, c, n):
@@ -156,7 +173,7 @@ class Formulas:
 
     @property
     def rows(self) -> int:
-        """Number of rows of the vector form: u, v, the past, scratch, and the rows that the starter needs."""
+        """Number of rows of the vector form: u, v, the past, scratch, and the rows of the starter."""
         return self.defined.ROWS + (self.starter.rows if self.starter else 0)
 
     def state_rows(self, n: int) -> int:
@@ -179,14 +196,20 @@ class Formulas:
             "START_COST": cost,
         }
         if self.starter:
-            theirs = self.starter.names(form)
-            step = getattr(self.starter.defined, f"brief_step_{form.name}", theirs["STEP"])
-            own = {"STEP": names["STEP"], "STARTER_STEP": step, "STARTER_CONSTANTS": theirs["CONSTANTS"]}
-            own |= {"OWN_ROWS": defined.ROWS, "OWN_ROWS_AND_2": defined.ROWS + 2, "head": head, "tail": tail}
             begin = getattr(defined, f"start_step_{form.name}", start_scalar if form is SCALAR else start_vector)
-            names["START_STEP"] = element(bound(begin, own))
-            names["START_COST"] += theirs["COST"]
+            steps = {"STEP": names["STEP"], "STARTER": self.starter._as_starter(form)}
+            names["START_STEP"] = element(bound(begin, steps))
+            names["START_COST"] += self.starter.names(form)["COST"]
         return names
+
+    def _as_starter(self, form: Form) -> Any:
+        """Return the function that takes a step for another method."""
+        brief = getattr(self.defined, "brief_step_vector", None)
+        if brief and form is VECTOR:
+            return brief
+        mine = self.names(form)
+        theirs = {"THEIR_STEP": mine["STEP"], "THEIR_CONSTANTS": mine["CONSTANTS"], "THEIR_ROWS": self.defined.ROWS}
+        return element(bound(starter_scalar if form is SCALAR else starter_vector, theirs))
 
     @property
     def is_own(self) -> bool:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.registry import CPUDispatcher
 
 from .cache import check_cache, keep_on_disk
 from .interrupt import DeferredInterrupt
@@ -31,8 +32,22 @@ OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"
 # an allocation does not compile, and a kernel must not return an array to code that counts references.
 KERNEL_OPTIONS: dict[str, Any] = {"_nrt": False, **OPTIONS}
 
-#: The decorator for the functions that are inlined into a kernel.
-element = numba.njit(forceinline=True, **KERNEL_OPTIONS)
+
+class _Element(CPUDispatcher):
+    """A function without the wrapper for calls from Python. With one for each element, a kernel would take twice as
+    long to compile. Without this class, a call from Python would end the process."""
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        name = self.py_func.__name__
+        raise TypeError(f"{name} can be called by compiled functions only; from Python, call {name}.py_func.")
+
+
+def element(function: Callable) -> Any:
+    """Decorate a function that is inlined into a kernel."""
+    options = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **KERNEL_OPTIONS}
+    compiled_later = numba.njit(**options)(function)
+    compiled_later.__class__ = _Element
+    return compiled_later
 
 
 def compiled(function: Any, arguments: tuple) -> Any:

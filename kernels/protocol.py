@@ -131,31 +131,6 @@ def rows(typingctx, state, count):
 
 
 @intrinsic(prefer_literal=True)
-def head(typingctx, y, count):
-    """``head(y, count)`` returns the first `count` entries of a tuple; `count` is a literal.
-
-    Numba's own slices of tuples need numbers in the source; here `count` may be the name of a constant.
-    """
-    kind = types.UniTuple(y.dtype, count.literal_value)
-
-    def codegen(context, builder, signature, args):
-        return context.make_tuple(builder, kind, cgutils.unpack_tuple(builder, args[0])[: kind.count])
-
-    return kind(y, count), codegen
-
-
-@intrinsic(prefer_literal=True)
-def tail(typingctx, y, count):
-    """``tail(y, count)`` returns the entries of a tuple after the first `count`; `count` is a literal."""
-    kind = types.UniTuple(y.dtype, y.count - count.literal_value)
-
-    def codegen(context, builder, signature, args):
-        return context.make_tuple(builder, kind, cgutils.unpack_tuple(builder, args[0])[count.literal_value :])
-
-    return kind(y, count), codegen
-
-
-@intrinsic(prefer_literal=True)
 def stack_rows(typingctx, n, count):
     """``stack_rows(n, count)`` returns a tuple of `count` arrays of n values on the stack; both are literals.
 

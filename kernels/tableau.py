@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from .jit import bound, element
-from .protocol import tail
 from .source import Constants, after_sum, define
 
 
@@ -64,10 +63,7 @@ class Tableau:
         )
 
     def _brief(self) -> Any:
-        """Return the step of n degrees of freedom with loops over the stages.
-
-        It is slower, but compiles in a fraction of the time: it is for methods that only start with this one.
-        """
+        """Return the step that starts another method: it has loops over the stages, so that it compiles quickly."""
         A = np.array([*self.A, self.b], dtype=np.float64)
         A_bar = np.array([self._times_matrix(row) for row in [*self.A, self.b]], dtype=np.float64)
         return element(bound(brief_step_vector, {"C": np.array([*self.c, 1.0]), "A": A, "A_BAR": A_bar}))
@@ -96,19 +92,18 @@ class Tableau:
         return "\n    ".join(lines) + "\n\n"
 
 
-def brief_step_vector(f, at, y, c, n):  # type: ignore[no-untyped-def]
-    u, v, u_stage, v_stage = y[0], y[1], y[2], y[3]
-    a = tail(y, 4)
+def brief_step_vector(f, at, u, v, scratch, n):  # type: ignore[no-untyped-def]
+    u_stage, v_stage, a = scratch[0], scratch[1], scratch[2:]
     for i in range(len(C)):
         for j in range(n):
             u_sum, v_sum = 0.0, 0.0
             for k in range(i):
-                u_sum += A_BAR[i, k] * a[k][j]
-                v_sum += A[i, k] * a[k][j]
+                u_sum += A_BAR[i, k] * a[k, j]
+                v_sum += A[i, k] * a[k, j]
             u_stage[j] = u[j] + at.h * (C[i] * v[j] + at.h * u_sum)
             v_stage[j] = v[j] + at.h * v_sum
-        if i < len(a):
+        if i < len(C) - 1:
             f(at.t + C[i] * at.h, u_stage, v_stage, at.p, a[i])
     for j in range(n):
         u[j], v[j] = u_stage[j], v_stage[j]
-    return y, True
+    return True
