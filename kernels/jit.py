@@ -50,6 +50,10 @@ def element(function: Callable) -> Any:
     return compiled_later
 
 
+#: The same for functions that are called from Python too, such as those of effects.
+callable_element = numba.njit(forceinline=True, **KERNEL_OPTIONS)
+
+
 def compiled(function: Any, arguments: tuple) -> Any:
     """Compile a jitted function for types of arguments, or load it from the disk, and return Numba's compile result.
 

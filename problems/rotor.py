@@ -72,6 +72,6 @@ def rotor(
 def draw(figure, solution):
     plane = drawing.picture(figure, aspect="equal")
     drawing.path(plane, *solution.u.T, "C0", "path of the disc")
-    plane.set(xlabel="x (m), turning", ylabel="y (m), turning")
+    plane.set(xlabel="x in turning axes (m)", ylabel="y in turning axes (m)")
     drawing.legend(plane)
     drawing.histories(figure, solution, ["x", "y"])

@@ -5,17 +5,17 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Body
 from .vector import add, dot, scale
 
 
-@element
+@callable_element
 def in_space(v, coefficient, load, slip):
     return scale(-coefficient * load / math.sqrt(dot(v, v) + slip * slip), v)
 
 
-@element
+@callable_element
 def on_plane(v, coefficient, load, slip, normal):
     return in_space(add(v, scale(-dot(normal, v), normal)), coefficient, load, slip)
 

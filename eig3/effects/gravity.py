@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Body
 from .vector import dot
 
@@ -25,11 +25,11 @@ class Gravity(Body):
     source = "Newton"
 
     @staticmethod
-    @element
+    @callable_element
     def acceleration(field):
         return field
 
     @staticmethod
-    @element
+    @callable_element
     def potential(x, m, field):
         return -m * dot(field, x)

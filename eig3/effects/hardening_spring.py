@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Link
 
 
@@ -35,13 +35,13 @@ class HardeningSpring(Link):
     source = "EIG-3 article, section 4.2"
 
     @staticmethod
-    @element
+    @callable_element
     def tension(r, S1, S2, length):
         d = r - length
         return S1 * d * (1 + S2 * d * d)
 
     @staticmethod
-    @element
+    @callable_element
     def potential(r, S1, S2, length):
         square = (r - length) * (r - length)
         return S1 / 2 * square * (1 + S2 / 2 * square)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Body
 from .vector import scale
 
@@ -32,6 +32,6 @@ class HarmonicForce(Body):
     source = "the load of a driven oscillator"
 
     @staticmethod
-    @element
+    @callable_element
     def force(t, amplitude, omega, phase):
         return scale(math.cos(omega * t + phase), amplitude)

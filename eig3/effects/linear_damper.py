@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Link
 
 
@@ -29,6 +29,6 @@ class LinearDamper(Link):
     source = "the dashpot of Kelvin and Voigt"
 
     @staticmethod
-    @element
+    @callable_element
     def tension(rate, damping):
         return damping * rate

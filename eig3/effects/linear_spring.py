@@ -5,26 +5,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Link
 
 
-@element
+@callable_element
 def tension(r, stiffness, length):
     return stiffness * (r - length)
 
 
-@element
+@callable_element
 def potential(r, stiffness, length):
     return stiffness / 2 * (r - length) * (r - length)
 
 
-@element
+@callable_element
 def density_without_length(stiffness):
     return stiffness
 
 
-@element
+@callable_element
 def potential_without_length(r, stiffness):
     return stiffness / 2 * r * r
 

@@ -5,22 +5,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Link
 from .hertz import damped_push, push, stored
 
 
-@element
+@callable_element
 def elastic(r, stiffness, reach):
     return -push(reach - r, stiffness)
 
 
-@element
+@callable_element
 def damped(r, rate, stiffness, reach, damping):
     return -damped_push(reach - r, -rate, stiffness, damping)
 
 
-@element
+@callable_element
 def elastic_potential(r, stiffness, reach):
     return stored(reach - r, stiffness)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Body
 from .vector import norm, scale
 
@@ -30,6 +30,6 @@ class QuadraticDrag(Body):
     source = "Newton; Rayleigh's drag equation"
 
     @staticmethod
-    @element
+    @callable_element
     def force(v, drag):
         return scale(-drag * norm(v), v)

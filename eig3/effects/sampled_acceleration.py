@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from .sampled_motion import Sampled, interval
 
 
@@ -53,7 +53,7 @@ class SampledAcceleration(Sampled):
         object.__setattr__(self, "displacements", x)
 
     @staticmethod
-    @element
+    @callable_element
     def motion(t, times, values, velocities, displacements):
         last = times.size - 1
         if t < times[0]:

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Motion
 
 
-@element
+@callable_element
 def interval(t, times):
     """Return the i with times[i] <= t < times[i + 1]; for evenly spaced samples the first guess is right."""
     last = times.size - 1
@@ -68,7 +68,7 @@ class SampledMotion(Sampled):
     source = "linear interpolation"
 
     @staticmethod
-    @element
+    @callable_element
     def motion(t, times, values):
         last = times.size - 1
         if t < times[0]:

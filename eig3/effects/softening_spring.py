@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..scene.effect import Link
 
 
@@ -40,12 +40,12 @@ class SofteningSpring(Link):
         self.require(self._reals("width") > 0, "width must be positive")
 
     @staticmethod
-    @element
+    @callable_element
     def tension(r, S, width, length):
         return S * width * math.tanh((r - length) / width)
 
     @staticmethod
-    @element
+    @callable_element
     def potential(r, S, width, length):
         d = abs(r - length) / width
         return S * width * width * (d + math.log1p(math.exp(-2 * d)) - math.log(2.0))  # ln cosh d, without overflow

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..callbacks import jit
-from ..kernels.jit import element
+from ..kernels.jit import callable_element
 from ..kernels.source import define
 from .assembly import Assembly
 from .packing import Block, Column, Packing, Symbols, entry
@@ -33,7 +33,7 @@ _TINY = (
 )  # added under a root to avoid a division by 0 where points coincide; too small to change other values
 
 
-@element
+@callable_element
 def index(x):  # type: ignore[no-untyped-def]
     """Convert a number in p to an index. It is unsigned, so that the compiler omits the test for negative indices."""
     return np.int64(np.uint32(x))
