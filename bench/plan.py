@@ -16,8 +16,8 @@ from eig3.methods import LIBRARY, METHODS, Method
 from . import text
 from .environment import in_words
 from .options import add_problems, add_repeats, choose
-from .precision import reach
 from .problem_set import PROBLEM_SET, BenchmarkProblem
+from .reach import reach
 from .reference import Judge, reference
 from .sweep import LONGEST, STATES, WorkPrecisionSet, measure, records
 from .timing import Storage, kernel_run, medians
