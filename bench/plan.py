@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import eig3
 from eig3.analysis.planner import EXTRAPOLATED, Plan, Prediction
 from eig3.integration import divide
-from eig3.methods import LIBRARY, METHODS, Method
+from eig3.methods import LIBRARY, Method
 
 from . import text
 from .environment import in_words
@@ -176,16 +176,15 @@ def summary(cases: Sequence[Case]) -> str:
 
 def cases_of(name: str, repeats: int, longest: float, swept: WorkPrecisionSet | None) -> list[Case]:
     """A plan for each metric and accuracy that a method of the sweep reaches."""
-    problem = PROBLEM_SET[name].build()
+    problem = dataclasses.replace(PROBLEM_SET[name].build(), name=name)
     chosen = dataclasses.replace(PROBLEM_SET[name], build=lambda: problem)  # its reference is found only once
-    methods = [m for m in LIBRARY if not (problem.uses_velocity and METHODS[m]().ignores_velocity)]
-    swept = swept or measure(name, chosen, methods, 3, longest, rivals=False)
+    swept = swept or measure(name, chosen, LIBRARY, 3, longest, rivals=False)
     judge = Judge(problem, reference(problem, chosen.omega))
     found = []
     for metric in PLAN_METRICS:
         for accuracy in ACCURACIES if metric in swept.metrics else ():
             text.status(f"{name}, {metric} {accuracy:g}")
-            contenders = fastest(judge, chosen, methods, swept, metric, accuracy)
+            contenders = fastest(judge, chosen, swept, metric, accuracy)
             if contenders:
                 plan = eig3.plan(problem, accuracy, metric=metric)
                 found.append(compare(plan, follow(plan, judge), contenders, repeats))
@@ -194,16 +193,11 @@ def cases_of(name: str, repeats: int, longest: float, swept: WorkPrecisionSet | 
 
 
 def fastest(
-    judge: Judge,
-    chosen: BenchmarkProblem,
-    methods: Sequence[str],
-    swept: WorkPrecisionSet,
-    metric: str,
-    accuracy: float,
+    judge: Judge, chosen: BenchmarkProblem, swept: WorkPrecisionSet, metric: str, accuracy: float
 ) -> list[tuple[str, Method, float]]:
     """The label, record and step of the methods of the sweep that reach the accuracy first."""
     reached = []
-    for key, method in records(judge.problem, chosen, methods):
+    for key, method in records(judge.problem, chosen, LIBRARY):
         found = reach(swept.of(key), metric, accuracy)
         if found:
             reached.append((found.seconds, swept.methods[key], method, found.setting))
