@@ -131,7 +131,8 @@ def render_reach(result: WorkPrecisionSet, metric: str) -> str:
         rows.append([label, *cells])
     note = (
         "In brackets the step (s), or the tolerance of a rival. <=: the longest stable step is already that accurate. "
-        ">: the shortest step tried is not accurate enough. -: the error no longer falls. The fastest is bold."
+        ">: the shortest step tried is not accurate enough. -: the error no longer falls, or every step tried is "
+        "unstable. The fastest is bold."
     )
     return f"Error: {METRICS[metric]}.\n\n{text.table(header, rows)}\n\n{note}"
 

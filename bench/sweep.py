@@ -12,6 +12,7 @@ import numpy as np
 from eig3.integration import divide
 from eig3.methods import METHODS, Method
 from eig3.problem import Problem
+from eig3.solution import Solution
 from eig3.stability import limit
 
 from . import text
@@ -27,6 +28,7 @@ ENOUGH = 0.2  # s; a run that has taken so long in three rounds is not repeated
 LONGEST = 0.1  # steps are halved until a run takes this long, s
 _FACTORS = (1.05, 0.95, 0.7)  # the first steps, as fractions of the stability limit; then it is halved
 _BETWEEN = (2 ** (2 / 3), 2 ** (1 / 3))  # steps to try between an unstable step and its half, which is stable
+_HOPELESS = 20  # a method is given up when its next run would take this multiple of `longest`
 _ENOUGH = 3e-9  # an error below every target; no smaller step is tried
 _USELESS = 10.0  # only an unstable run has such a relative error
 
@@ -148,24 +150,28 @@ def sweep(
     bound = (limit(method) or 2.0) / chosen.omega
     label = method.label + {"cd newton": ", Newton", "cd fixed-point": ", fixed point"}.get(key, "")
 
-    def at(step: float) -> tuple[Repeatable, float]:
-        n_steps, h = divide(problem.t_span[1] - problem.t_span[0], step)
+    span = problem.t_span[1] - problem.t_span[0]
+
+    def at(step: float) -> tuple[Repeatable, Solution]:
+        n_steps, h = divide(span, step)
         every = max(1, n_steps // STATES)
         text.status(f"{problem.name}, {label}, h = {h:.3g}")
         solution = problem.integrate(h=h, method=method, save_every=every, inline=inline)
         errors = judge.of_run(solution) if solution.success else {}
         point = Point(key, label, h, n_steps, solution.n_rhs, _is_stable(solution.success, errors), errors)
         start = problem.stepper(h=h, method=method, inline=inline)
-        return (point, kernel_run(start, n_steps, every=every, storage=storage)), solution.kernel_seconds
+        return (point, kernel_run(start, n_steps, every=every, storage=storage)), solution
 
-    was_stable = True
+    was_stable, pace = True, 0.0
     for factor in (*_FACTORS, *(0.5**k for k in range(1, 40))):
-        found, seconds = at(factor * bound)
+        if pace * span / (factor * bound) > _HOPELESS * longest:
+            break
+        found, solution = at(factor * bound)
         if found[0].stable and not was_stable and factor <= 0.5:
             yield from (at(factor * longer * bound)[0] for longer in _BETWEEN)
         yield found
-        was_stable = found[0].stable
-        if seconds > longest or _is_enough(found[0]):
+        was_stable, pace = found[0].stable, solution.kernel_seconds / max(1, solution.n_steps)
+        if solution.kernel_seconds > longest or _is_enough(found[0]):
             break
 
 
