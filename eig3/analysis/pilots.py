@@ -20,10 +20,12 @@ _STATES = 976  # most states at which two runs are compared, 16 times the fewest
 _VALUES = 2**18  # or fewer, so that they have no more values than this
 _STEPS_PER_STATE = 16  # fewest steps from one of these states to the next, in a run of many steps
 _FOLLOWED = 2**22  # most values in the states of a run whose energy is followed
-_PIECES = 32  # of a run, after each of which it is checked
+_PIECES = 32  # of a run, after each of which it is checked,
+_PIECE = 512  # fewest steps of such a piece: the call takes as long as some ten steps
 _DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
 _AT_REST = 1e-150  # a motion below this has decayed
-_SHORT = 0.005  # a run that takes less time, s, is repeated
+_SHORT = 0.005  # a run that takes less time, s, is repeated,
+_VERY_SHORT = 0.0005  # and more often if it takes less than this
 _LONGEST_TIMED = 0.02  # longest run that measures the time of a step, s
 _IMPLICIT = 2  # fewest evaluations per step of an implicit method
 _CALL = 16  # an evaluation takes as long as for this number of degrees of freedom more in a long vector
@@ -111,8 +113,9 @@ class Pilots:
         run = self.judged(n_steps, history)
         # Following the energy takes time, and what else the machine does may take longer than a short run.
         if self._energy or history.seconds < _SHORT:
-            again = self._advance(method, self.part * self.span / n_steps, n_steps, n_steps)
-            run = replace(run, seconds=min(run.seconds, again.seconds / n_steps)) if again else run
+            for _ in range(4 if history.seconds < _VERY_SHORT else 1):
+                again = self._advance(method, self.part * self.span / n_steps, n_steps, n_steps)
+                run = replace(run, seconds=min(run.seconds, again.seconds / n_steps)) if again else run
         return run
 
     def history(self, method: Method, n_steps: int) -> History | None:
@@ -157,7 +160,7 @@ class Pilots:
         t0, params = self.problem.t_span[0], self.problem.params
         stepper = Stepper(self.problem.rhs, self._u0, self._v0, h=h, t0=t0, params=params, method=method)
         states = n_steps // every
-        each = max(1, math.ceil(states / _PIECES))
+        each = max(math.ceil(_PIECE / every), math.ceil(states / _PIECES))
         shape = each if follow else states, *np.shape(self._u0)
         u, v = np.empty(shape), np.empty(shape)
         drift = 0.0
