@@ -168,6 +168,8 @@ def render_summary(results: Sequence[WorkPrecisionSet]) -> str:
     """The ratio of the times of the fastest method and the fastest rival, for every problem and target."""
     held = {result.name: contests(result, "trajectory") for result in results}
     cells = [contest for row in held.values() for contest in row if contest.rival]
+    if not cells:
+        return "No rival was measured."
     lost = sum(contest.is_lost for contest in cells)
     header = ["fastest of eig3 / fastest rival", *(f"{target:g}" for target in TARGETS)]
     rows = [[name, *map(_ratio, row)] for name, row in held.items()]

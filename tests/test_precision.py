@@ -66,6 +66,7 @@ def test_without_rivals_nothing_is_called_ahead():
     result = WorkPrecisionSet("x", PROBLEM_SET["single_dof"], "", 0.0, points((1e-3, 1.0)), [])
     assert all(contest.ratio is None and not contest.is_lost for contest in precision.contests(result, "trajectory"))
     assert "No rival was measured" in precision.render_contests(result, "trajectory")
+    assert precision.render_summary([result]) == "No rival was measured."
 
 
 @pytest.mark.parametrize("name", ["hardening_spring", "hardening_chain"])
