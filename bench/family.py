@@ -8,11 +8,9 @@ from fractions import Fraction
 from itertools import count
 from math import factorial
 
-import numpy as np
-
 from eig3.kernels.eig import ordinates, sigma
 from eig3.methods import EIG, EIG3
-from eig3.stability import limit
+from eig3.stability import NEGLIGIBLE, limit, practical_limit
 
 from . import text
 from .article import TABLES
@@ -23,7 +21,6 @@ GRADES = range(3, 14)
 DAMPING = (0.0, 0.01, 0.05, 0.1, 0.3, 0.5, 1.0)
 OSCILLATOR_AT = (0.05, 0.1, 0.2)  # omega h
 GYROSCOPE_AT = (0.01, 0.05, 0.1)  # kappa h
-WEAK = 1e-5  # growth a step at a practical limit
 DRIFT_TABLES = (2, 3, 4)
 STEPS_OF_DRIFT = 4  # of each table, the longest first
 NO_GROWTH = 1e-30  # a growth below this is the rounding of zero
@@ -58,16 +55,6 @@ def order_and_constant(grade: int) -> tuple[int, Fraction]:
     return next((k, error(k)) for k in count() if error(k))
 
 
-def practical_limit(grade: int) -> float:
-    """The largest omega h without damping up to which the growth a step is at most `WEAK`."""
-    high = next(x for x in np.arange(0.01, 3, 0.01).tolist() if oscillator_growth(grade, x) > WEAK)
-    low = high - 0.01
-    while high - low > 1e-6:
-        middle = (low + high) / 2
-        low, high = (low, middle) if oscillator_growth(grade, middle) > WEAK else (middle, high)
-    return low
-
-
 def render_limits() -> str:
     header = ["grade", "order", "error constant", *(f"xi = {xi:g}" for xi in DAMPING)]
     rows = []
@@ -75,12 +62,12 @@ def render_limits() -> str:
         text.status(f"limits of grade {grade}")
         order, constant = order_and_constant(grade)
         undamped, *damped = (limit(EIG(grade), xi) for xi in DAMPING)
-        first = f"{undamped:.4f}" if undamped else f"{practical_limit(grade):.4f} *"
+        first = f"{undamped:.4f}" if undamped else f"{practical_limit(EIG(grade)):.4f} *"
         rows.append([str(grade), str(order), str(constant), first, *(f"{x:.4f}" for x in damped)])
     return (
         "Largest stable omega h, against the physical damping ratio xi. With order p, the local error of u is the "
         f"error constant times h^(p+2) and the derivative of u of order p + 2.\n\n{text.table(header, rows)}\n\n"
-        f"* This grade grows at every step; below the limit shown by at most {WEAK:g} a step."
+        f"* This grade grows at every step; below the limit shown by at most {NEGLIGIBLE} a step."
     )
 
 

@@ -259,19 +259,12 @@ def damped_limits() -> Figure:
 
 def all_limits() -> Figure:
     """The limits of the article's methods, dashed, and of the EIG family, RK5 and RK8, in logarithms."""
-    from matplotlib import colormaps
-
     figure = new_figure(12, 6.6)
     panels = figure.subplots(1, 2)
     dampings = np.geomspace(1e-3, 2, 30)
-    grades = [case for case in FAMILY_DAMPED if case.label.startswith("EIG")]
-    colors = colormaps["viridis"](np.linspace(0, 0.92, len(grades)))
-    shades = {case.label: color for case, color in zip(grades, colors, strict=True)}
     for case in (*ARTICLE_DAMPED, *FAMILY_DAMPED):
-        if case.label in shades:
-            style = {"color": shades[case.label], "linewidth": 2.2}
-        elif case in FAMILY_DAMPED:
-            style = {"color": "k", "linewidth": 2.2, "linestyle": "-" if case.label == "RK8" else "-."}
+        if case in FAMILY_DAMPED:
+            style = {"color": STYLE[case.method.name][0], "linewidth": 2.2}
         else:
             name, line = _DAMPED_STYLE[case.label]
             style = {"color": STYLE[name][0], "linewidth": 1.2, "linestyle": {"-": "--", "--": ":"}[line]}

@@ -8,7 +8,7 @@ import pytest
 from eig3.bench import characteristic, family
 from eig3.cli import main
 from eig3.methods import EIG
-from eig3.stability import amplification_matrix, eigenvalues, limit
+from eig3.stability import amplification_matrix, eigenvalues, limit, practical_limit
 
 from .conftest import ROOT
 
@@ -149,7 +149,7 @@ def test_the_table_of_the_readme():
     rows = cells(section)
     assert [row[0] for row in rows] == [str(grade) for grade in family.GRADES]
     for grade, row in zip(family.GRADES, rows, strict=True):
-        undamped = family.practical_limit(grade) if grade in PRACTICAL else limit(EIG(grade))
+        undamped = practical_limit(EIG(grade)) if grade in PRACTICAL else limit(EIG(grade))
         values = [grade - 1, undamped, limit(EIG(grade), 0.01), limit(EIG(grade), 0.1)]
         values += [characteristic.oscillator_growth(grade, 0.1), characteristic.gyroscope_growth(grade, 0.05)]
         for cell, value in zip(row[1:], values, strict=True):
