@@ -306,6 +306,7 @@ class _Run:
             kernel_seconds=stepper.seconds,
             method=stepper.method,
             drift={watch.name: watch.drift for watch in self.watches},
+            extremes={watch.name: watch.extremes for watch in self.watches},
             notes=(*self._notes(), *stepper.notes),
             reason=self.reason,
         )

@@ -32,6 +32,16 @@ def check_history(n_steps: int, every: int, n: int) -> None:
     raise MemoryError(f"the history needs {needed:.3g} bytes and {free:.3g} are free; {remedy} would fit.")
 
 
+def check_members_history(m: int, rows: int, n: int) -> None:
+    """Raise a MemoryError if the histories of m members, with `rows` states each, do not fit."""
+    needed = 16 * m * rows * n
+    if needed > _NOT_WORTH_A_LOOK and needed > (free := available_memory()):
+        raise MemoryError(
+            f"the histories of {m} members need {needed:.3g} bytes and {free:.3g} are free; take a larger save_every, or "
+            "reduce=, a function that returns what you need of each part of the ensemble."
+        )
+
+
 def check_workspace(method: Method, n: int) -> None:
     """Raise a MemoryError if the n x n matrix of an implicit method does not fit."""
     # There are two matrices: a stepper keeps a copy of its state, to which it can go back.

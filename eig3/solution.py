@@ -60,6 +60,8 @@ class Solution:
     drift : dict of str to float
         For each invariant e, the maximum of |e_n - e_0| over all steps, not only over the saved states; NaN if e became
         NaN.
+    extremes : dict of str to (float, float)
+        For each invariant e, its minimum and its maximum over all steps; NaN if e became NaN.
     kernel_seconds : float
         Time in the kernel, s, without compilation and without the evaluation of invariants.
     method : Method
@@ -85,6 +87,7 @@ class Solution:
     kernel_seconds: float
     method: Method
     drift: dict[str, float] = field(default_factory=dict)
+    extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     integrals: dict[str, np.ndarray] = field(default_factory=dict)
     reason: Callable[[], str] | None = None

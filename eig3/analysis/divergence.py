@@ -53,9 +53,7 @@ class Divergence:
 
     @property
     def _what(self) -> str:
-        last = self.last
-        where = "" if np.ndim(last.u) == 0 else f" in degree of freedom {self.degree}"
-        return f"The run became non-finite at t = {last.t + last.h:g}{where}, with h = {last.h:g}"
+        return became_non_finite(self.last.t, self.last.h, self.degree if np.ndim(self.last.u) else None)
 
     def explain(self) -> str:
         """Find the reason: an error of rhs, or a step above the critical step, and a shorter step that works.
@@ -76,6 +74,12 @@ class Divergence:
         why = _comparison(last, steps) or unstable
         reasons = [reason for reason in (culprit, why, _remedy(last, limits) if not unstable else "") if reason]
         return f"{self._what}: {'; '.join(reasons)}."
+
+
+def became_non_finite(t: float, h: float, degree: int | None) -> str:
+    """Say that a state became non-finite in the step h after the time t; `degree` is None in the scalar form."""
+    where = "" if degree is None else f" in degree of freedom {degree}"
+    return f"The run became non-finite at t = {t + h:g}{where}, with h = {h:g}"
 
 
 def find_divergence(stepper: Stepper) -> Divergence:

@@ -8,8 +8,8 @@ from ..stepper import Stepper
 from .chunk import Chunk
 
 _STRANGE = 1e3  # from this multiple of its natural size on, the motion may be unstable
-_BLOWN_UP = 1e4  # from this multiple of its natural size on, a search for an instability is worth its time
-_OVERFLOWING = 1e100  # a motion of this size is suspect, whatever its natural size is
+BLOWN_UP = 1e4  # from this multiple of its natural size on, a search for an instability is worth its time
+OVERFLOWING = 1e100  # a motion of this size is suspect, whatever its natural size is
 
 
 class Growth:
@@ -43,11 +43,11 @@ class Growth:
             self._natural = u, v
         u_natural, v_natural = self._natural
         self._size = max(u / u_natural if u_natural else 0.0, v / v_natural if v_natural else 0.0)
-        self._is_overflowing = max(u, v) > _OVERFLOWING
+        self._is_overflowing = max(u, v) > OVERFLOWING
         if self._strange is None and self._size > _STRANGE:
             self._strange = stepper.before()
 
     @property
     def suspect(self) -> Stepper | None:
         """A stepper at a state before the growth; None if the motion did not grow much."""
-        return self._strange if self._size > _BLOWN_UP or self._is_overflowing else None
+        return self._strange if self._size > BLOWN_UP or self._is_overflowing else None

@@ -60,6 +60,11 @@ class Watch:
             u_rows, v_rows = u_rows[count:], v_rows[count:]
 
     @property
+    def extremes(self) -> tuple[float, float]:
+        """The minimum and the maximum of e over the steps so far; NaN if e became NaN."""
+        return float(np.minimum(self._start, self._low.min())), float(np.maximum(self._start, self._high.max()))
+
+    @property
     def growth(self) -> float:
         """The growth of e over the run, relative to e; 0.0 if e did not grow steadily, infinity if it overflowed.
 

@@ -1,0 +1,1 @@
+"""Ensembles: many trajectories of one system at once."""

@@ -1,0 +1,37 @@
+"""Members that run one at a time: those of implicit methods, and of systems with many degrees of freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..solution import Solution
+from ..stepper import Cancel
+from .histories import Histories
+
+
+class Alone:
+    """Some members of an ensemble.
+
+    Parameters
+    ----------
+    numbers : ndarray of int
+        The numbers of the members.
+    histories : Histories
+    integrate : callable
+        ``integrate(member, cancel)`` returns the `Solution` of a member.
+    """
+
+    def __init__(self, numbers: np.ndarray, histories: Histories, integrate: Callable[[int, Cancel], Solution]) -> None:
+        self.numbers, self.histories, self._integrate = numbers, histories, integrate
+        self.seconds = 0.0
+
+    def run(self, stop: Cancel) -> None:
+        """Run the members, or those before `stop` is set."""
+        for member in self.numbers:
+            if stop.is_set():
+                return
+            solution = self._integrate(int(member), stop)
+            self.seconds += solution.kernel_seconds
+            self.histories.take(int(member), solution)

@@ -1,0 +1,171 @@
+"""The members of an ensemble: their start, their parameters and their steps, from arguments that are broadcast."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..checks import check_h, check_resolution, check_span, reals
+from ..integration import divide
+from ..kernels.protocol import SCALAR, VECTOR, Form
+
+
+@dataclass(frozen=True)
+class Members:
+    """The members of an ensemble, or some of them.
+
+    Attributes
+    ----------
+    form : Form
+    t_span : (float, float)
+    u0, v0 : ndarray, shape (m, n)
+        n is 1 in the scalar form.
+    params : ndarray, shape (m, k) or (k,)
+        One set for each member, or one for all.
+    h : float or ndarray, shape (m,)
+        The step, or one for each member. It divides the span.
+    n_steps : ndarray, shape (m,)
+    """
+
+    form: Form
+    t_span: tuple[float, float]
+    u0: np.ndarray
+    v0: np.ndarray
+    params: np.ndarray
+    h: Any
+    n_steps: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.u0)
+
+    @property
+    def n(self) -> int:
+        """Number of degrees of freedom of a member."""
+        return self.u0.shape[1]
+
+    @property
+    def has_own_params(self) -> bool:
+        """Whether each member has its own parameters."""
+        return self.params.ndim == 2
+
+    @property
+    def has_own_step(self) -> bool:
+        """Whether each member has its own step."""
+        return np.ndim(self.h) == 1
+
+    @property
+    def steps(self) -> np.ndarray:
+        """The step of each member, shape (m,)."""
+        return np.broadcast_to(self.h, len(self))
+
+    def part(self, chosen: slice) -> Members:
+        """Return some of the members."""
+        return replace(
+            self,
+            u0=self.u0[chosen],
+            v0=self.v0[chosen],
+            params=self.params[chosen] if self.has_own_params else self.params,
+            h=self.h[chosen] if self.has_own_step else self.h,
+            n_steps=self.n_steps[chosen],
+        )
+
+    def start(self, i: int) -> dict[str, Any]:
+        """Return the arguments of `integrate` that describe the start and the parameters of member i."""
+        u, v = (float(x[i, 0]) if self.form is SCALAR else x[i] for x in (self.u0, self.v0))
+        return {"u0": u, "v0": v, "params": self.params[i] if self.has_own_params else self.params}
+
+
+def check_members(
+    rhs: Any, t_span: Sequence[float], u0: ArrayLike, v0: ArrayLike, params: ArrayLike, h: ArrayLike
+) -> Members:
+    """Broadcast the arguments of `ensemble` over its members.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not valid, or two arguments have shapes that do not fit.
+    """
+    t0, t1 = check_span(t_span)
+    form = _form(rhs)
+    inner = 0 if form is SCALAR else 1
+    given = {"u0": (reals(u0, "u0"), inner), "v0": (reals(v0, "v0"), inner)}
+    given["params"] = np.atleast_1d(reals(params, "params")), 1
+    given["h"] = reals(h, "h"), 0
+    m = _count(given, form)
+    arrays = {name: array for name, (array, _) in given.items()}
+    if form is VECTOR and arrays["u0"].shape[-1] != arrays["v0"].shape[-1]:
+        raise _clash("u0", arrays["u0"], "v0", arrays["v0"], "their last axes are the degrees of freedom")
+    for name in ("u0", "v0", "params"):
+        if name != "params" and not np.isfinite(arrays[name]).all():
+            bad = int(np.argmin(np.isfinite(arrays[name]).reshape(len(np.atleast_1d(arrays[name])), -1).all(axis=1)))
+            raise ValueError(f"{name} must be finite, but {name}[{bad}] is not.")
+    n = 1 if form is SCALAR else arrays["u0"].shape[-1]
+    if n == 0:
+        raise ValueError("u0 must hold at least one degree of freedom, but it is empty.")
+    u, v = (np.broadcast_to(x[..., None] if form is SCALAR else x, (m, n)) for x in (arrays["u0"], arrays["v0"]))
+    p = arrays["params"]
+    if p.ndim == 2 and len(p) == 1:
+        p = p[0]
+    steps, n_steps = _divided(arrays["h"], t0, t1)
+    return Members(form, (t0, t1), u, v, p, steps, np.broadcast_to(n_steps, m))
+
+
+def _form(rhs: Any) -> Form:
+    """Return the form of a right-hand side, from the number of its arguments."""
+    function = getattr(rhs, "py_func", rhs)
+    try:
+        return VECTOR if len(inspect.signature(function).parameters) == len(VECTOR.rhs.args) else SCALAR
+    except TypeError:
+        return SCALAR  # rhs is not a function; its check will say so
+
+
+def _count(given: dict[str, tuple[np.ndarray, int]], form: Form) -> int:
+    """Return the number of members, after a check of all shapes."""
+    m, first = 1, ""
+    for name, (array, inner) in given.items():
+        if array.ndim < inner or array.ndim > inner + 1:
+            shapes = {("h", 0): "() or (m,)", ("params", 1): "(k,) or (m, k)"}
+            wanted = shapes.get((name, inner), "() or (m,)" if inner == 0 else "(n,) or (m, n)")
+            raise ValueError(
+                f"{name} must have the shape {wanted} for m members of the {form.name} form, not {array.shape}."
+            )
+        if array.ndim == inner or len(array) == 1:
+            continue
+        if len(array) == 0:
+            raise ValueError(f"{name} must hold at least one member, but it is empty.")
+        if first and len(array) != m:
+            raise _clash(first, given[first][0], name, array, "their first axes are the members")
+        m, first = len(array), first or name
+    if not first and not any(array.ndim > inner for array, inner in given.values()):
+        raise ValueError(
+            "u0, v0, params or h must have a first axis of members, such as params of shape (m, k); "
+            "for a single trajectory call eig3.integrate."
+        )
+    params = given["params"][0]
+    if params.ndim == 1 and params.size == m > 1:
+        raise ValueError(
+            f"params has the shape ({m},) for {m} members: write params[:, None] for one parameter a member, or "
+            f"params[None, :] for the same {m} parameters in all of them."
+        )
+    return m
+
+
+def _clash(first: str, one: np.ndarray, second: str, other: np.ndarray, rule: str) -> ValueError:
+    return ValueError(f"{first} has the shape {one.shape} and {second} the shape {other.shape}, but {rule}.")
+
+
+def _divided(h: np.ndarray, t0: float, t1: float) -> tuple[Any, Any]:
+    """Return steps that divide the span, and their numbers."""
+    wanted, place = np.unique(h, return_inverse=True)
+    pairs = [divide(t1 - t0, check_h(float(step))) for step in wanted]
+    for _, step in pairs:
+        check_resolution(step, t0, t1)
+    n_steps, steps = np.array([n for n, _ in pairs]), np.array([step for _, step in pairs])
+    if h.ndim == 0:
+        return float(steps[0]), int(n_steps[0])
+    return steps[place.ravel()], n_steps[place.ravel()]

@@ -1,0 +1,153 @@
+"""The result of an ensemble: the histories of its members, their status and their extremes."""
+
+from __future__ import annotations
+
+import collections
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..methods import Method
+from ..solution import Solution, Status
+
+
+@dataclass(repr=False, eq=False)
+class EnsembleSolution:
+    """The histories of m members, with s saved states each.
+
+    Attributes
+    ----------
+    t : ndarray, shape (m, s)
+        Times of the saved states. If all members have the same step, this is a read-only view of one row.
+    u, v : ndarray, shape (m, s) or (m, s, n)
+        Displacements and velocities. The states after the end of a member are NaN: after the last finite state of a
+        member that diverged, and after the last state of a member with fewer steps than others.
+    h : ndarray, shape (m,)
+        The step of each member.
+    n_steps : ndarray of int, shape (m,)
+        Number of steps that each member took.
+    n_rhs : ndarray of int, shape (m,)
+        Number of evaluations of the right-hand side for each member.
+    n_iterations : ndarray of int, shape (m,)
+        Number of iterations of an implicit method's solver for each member.
+    status : ndarray of Status, shape (m,)
+        How each member ended.
+    message : ndarray of str, shape (m,)
+        A sentence about how each member ended.
+    drift : dict of str to ndarray, shape (m,)
+        For each invariant e, the maximum of |e_n - e_0| over all steps; NaN if e became NaN.
+    extremes : dict of str to ndarray, shape (m, 2)
+        For each invariant e, its minimum and its maximum over all steps.
+    params : ndarray, shape (m, k) or (k,)
+        The parameters of each member, or of all of them.
+    first : int
+        The number of the first member in the whole ensemble; it is not 0 in a part that `reduce` gets.
+    kernel_seconds : float
+        Time in the kernels, s, summed over the threads, without compilation.
+    method : Method
+        The method as it was requested.
+    notes : tuple of str
+        Sentences about what the user should know of the run, such as that rhs could not be vectorised.
+    """
+
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    h: np.ndarray
+    n_steps: np.ndarray
+    n_rhs: np.ndarray
+    n_iterations: np.ndarray
+    status: np.ndarray
+    message: np.ndarray
+    params: np.ndarray
+    method: Method
+    drift: dict[str, np.ndarray] = field(default_factory=dict)
+    extremes: dict[str, np.ndarray] = field(default_factory=dict)
+    first: int = 0
+    kernel_seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+    integrals: dict[str, np.ndarray] = field(default_factory=dict)
+    _last: dict[int, tuple] = field(default_factory=dict)
+    _repeat: Callable[[int], Solution] | None = None
+
+    @property
+    def success(self) -> np.ndarray:
+        """A mask of shape (m,): which members reached the end of their span and did not diverge."""
+        return self.status == Status.COMPLETED
+
+    def __len__(self) -> int:
+        return len(self.u)
+
+    def __iter__(self) -> Iterator[Solution]:
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, i: int) -> Solution:
+        """Return member i, whose history ends at its last finite state."""
+        if not isinstance(i, int | np.integer):
+            raise TypeError("an ensemble has one index, the number of a member; index its arrays u, v and t instead.")
+        if not -len(self) <= i < len(self):
+            raise IndexError(f"the ensemble has {len(self)} members, numbered from 0: there is no member {i}.")
+        i = int(i) % len(self)
+        finite = np.isfinite(self.u[i]) & np.isfinite(self.v[i])
+        count = int(np.sum(finite if finite.ndim == 1 else finite.all(axis=1)))
+        t, u, v = self.t[i, :count], self.u[i, :count], self.v[i, :count]
+        if i in self._last:  # the last finite state is not one of the states to save
+            t, u, v = (np.append(x, [y], axis=0) for x, y in zip((t, u, v), self._last[i], strict=True))
+        return Solution(
+            t=t,
+            u=u,
+            v=v,
+            h=float(self.h[i]),
+            n_steps=int(self.n_steps[i]),
+            n_rhs=int(self.n_rhs[i]),
+            n_iterations=int(self.n_iterations[i]),
+            status=self.status[i],
+            message=self.message[i],
+            kernel_seconds=self.kernel_seconds * float(self.n_steps[i] / max(1, self.n_steps.sum())),
+            method=self.method,
+            drift={name: float(values[i]) for name, values in self.drift.items()},
+            extremes={name: (float(low), float(high)) for name, (low, high) in _row(self.extremes, i)},
+            notes=self.notes,
+            integrals={name: values[: len(t)] for name, values in _row(self.integrals, i)},
+            reason=self._reason(i),
+        )
+
+    def _reason(self, i: int) -> Callable[[], str] | None:
+        """Return the function that explains why member i diverged: it repeats the member alone."""
+        repeat = self._repeat
+        if repeat is None or self.status[i] is not Status.DIVERGED:
+            return None
+        return lambda: repeat(self.first + i).explain()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_repeat": None}  # it refers to compiled code
+
+    def __repr__(self) -> str:
+        n = 1 if self.u.ndim == 2 else self.u.shape[2]
+        steps = _extent(self.n_steps, "{:d}")
+        total = int(self.n_steps.sum())
+        lines = [
+            f"EnsembleSolution by {self.method!r}: {len(self)} members, {self._counts()}",
+            f"  {n} degree{'s' * (n > 1)} of freedom, t = {self.t[0, 0]:g} to {np.nanmax(self.t):g}, {steps} steps of "
+            f"h = {_extent(self.h, '{:.6g}')}, {self.u.shape[1]} states saved",
+            f"  {self.kernel_seconds:.3g} s in the kernels ({1e9 * self.kernel_seconds / max(1, total):.3g} ns a step "
+            "and member)",
+        ]
+        lines += [f"  drift of {name}: at most {np.max(values):.4g}" for name, values in self.drift.items()]
+        lines += [f"  Note: {note}" for note in self.notes]
+        return "\n".join(lines)
+
+    def _counts(self) -> str:
+        counts = collections.Counter(self.status.tolist())
+        return ", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status])
+
+
+def _row(arrays: dict[str, np.ndarray], i: int) -> Iterator[tuple[str, Any]]:
+    return ((name, values[i]) for name, values in arrays.items())
+
+
+def _extent(values: np.ndarray, form: str) -> str:
+    low, high = (form.format(x) for x in (values.min(), values.max()))
+    return low if low == high else f"{low} to {high}"

@@ -1,0 +1,220 @@
+# ruff: noqa: F821
+"""Right-hand sides and invariants of many trajectories at once, in the lanes of SIMD registers.
+
+A block is a system of n times `lanes` degrees of freedom: value j of the trajectory in a lane is at index
+j * lanes + lane. So the kernel of a method computes a block as it computes any system. Only the right-hand side is
+another one: the functions below call the user's function for each lane, with views of the values of this lane.
+
+LLVM vectorises the loop over lanes if the user's function has become straight code in it. Two things are needed for
+this. The length and the stride of the views are constants. And the user's function is inlined before LLVM has seen it:
+otherwise its loops are already prepared for any n.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+from numba.extending import intrinsic
+from numba.np import arrayobj
+from numba.types import float64, int64
+
+from .jit import KERNEL_OPTIONS, bound, compiled, element
+from .protocol import SCALAR, VECTOR, Form, matrix_type, vector_type
+
+#: Functions of the C library that have no vector instruction.
+_OF_LIBM = re.compile(
+    r"call [^\n]*@(?:llvm\.)?(acosh?|asinh?|atan[2h]?|cbrt|cosh?|erfc?|exp(?:2|10|m1)?|fmod|hypot|ldexp|l?gamma"
+    r"|log(?:2|10|1p)?|powi?|remainder|sinh?|tanh?|tgamma)[.(]"
+)
+
+#: Rows of the parameters that follow those of rhs if each trajectory has its own step: h and t0.
+OWN_STEP_ROWS = 2
+
+
+def scalar(t, u, v, p, a):
+    for lane in range(a.size):
+        a[lane] = FUNCTION(t, u[lane], v[lane], PARAMS(p, lane))
+
+
+def vector(t, u, v, p, a):
+    for lane in range(a.size // N):
+        FUNCTION(t, GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
+
+
+# With its own step h, each trajectory is integrated in the time (t - t0) / h with the step 1. Its velocity is then h v,
+# and its acceleration h^2 a.
+
+
+def scalar_own_step(t, u, v, p, a):
+    for lane in range(a.size):
+        step = OWN_STEP(p, lane)
+        h, t0 = step[0], step[1]
+        a[lane] = h * h * FUNCTION(t0 + t * h, u[lane], v[lane] / h, PARAMS(p, lane))
+
+
+def vector_own_step(t, u, v, p, a):
+    for lane in range(a.size // N):
+        step, velocity, scaled, acceleration = OWN_STEP(p, lane), VELOCITY(p, lane), GIVEN(v, lane), WRITTEN(a, lane)
+        h, t0 = step[0], step[1]
+        for j in range(N):
+            velocity[j] = scaled[j] / h
+        FUNCTION(t0 + t * h, GIVEN(u, lane), velocity, PARAMS(p, lane), acceleration)
+        for j in range(N):
+            acceleration[j] *= h * h
+
+
+def extent(first, h, t0, p, u_rows, v_rows, low, high):
+    """Widen the extremes of an invariant by its values in the states from step index `first` on."""
+    for i in range(len(u_rows)):
+        u, v = u_rows[i], v_rows[i]
+        for lane in range(low.size):
+            e = FUNCTION(t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
+            # A comparison with NaN is false: `e != e` stores a NaN, and no later e replaces it.
+            low[lane] = e if e < low[lane] or e != e else low[lane]
+            high[lane] = e if e > high[lane] or e != e else high[lane]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The arrays of a block.
+
+    Attributes
+    ----------
+    form : Form
+    n : int
+        Number of degrees of freedom of a trajectory.
+    lanes : int
+        Number of trajectories in a block.
+    k : int
+        Number of parameters.
+    shares_params : bool
+        Whether the array p begins with one set of parameters for all trajectories, and not with k rows of lanes.
+    has_own_step : bool
+        Whether p goes on with the rows h and t0, and n rows of scratch.
+    """
+
+    form: Form
+    n: int
+    lanes: int
+    k: int
+    shares_params: bool
+    has_own_step: bool
+
+    @property
+    def params_size(self) -> int:
+        """Number of values of the parameters of rhs in p."""
+        return self.k if self.shares_params else self.k * self.lanes
+
+    @property
+    def size(self) -> int:
+        """Number of values of p."""
+        return self.params_size + self.has_own_step * (OWN_STEP_ROWS + self.n) * self.lanes
+
+    def names(self) -> dict[str, Any]:
+        """Return the values of the names in capitals in the templates, except FUNCTION."""
+        n, lanes, own = self.n, self.lanes, self.params_size
+        given = _view(n, lanes, readonly=True)
+        return {
+            "N": n,
+            "GIVEN": given,
+            "WRITTEN": _view(n, lanes),
+            "STATE": _value if self.form is SCALAR else given,
+            "PARAMS": _shared(self.k) if self.shares_params else _view(self.k, lanes, readonly=True),
+            "OWN_STEP": _view(OWN_STEP_ROWS, lanes, own, readonly=True),
+            "VELOCITY": _view(n, lanes, own + OWN_STEP_ROWS * lanes),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Lanes:
+    """A function of the user, compiled for a block.
+
+    Attributes
+    ----------
+    call : callable
+        Calls it from Python, without checks of the arguments.
+    address : int
+        The address of its machine code.
+    obstacle : str
+        Why LLVM did not vectorise it, and what to do; empty if it did.
+    compiled : Numba's compile result
+        Keeps the machine code alive.
+    """
+
+    call: Callable
+    address: int
+    obstacle: str
+    compiled: Any
+
+
+def compile_rhs(function: Callable, layout: Layout) -> Lanes:
+    """Compile the right-hand side of a block, from the plain Python function of the user. It has the vector form."""
+    templates = (scalar_own_step, vector_own_step) if layout.has_own_step else (scalar, vector)
+    return _compile(templates[layout.form is not SCALAR], function, layout, VECTOR.rhs.args)
+
+
+def compile_invariant(function: Callable, layout: Layout) -> Lanes:
+    """Compile the function ``extent(first, h, t0, p, u_rows, v_rows, low, high)`` for an invariant."""
+    arguments = int64, vector_type, float64, vector_type, matrix_type, matrix_type, vector_type, vector_type
+    return _compile(extent, function, layout, arguments)
+
+
+def _compile(template: Callable, function: Callable, layout: Layout, arguments: tuple) -> Lanes:
+    inlined = numba.njit(inline="always", **KERNEL_OPTIONS)(function)
+    result = compiled(numba.njit(**KERNEL_OPTIONS)(bound(template, {**layout.names(), "FUNCTION": inlined})), arguments)
+    address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    return Lanes(result.entry_point, address, _obstacle(result.library.get_llvm_str()), result)
+
+
+def _obstacle(code: str) -> str:
+    """Say why LLVM did not vectorise a loop, from its optimised code; empty if it did."""
+    called = set(_OF_LIBM.findall(code))
+    if called:
+        return f"it calls {', '.join(sorted(called))} of the C library for one member after the other"
+    if not re.search(r"<\d+ x double>", code):
+        return "it has branches or loops that the compiler cannot compute for several members at once"
+    return ""
+
+
+def _view(count: int, stride: int, first: int = 0, readonly: bool = False) -> Any:
+    """Return a compiled ``view(array, lane)``: the values at first + lane + j stride for j < count."""
+    return _array_view(numba.types.Array(float64, 1, "A", readonly=readonly), count, stride, first, 1)
+
+
+def _shared(count: int) -> Any:
+    """Return a compiled ``view(array, lane)``: the first `count` values of the array, for every lane."""
+    return _array_view(numba.types.Array(float64, 1, "C", readonly=True), count, 1, 0, 0)
+
+
+def _array_view(kind: Any, count: int, stride: int, first: int, of_lane: int) -> Any:
+    @intrinsic
+    def view(typingctx, array, lane):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            def constant(value: int) -> Any:
+                return context.get_constant(numba.types.intp, value)
+
+            source = arrayobj.make_array(signature.args[0])(context, builder, args[0])
+            index = builder.add(builder.mul(args[1], constant(of_lane)), constant(first))
+            result = arrayobj.make_array(kind)(context, builder)
+            arrayobj.populate_array(
+                result,
+                data=builder.gep(source.data, [index]),
+                shape=[constant(count)],
+                strides=[constant(8 * stride)],
+                itemsize=constant(8),
+                meminfo=None,
+            )
+            return result._getvalue()
+
+        return kind(array, int64), codegen
+
+    return view
+
+
+@element
+def _value(array, lane):
+    return array[lane]
