@@ -7,6 +7,8 @@ from ._version import __version__
 from .analysis.critical import CriticalStep, NoCriticalStepError, critical_step
 from .analysis.planner import Plan, plan
 from .callbacks import jit
+from .ensembles.run import ensemble
+from .ensembles.solution import EnsembleSolution
 from .integration import IntegrationError, integrate
 from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, CentralDifference, Method
 from .problem import Problem
@@ -27,6 +29,7 @@ __all__ = [
     "RK8",
     "CentralDifference",
     "CriticalStep",
+    "EnsembleSolution",
     "IntegrationError",
     "Method",
     "NoCriticalStepError",
@@ -38,6 +41,7 @@ __all__ = [
     "__version__",
     "critical_step",
     "effects",
+    "ensemble",
     "integrate",
     "jit",
     "plan",

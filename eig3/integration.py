@@ -195,7 +195,7 @@ class _Run:
     ) -> None:
         self.stepper, self.n_steps, self.t_end = stepper, n_steps, t_end
         self.history, self.watches, self.growth = history, watches, Growth(stepper, n_steps)
-        self.bar = Progress(n_steps) if progress else None
+        self.bar = Progress(n_steps, "step") if progress else None
         self.observers: list[Observer] = [history, *watches, self.growth, *([self.bar] if self.bar else [])]
         if stepper.form is VECTOR:
             self.observers.append(Written(n_steps))

@@ -37,8 +37,8 @@ def check_members_history(m: int, rows: int, n: int) -> None:
     needed = 16 * m * rows * n
     if needed > _NOT_WORTH_A_LOOK and needed > (free := available_memory()):
         raise MemoryError(
-            f"the histories of {m} members need {needed:.3g} bytes and {free:.3g} are free; take a larger save_every, or "
-            "reduce=, a function that returns what you need of each part of the ensemble."
+            f"the histories of {m} members need {needed:.3g} bytes and {free:.3g} are free; take a larger save_every, "
+            "or reduce=, a function that returns what you need of each part of the ensemble."
         )
 
 

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from .analysis.critical import CriticalStep, critical_step
 from .callbacks import check_callback, reads_velocity
 from .checks import check_params, check_span, check_state, reals
+from .ensembles.run import ensemble
+from .ensembles.solution import EnsembleSolution
 from .integration import integrate
 from .methods import Method
 from .solution import Solution
@@ -134,7 +136,7 @@ class Problem:
         span = (self.t_span[0], self.t_span[1] if t_end is None else t_end)
         if not self.integrals:
             return integrate(self.rhs, span, self.u0, self.v0, **options)
-        u0, v0 = (np.append(x, np.zeros(len(self.integrals))) for x in (self.u0, self.v0))
+        u0, v0 = (_with_integrals(x, len(self.integrals)) for x in (self.u0, self.v0))
         try:
             solution = integrate(self.rhs, span, u0, v0, **options)
         except BaseException as error:
@@ -143,6 +145,47 @@ class Problem:
                 self._separate_integrals(part)
             raise
         self._separate_integrals(solution)
+        return solution
+
+    def ensemble(
+        self,
+        *,
+        h: ArrayLike,
+        u0: ArrayLike | None = None,
+        v0: ArrayLike | None = None,
+        params: ArrayLike | None = None,
+        method: str | Method = "eig3",
+        t_end: float | None = None,
+        **options: Any,
+    ) -> Any:
+        """Integrate many variants of the problem at once.
+
+        Parameters
+        ----------
+        h, method
+            As for `eig3.ensemble`.
+        u0, v0, params : array_like, optional
+            Values for each member, along a first axis. What is left out is that of the problem, for all members.
+        t_end : float, optional
+            The end of the run; ``t_span[1]`` if not given.
+        **options
+            Other options of `eig3.ensemble`. `invariants` replaces the energy.
+
+        Returns
+        -------
+        EnsembleSolution
+            With `integrals`, if the problem follows any.
+        """
+        _refuse_fields(options, "ensemble")
+        options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
+        shared = np.atleast_2d(check_params(self.params))  # also if there are as many parameters as members
+        start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
+        if self.integrals:
+            start = [_with_integrals(x, len(self.integrals)) for x in start]
+        options |= {"h": h, "params": shared if params is None else params, "method": method}
+        solution = ensemble(self.rhs, (self.t_span[0], self.t_span[1] if t_end is None else t_end), *start, **options)
+        if self.integrals:
+            self._separate_integrals(solution)
         return solution
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
@@ -213,11 +256,16 @@ class Problem:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
         return new
 
-    def _separate_integrals(self, solution: Solution) -> None:
+    def _separate_integrals(self, solution: Solution | EnsembleSolution) -> None:
         """Move the integrals from the last columns of u and v, where they are velocities, to `solution.integrals`."""
         n = np.size(self.u0)
-        solution.integrals = {name: solution.v[:, n + k].copy() for k, name in enumerate(self.integrals)}
-        solution.u, solution.v = solution.u[:, :n], solution.v[:, :n]
+        solution.integrals = {name: solution.v[..., n + k].copy() for k, name in enumerate(self.integrals)}
+        solution.u, solution.v = solution.u[..., :n], solution.v[..., :n]
+
+
+def _with_integrals(x: ArrayLike, count: int) -> np.ndarray:
+    """Return a state, or one for each member, with zeros for the integrals."""
+    return np.concatenate([x, np.zeros((*np.shape(x)[:-1], count))], axis=-1)
 
 
 def _refuse_fields(options: dict[str, Any], call: str) -> None:

@@ -31,6 +31,7 @@ from .protocol import (
     stack_rows,
     vector_type,
 )
+from .wide import has_wide_vectors, wide_vectors
 
 #: Largest number of degrees of freedom for which the inline mode keeps all rows on the stack. With more, rows on the
 #: heap are as fast, and the kernel compiles in a third of the time.
@@ -242,14 +243,35 @@ def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False, i
     The kernel is called as ``kernel((rhs, jacobian or None), state, settings, tally, run)``, and returns the number of
     steps that it took. This is less than `run.count` if a solve failed.
     """
+    label = f"{method.label}{'_jacobian' * takes_jacobian}{'_pair' * is_pair}" if method.is_own else ""
+    return _compile_pointer_kernel(method.names(form), form, label, takes_jacobian, 2 if is_pair else 0)
+
+
+def _compile_pointer_kernel(
+    names: dict[str, Any], form: Form, label: str, takes_jacobian: bool = False, n: int = 0
+) -> Any:
     rhs_at, jacobian_at = function_at(form.rhs), function_at(form.jacobian)
-    names = {**method.names(form), "N": 2 if is_pair else 0}
-    names["RHS"] = element(lambda callbacks: rhs_at(callbacks[0]))
+    names |= {"N": n, "RHS": element(lambda callbacks: rhs_at(callbacks[0]))}
     names["JACOBIAN"] = element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian)
     callbacks = Tuple((int64, int64 if takes_jacobian else none))
     signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
-    label = f"{method.label}{'_jacobian' * takes_jacobian}{'_pair' * is_pair}" if method.is_own else ""
     return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)
+
+
+@functools.cache
+def wide_kernel(method: Formulas) -> Any:
+    """Return the kernel of the vector form for a block of trajectories, see `eig3.kernels.lanes`.
+
+    It is `pointer_kernel`, but with the widest vectors that the processor has. The loops are in the elements of the
+    method: these are compiled anew.
+    """
+    if not has_wide_vectors():
+        return pointer_kernel(method, VECTOR)
+    names = method.names(VECTOR)
+    for name in ("STEP", "COMPLETE"):
+        names[name] = element(names[name].py_func)
+    with wide_vectors():
+        return _compile_pointer_kernel(names, VECTOR, f"{method.label}_wide" if method.is_own else "")
 
 
 def no_jacobian(callbacks):

@@ -24,12 +24,17 @@ from numba.types import float64, int64
 
 from .jit import KERNEL_OPTIONS, bound, compiled, element
 from .protocol import SCALAR, VECTOR, Form, matrix_type, vector_type
+from .wide import wide_vectors
 
 #: Functions of the C library that have no vector instruction.
-_OF_LIBM = re.compile(
-    r"call [^\n]*@(?:llvm\.)?(acosh?|asinh?|atan[2h]?|cbrt|cosh?|erfc?|exp(?:2|10|m1)?|fmod|hypot|ldexp|l?gamma"
-    r"|log(?:2|10|1p)?|powi?|remainder|sinh?|tanh?|tgamma)[.(]"
+_NAMES = (
+    r"(acosh?|asinh?|atan[2h]?|cbrt|cosh?|erfc?|exp(?:2|10|m1)?|fmod|hypot|ldexp|l?gamma|log(?:2|10|1p)?|powi?"
+    r"|remainder|sinh?|tanh?|tgamma)"
 )
+_OF_LIBM = re.compile(rf"call [^\n]*@(?:llvm\.)?{_NAMES}[.(]")
+# A call for one value in vectorised code is outside the loop over lanes. LLVM widens the calls in this loop, and calls
+# the C library as often as there are lanes.
+_OF_LIBM_IN_LANES = re.compile(rf"@llvm\.{_NAMES}\.v\d+f64")
 
 #: Rows of the parameters that follow those of rhs if each trajectory has its own step: h and t0.
 OWN_STEP_ROWS = 2
@@ -165,18 +170,22 @@ def compile_invariant(function: Callable, layout: Layout) -> Lanes:
 
 def _compile(template: Callable, function: Callable, layout: Layout, arguments: tuple) -> Lanes:
     inlined = numba.njit(inline="always", **KERNEL_OPTIONS)(function)
-    result = compiled(numba.njit(**KERNEL_OPTIONS)(bound(template, {**layout.names(), "FUNCTION": inlined})), arguments)
+    function = bound(template, {**layout.names(), "FUNCTION": inlined})
+    with wide_vectors():
+        result = compiled(numba.njit(**KERNEL_OPTIONS)(function), arguments)
     address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
     return Lanes(result.entry_point, address, _obstacle(result.library.get_llvm_str()), result)
 
 
 def _obstacle(code: str) -> str:
-    """Say why LLVM did not vectorise a loop, from its optimised code; empty if it did."""
-    called = set(_OF_LIBM.findall(code))
+    """Say why LLVM did not vectorise a loop over lanes, from its optimised code; empty if it did."""
+    is_vectorised = re.search(r"<\d+ x double>", code)
+    called = set((_OF_LIBM_IN_LANES if is_vectorised else _OF_LIBM).findall(code))
     if called:
-        return f"it calls {', '.join(sorted(called))} of the C library for one member after the other"
-    if not re.search(r"<\d+ x double>", code):
-        return "it has branches or loops that the compiler cannot compute for several members at once"
+        names = ", ".join(sorted(called))
+        return f"it calls {names} of the C library for one member after the other; take the functions of eig3.math"
+    if not is_vectorised:
+        return "it has branches or loops that do not work for several members at once; choose between simple values"
     return ""
 
 

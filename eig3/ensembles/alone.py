@@ -27,6 +27,9 @@ class Alone:
         self.numbers, self.histories, self._integrate = numbers, histories, integrate
         self.seconds = 0.0
 
+    def __len__(self) -> int:
+        return len(self.numbers)
+
     def run(self, stop: Cancel) -> None:
         """Run the members, or those before `stop` is set."""
         for member in self.numbers:

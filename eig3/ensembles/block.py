@@ -10,10 +10,11 @@ import numpy as np
 
 from ..analysis.divergence import became_non_finite
 from ..kernels.lanes import Lanes, Layout
-from ..kernels.protocol import EVALUATIONS, SCALAR, Run
+from ..kernels.protocol import EVALUATIONS, SCALAR, VECTOR, Run
 from ..memory import aligned
 from ..methods import Method
 from ..observers.growth import BLOWN_UP, OVERFLOWING
+from ..observers.written import unwritten_entry
 from ..solution import Solution, Status
 from ..stepper import Cancel
 from .histories import Histories
@@ -211,6 +212,8 @@ class Block:
 
     def _observe(self, first: int, every: int, u: np.ndarray, v: np.ndarray) -> None:
         """Process the states of a chunk: the extremes, and the states to save."""
+        if self.shared.layout.form is VECTOR:
+            self._check_written()
         for name, invariant in self.shared.invariants.items():
             self._widen(invariant, *self._extremes[name], first + 1, u, v)
         kept = self.shared.histories.every
@@ -221,6 +224,17 @@ class Block:
             u_size, v_size = self._sizes()
             self._u_natural = np.where(half, u_size, self._u_natural)
             self._v_natural = np.where(half, v_size, self._v_natural)
+
+    def _check_written(self) -> None:
+        """Refuse a rhs that stops writing an entry of a: the entry would keep its value from an earlier evaluation."""
+        u, v = (np.ascontiguousarray(row).ravel() for row in self._rows[:2])
+        t = self._kernel_t0 + (self._index - 1) * self._kernel_h  # no method has to evaluate rhs at the end of a run
+        filled = [np.full_like(u, value) for value in (np.nan, 0.0)]  # a value that rhs computes may be NaN too
+        for a in filled:
+            self.shared.rhs.call(t, u, v, self._p, a)
+        unwritten = (np.isnan(filled[0]) & (filled[1] == 0)).reshape(self._rows.shape[1:])[:, self._runs]
+        if unwritten.any():
+            raise unwritten_entry(int(np.argmax(unwritten.any(axis=1))), self._t0 + (self._index - 1) * self._h[0])
 
     def _save(self, row: int, u: np.ndarray, v: np.ndarray) -> None:
         if len(u):

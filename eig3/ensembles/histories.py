@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..memory import check_members_history, n_rows
 from ..kernels.protocol import SCALAR
+from ..memory import check_members_history, n_rows
 from ..solution import Solution, Status
 from .members import Members
 
@@ -56,7 +56,7 @@ class Histories:
             self.v[chosen, row : row + len(v)] = v.transpose(2, 0, 1)
 
     def end(self, chosen: np.ndarray, index: int, u: np.ndarray, v: np.ndarray, n_rhs: int) -> None:
-        """Note that members have taken all their steps, `index` steps; u and v are the last states, shape (n, members)."""
+        """End members after `index` steps; u and v are their last states, shape (n, members)."""
         self.n_steps[chosen], self.n_rhs[chosen] = index, n_rhs
         complete = self.members.n_steps[chosen] == index
         self.status[chosen[complete]], self.message[chosen[complete]] = Status.COMPLETED, REACHED

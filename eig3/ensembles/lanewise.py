@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from ..callbacks import Callback, check_callback, gist
+from ..callbacks import Callback
 from ..kernels.lanes import Lanes, Layout, compile_invariant, compile_rhs
-from ..kernels.protocol import SCALAR
 from ..methods import Method
 from .members import Members
 

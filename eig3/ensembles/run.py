@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, wait
 from threading import Event
 from typing import Any
 
@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..callbacks import check_callback, gist
-from ..checks import check_count, check_method
+from ..checks import check_count, check_invariants, check_method
 from ..integration import integrate
-from ..kernels.fixed import pointer_kernel
+from ..kernels.fixed import wide_kernel
 from ..kernels.interrupt import DeferredInterrupt
-from ..kernels.protocol import VECTOR
 from ..methods import Method
-from ..observers.progress import check_progress
+from ..observers.progress import Progress, check_progress
 from ..solution import Solution
 from ..stepper import Cancel, Stepper
 from .alone import Alone
@@ -48,13 +47,77 @@ def ensemble(
     reduce: Callable[[EnsembleSolution], Any] | None = None,
     progress: bool = False,
 ) -> Any:
-    """..."""
-    members = check_members(rhs, t_span, u0, v0, params, h)
-    if save_every is not None:
-        save_every = check_count(save_every, "save_every")
-    threads = _cores() if threads is None else check_count(threads, "threads")
+    """Integrate many trajectories of u'' = f(t, u, v) with fixed steps, in SIMD lanes and on all cores.
+
+    The members of the ensemble differ in their start, their parameters or their step. An argument with a first axis of
+    length m has a value for each of the m members; without it, all members share the value.
+
+    Parameters
+    ----------
+    rhs : jitted function
+        The acceleration, in the scalar or in the vector form, as for `eig3.integrate`.
+    t_span : (float, float)
+        First and last time.
+    u0, v0 : array_like, shape () or (m,), or in the vector form (n,) or (m, n)
+        Displacements and velocities at the first time.
+    h : float or array_like, shape (m,)
+        The step. If it does not divide the span, the run uses the next shorter step that does.
+    params : array_like, shape (k,) or (m, k)
+        The parameters. rhs gets those of a member as p, of shape (k,).
+    method : str or Method
+        As for `eig3.integrate`.
+    save_every : int or None
+        Save every `save_every`-th state, the first and the last. None saves only the first and the last.
+    invariants : dict of str to jitted function, optional
+        Functions ``e(t, u, v, p) -> float`` by name, which are evaluated at every step. The result has their drifts and
+        their extremes. They need not be invariant: use them for the peak of any response.
+    threads : int, optional
+        Number of threads; by default all cores that the process may use.
+    executor : concurrent.futures.Executor, optional
+        Run parts of the ensemble by this executor, such as a process pool, or a cluster's.
+    reduce : callable, optional
+        ``reduce(part)`` gets the `EnsembleSolution` of a part of the ensemble, and returns what you need of it. The
+        result of `ensemble` is then the list of what it returned. The states of a part are dropped after it, so that
+        memory does not grow with the number of members.
+    progress : bool
+        Show a progress bar that counts members. This needs tqdm.
+
+    Returns
+    -------
+    EnsembleSolution
+        A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite state; the others go
+        on. The result says the same of each member as `eig3.integrate` would say.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not valid, or the shapes of two arguments do not fit.
+    MemoryError
+        If the histories do not fit in memory.
+    ImportError
+        If `progress` is True and tqdm is not installed.
+    KeyboardInterrupt
+        After Ctrl-C. Its attribute `solution` has the members that were finished; the others are INTERRUPTED.
+
+    Notes
+    -----
+    Members run in blocks, each in a lane of the vector registers. The compiler computes them together if rhs is
+    straight code: arithmetic, functions of `eig3.math`, choices such as ``a if c else b`` between simple values, and
+    loops over few degrees of freedom. `notes` says if it cannot. rhs is compiled with the options of `eig3.jit`: a
+    division by zero gives infinity and raises no exception. Members of implicit methods, and of systems with more than
+    24 degrees of freedom, run one at a time.
+
+    The numbers of a member do not depend on the other members, on its place or on the number of threads. They agree
+    with those of `eig3.integrate` except for round-off: the compiler may fuse other multiply-adds.
+
+    If rhs raises an exception, `ensemble` raises it too, and its attribute `solution` has the members up to then.
+    """
     check_progress(progress)
-    return Run(rhs, members, check_method(method), save_every, invariants or {}).march(threads, progress)
+    members = check_members(rhs, t_span, u0, v0, params, h)
+    every = save_every if save_every is None else check_count(save_every, "save_every")
+    cores = _cores() if threads is None else check_count(threads, "threads")
+    run = Run(rhs, members, check_method(method), every, check_invariants(invariants))
+    return run.march(cores, progress)
 
 
 def _cores() -> int:
@@ -66,7 +129,12 @@ class Run:
     """An ensemble on its way in this process."""
 
     def __init__(
-        self, rhs: Any, members: Members, method: Method, save_every: int | None, invariants: Mapping[str, Any],
+        self,
+        rhs: Any,
+        members: Members,
+        method: Method,
+        save_every: int | None,
+        invariants: Mapping[str, Any],
         first: int = 0,
     ) -> None:
         self.rhs, self.members, self.method, self.first = rhs, members, method, first
@@ -91,12 +159,19 @@ class Run:
 
     def _stepper(self, i: int) -> Stepper:
         members = self.members
-        return Stepper(self.rhs, **members.start(i), h=float(members.steps[i]), t0=members.t_span[0], method=self.method)
+        return Stepper(
+            self.rhs, **members.start(i), h=float(members.steps[i]), t0=members.t_span[0], method=self.method
+        )
 
     def _alone(self, i: int, cancel: Cancel | None = None, **options: Any) -> Solution:
         members = self.members
         return integrate(
-            self.rhs, members.t_span, **members.start(i), h=float(members.steps[i]), method=self.method, cancel=cancel,
+            self.rhs,
+            members.t_span,
+            **members.start(i),
+            h=float(members.steps[i]),
+            method=self.method,
+            cancel=cancel,
             **options,
         )
 
@@ -119,7 +194,10 @@ class Run:
         layout = layout_of(self.members, method)
         if layout is None:
             return None
-        functions = {name: (e, check_callback(e, "invariant", form, f"invariants[{name!r}]")) for name, e in self.invariants.items()}
+        functions = {
+            name: (e, check_callback(e, "invariant", form, f"invariants[{name!r}]"))
+            for name, e in self.invariants.items()
+        }
         try:
             rhs = lanes_of(self.rhs, check_callback(self.rhs, "rhs", form), "rhs", layout)
             invariants = {name: lanes_of(*both, "invariant", layout) for name, both in functions.items()}
@@ -127,26 +205,39 @@ class Run:
             self.notes.append(f"The members run one at a time, because rhs does not compile for lanes: {gist(error)}.")
             return None
         if rhs.obstacle:
-            self.notes.append(rhs.obstacle)
-        kernel = pointer_kernel(method.formulas, VECTOR)
+            self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
+        kernel = wide_kernel(method.formulas)
         return Shared(self.members, layout, method, kernel, rhs, invariants, self.histories, self._alone)
 
-    def march(self, threads: int, progress: bool) -> EnsembleSolution:
+    def march(self, threads: int, progress: bool = False) -> EnsembleSolution:
+        """Run the members to their ends."""
+        try:
+            with DeferredInterrupt() as interrupt, Progress(len(self.members), "member", shown=progress) as bar:
+                self._march(threads, interrupt, bar)
+        except BaseException as error:  # raised by rhs, or after Ctrl-C
+            with DeferredInterrupt() as again:
+                error.solution = self.solution()  # type: ignore[attr-defined]
+                if isinstance(error, KeyboardInterrupt):
+                    again.forget()  # it is raised now
+            raise
+        return self.solution()
+
+    def _march(self, threads: int, interrupt: DeferredInterrupt, bar: Progress) -> None:
         stop = Event()
-        with DeferredInterrupt() as interrupt, ThreadPoolExecutor(threads) as pool:
-            futures = {pool.submit(work.run, stop) for work in self.work}
+        with ThreadPoolExecutor(threads) as pool:
+            running = {pool.submit(work.run, stop): len(work) for work in self.work}
             try:
-                while futures:
-                    done, futures = wait(futures, _POLL_SECONDS, FIRST_COMPLETED)
+                while running:
+                    done, _ = wait(running, _POLL_SECONDS, FIRST_COMPLETED)
                     for future in done:
+                        bar.add(running.pop(future))
                         future.result()
                     if interrupt.is_set():
-                        stop.set()
+                        return
             finally:
                 stop.set()
-                for future in futures:
+                for future in running:
                     future.cancel()
-        return self.solution()
 
     def solution(self) -> EnsembleSolution:
         members, histories = self.members, self.histories

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..callbacks import check_callback
+from ..checks import check_invariants
 from ..kernels.invariant import invariant_kernel
 from ..methods import Method
 from ..stepper import Stepper
@@ -101,6 +102,5 @@ class Watch:
 
 def watches_of(invariants: Mapping[str, Any] | None, stepper: Stepper, n_steps: int) -> list[Watch]:
     """Compile the invariants of a run of `n_steps` steps, and evaluate them at its start."""
-    if invariants is not None and not isinstance(invariants, Mapping):
-        raise TypeError("invariants must be a dictionary of names and jitted functions, such as {'energy': energy}.")
-    return [Watch(name, function, stepper, n_steps) for name, function in (invariants or {}).items()]
+    functions = check_invariants(invariants)
+    return [Watch(name, function, stepper, n_steps) for name, function in functions.items()]

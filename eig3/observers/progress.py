@@ -1,4 +1,4 @@
-"""The progress bar of a run, which needs tqdm."""
+"""The progress bar of a run or an ensemble, which needs tqdm."""
 
 from __future__ import annotations
 
@@ -17,15 +17,29 @@ def check_progress(progress: bool) -> None:
 
 
 class Progress:
-    """A progress bar that counts steps."""
+    """A progress bar. If it is not `shown`, it does nothing."""
 
-    def __init__(self, n_steps: int) -> None:
-        from tqdm.auto import tqdm
+    def __init__(self, total: int, unit: str, shown: bool = True) -> None:
+        self._bar: Any = None
+        if shown:
+            from tqdm.auto import tqdm
 
-        self._bar: Any = tqdm(total=n_steps, unit="step", unit_scale=True)
+            self._bar = tqdm(total=total, unit=unit, unit_scale=True)
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
     def see(self, chunk: Chunk) -> None:
-        self._bar.update(chunk.stepper.index - chunk.first)
+        """Count the steps of a chunk."""
+        self.add(chunk.stepper.index - chunk.first)
+
+    def add(self, count: int) -> None:
+        if self._bar is not None:
+            self._bar.update(count)
 
     def close(self) -> None:
-        self._bar.close()
+        if self._bar is not None:
+            self._bar.close()

@@ -26,7 +26,12 @@ class Written:
         self._last = stepper.index
         j = stepper.find_unwritten()
         if j is not None:
-            raise ValueError(
-                f"rhs does not write a[{j}] at t = {stepper.t - stepper.h:g}, so that a[{j}] keeps its value from an "
-                "earlier evaluation; write every a[j] in every evaluation."
-            )
+            raise unwritten_entry(j, stepper.t - stepper.h)
+
+
+def unwritten_entry(j: int, t: float) -> ValueError:
+    """Return the error for an entry of a that rhs does not write at the time t."""
+    return ValueError(
+        f"rhs does not write a[{j}] at t = {t:g}, so that a[{j}] keeps its value from an earlier evaluation; write every "
+        "a[j] in every evaluation."
+    )
