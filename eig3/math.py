@@ -30,13 +30,12 @@ _ROUND_BITS = 0x4338000000000000
 #: sin and cos are computed up to this argument.
 _LARGEST_ANGLE = 1e8
 
-# pi / 2 as a sum, after Cody and Waite. The first four parts have 27 bits, so that their products with integers up to
+# pi / 2 as a sum, after Cody and Waite. The first three parts have 27 bits, so that their products with integers up to
 # 2^26 are exact.
 _HALF_PI_1 = 1.570796325802803
 _HALF_PI_2 = 9.920935184482005e-10
 _HALF_PI_3 = 6.123233932053594e-17
-_HALF_PI_4 = 6.368317116855041e-25
-_HALF_PI_5 = 4.665590917179985e-33
+_HALF_PI_4 = 6.36831716351095e-25
 
 # fdlibm's coefficients: k_sin.c and k_cos.c
 _SIN_3 = -1.66666666666666324348e-01
@@ -98,9 +97,7 @@ def _number(context: Any, x: Any) -> Any:
 @intrinsic
 def _bits(context: Any, x: Any) -> Any:
     """The bits of a float as an integer."""
-    return types.int64(types.float64), lambda target, builder, signature, args: builder.bitcast(
-        args[0], ir.IntType(64)
-    )
+    return types.int64(types.float64), lambda target, builder, signature, args: builder.bitcast(args[0], ir.IntType(64))
 
 
 @intrinsic
@@ -123,45 +120,46 @@ def sincos(x: float) -> tuple[float, float]:
     Returns
     -------
     sine, cosine : float
-        With errors below 1 ulp. Both are NaN for other angles. The sine of -0.0 may be 0.0.
+        Each with an error below 2 ulp. Both are NaN for other angles. The sine of -0.0 may be 0.0.
 
     Notes
     -----
-    The reduction by multiples of pi / 2 is Cody and Waite's with five parts. It gives a rounded angle and the rest, so
-    that the error bound also holds beside the zeros. The polynomials are those of fdlibm.
+    Multiples of pi / 2 are subtracted as by Cody and Waite, in four parts, so that the error bound also holds beside
+    the zeros. Beyond 1e8 the differences would not be exact. The polynomials are those of fdlibm.
     """
     x = _number(x)
+    known = x if abs(x) <= _LARGEST_ANGLE else math.nan
     shifted = x * (2 / math.pi) + _ROUND
     n = shifted - _ROUND
-    # Each difference is exact, or the next line but one recovers its error.
-    near = (x - n * _HALF_PI_1) - n * _HALF_PI_2
-    nearer = near - n * _HALF_PI_3
-    y = nearer - n * _HALF_PI_4
-    rest = (((near - nearer) - n * _HALF_PI_3) + ((nearer - y) - n * _HALF_PI_4)) - n * _HALF_PI_5
+    near = (known - n * _HALF_PI_1) - n * _HALF_PI_2  # exact
+    small = n * _HALF_PI_3 + n * _HALF_PI_4
+    rest = (n * _HALF_PI_3 - small) + n * _HALF_PI_4  # the rounding error of small, which counts beside a zero
+    y = (near - small) - rest
 
     z = y * y
     w = z * z
-    half = 0.5 * z
-    parabola = 1.0 - half
     high_sine = (_SIN_7 + z * _SIN_9) + w * (_SIN_11 + z * _SIN_13)
-    sine = y + (z * y * ((_SIN_3 + z * _SIN_5) + w * high_sine) + rest * parabola)
+    sine = y + z * y * ((_SIN_3 + z * _SIN_5) + w * high_sine)
     high_cosine = (_COS_8 + z * _COS_10) + w * (_COS_12 + z * _COS_14)
-    cosine = parabola + (((1.0 - parabola) - half) + (w * ((_COS_4 + z * _COS_6) + w * high_cosine) - y * rest))
+    cosine = 1.0 - (0.5 * z - w * ((_COS_4 + z * _COS_6) + w * high_cosine))
 
     quadrant = _bits(shifted)
-    is_odd = (quadrant & 1) != 0
-    s, c = (cosine, sine) if is_odd else (sine, cosine)
-    s = -s if (quadrant & 2) != 0 else s
-    c = -c if ((quadrant + 1) & 2) != 0 else c
-    is_known = abs(x) <= _LARGEST_ANGLE
-    return (s if is_known else math.nan), (c if is_known else math.nan)
+    if quadrant & 1:
+        sine, cosine = cosine, sine
+    return _negated_if(quadrant & 2, sine), _negated_if((quadrant + 1) & 2, cosine)
+
+
+@_function
+def _negated_if(bit_1: int, x: float) -> float:
+    """-x if bit 1 of an integer without others is set, else x."""
+    return _from_bits(_bits(x) ^ (bit_1 << 62))
 
 
 @_function
 def sin(x: float) -> float:
     """Compute the sine of an angle in rad; see `sincos`, which is faster where both are needed.
 
-    The error is below 1 ulp for abs(x) <= 1e8; the result for other x is NaN.
+    The error is below 2 ulp for abs(x) <= 1e8; the result for other x is NaN.
     """
     return sincos(x)[0]
 
@@ -170,7 +168,7 @@ def sin(x: float) -> float:
 def cos(x: float) -> float:
     """Compute the cosine of an angle in rad; see `sincos`, which is faster where both are needed.
 
-    The error is below 1 ulp for abs(x) <= 1e8; the result for other x is NaN.
+    The error is below 2 ulp for abs(x) <= 1e8; the result for other x is NaN.
     """
     return sincos(x)[1]
 
@@ -226,32 +224,33 @@ def tanh(x: float) -> float:
 
     Notes
     -----
-    tanh(x) is E / (E + 2) with E = e^(2 x) - 1. E and the divisor are sums of a rounded number and the rest. The
-    quotient is computed to 26 bits first, so that its products with the halves of the divisor are exact; the remainder
-    then corrects it.
+    With E = e^(2 abs(x)) - 1, the size of tanh(x) is E / (E + 2) for small x, and 1 - 2 / (E + 2) for others. Both
+    parts of the fraction are sums of a rounded number and the rest. The quotient is computed to 26 bits first, so that
+    its products with the halves of the divisor are exact. The remainder then corrects it.
     """
     x = _number(x)
     size = abs(x)
     k, r, q = _growth(2.0 * (_TANH_IS_1 if size > _TANH_IS_1 else size))
     power = _power_of_2(k)
     growth = r + q
-    rest = power * ((r - growth) + q)
+    rest = (r - growth) + q
+    is_small = power == 1.0
+    limit = 0.0 if is_small else 1.0
+    above, above_rest = (growth, rest) if is_small else (-2.0, 0.0)
     growth *= power
-    E = (power - 1.0) + growth
-    E_rest = (((power - 1.0) - E) + growth) + rest
-    divisor = (power + 1.0) + growth
-    divisor_rest = (((power + 1.0) - divisor) + growth) + rest
+    below = (power + 1.0) + growth
+    below_rest = (((power + 1.0) - below) + growth) + power * rest
 
-    inverse = 1.0 / divisor
-    quotient = _rounded(E * inverse)
-    high = _rounded(divisor)
-    remainder = ((E - quotient * high) - quotient * (divisor - high)) + (E_rest - quotient * divisor_rest)
-    result = quotient + remainder * inverse
+    inverse = 1.0 / below
+    quotient = _shortened(above * inverse)
+    high = _shortened(below)
+    remainder = ((above - quotient * high) - quotient * (below - high)) + (above_rest - quotient * below_rest)
+    result = (limit + quotient) + remainder * inverse
     return _from_bits(_bits(result) | (_bits(x) & _SIGN_BIT))
 
 
 @_function
-def _rounded(x: float) -> float:
+def _shortened(x: float) -> float:
     """x rounded towards 0 to 26 bits."""
     return _from_bits(_bits(x) & ~_LOW_27_BITS)
 
@@ -271,7 +270,8 @@ def log(x: float) -> float:
     is_subnormal = x < _SMALLEST_NORMAL
     bits = _bits(x * 2.0**54 if is_subnormal else x)
     biased = bits - _SQRT_HALF_BITS + (1023 << 52)
-    k = (_from_bits(((biased >> 52) & _EXPONENT_MASK) | _TWO_52_BITS) - (2.0**52 + 1023)) - (54.0 if is_subnormal else 0.0)
+    shifted = _from_bits(((biased >> 52) & _EXPONENT_MASK) | _TWO_52_BITS)  # 2^52 + 1023 + the exponent
+    k = (shifted - (2.0**52 + 1023)) - (54.0 if is_subnormal else 0.0)
     f = _from_bits((biased & _FRACTION_BITS) + _SQRT_HALF_BITS) - 1.0
     s = f / (2.0 + f)
     z = s * s
