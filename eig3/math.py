@@ -245,7 +245,8 @@ def tanh(x: float) -> float:
     quotient = _shortened(above * inverse)
     high = _shortened(below)
     remainder = ((above - quotient * high) - quotient * (below - high)) + (above_rest - quotient * below_rest)
-    result = (limit + quotient) + remainder * inverse
+    result = limit + quotient
+    result += ((limit - result) + quotient) + remainder * inverse
     return _from_bits(_bits(result) | (_bits(x) & _SIGN_BIT))
 
 
