@@ -134,9 +134,10 @@ def sincos(x: float) -> tuple[float, float]:
     near = (known - n * _HALF_PI_1) - n * _HALF_PI_2  # exact
     small = n * _HALF_PI_3 + n * _HALF_PI_4
     rest = (n * _HALF_PI_3 - small) + n * _HALF_PI_4  # the rounding error of small, which counts beside a zero
-    y = (near - small) - rest
+    rough = near - small
+    y = rough - rest
 
-    z = y * y
+    z = rough * rough  # ready before the square of y, and small beside a zero
     w = z * z
     high_sine = (_SIN_7 + z * _SIN_9) + w * (_SIN_11 + z * _SIN_13)
     sine = y + z * y * ((_SIN_3 + z * _SIN_5) + w * high_sine)
