@@ -13,6 +13,7 @@ otherwise its loops are already prepared for any n.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -171,7 +172,8 @@ def compile_invariant(function: Callable, layout: Layout) -> Lanes:
 def _compile(template: Callable, function: Callable, layout: Layout, arguments: tuple) -> Lanes:
     inlined = numba.njit(inline="always", **KERNEL_OPTIONS)(function)
     function = bound(template, {**layout.names(), "FUNCTION": inlined})
-    with wide_vectors():
+    with warnings.catch_warnings(), wide_vectors():
+        warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
         result = compiled(numba.njit(**KERNEL_OPTIONS)(function), arguments)
     address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
     return Lanes(result.entry_point, address, _obstacle(result.library.get_llvm_str()), result)
