@@ -23,7 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=FROM:TO:COUNT",
-        help="sweep a parameter; :log at the end spaces the values logarithmically; without :COUNT if --random is given",
+        help="sweep a parameter; :log at the end spaces the values logarithmically; leave :COUNT out with --random",
     )
     parser.add_argument(
         "--fix", dest="fixed", action="append", default=[], metavar="NAME=VALUE", help="another value of a parameter"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import re
 from collections.abc import Callable, Mapping
@@ -11,6 +12,7 @@ import numpy as np
 
 from ..problem import Problem
 
+_KEPT = 64  # problems that are kept for other members that differ only in their start
 _START = re.compile(r"([uv]0)(?:\[(\d+)\])?")
 _ATOM = r"(?:kg|rad|m|s|N|J)(?:\^(?:\d+|\(\d+/\d+\)))?"
 _PRODUCT = rf"{_ATOM}(?: {_ATOM})*"
@@ -39,6 +41,7 @@ class Parameters:
         self._options: dict[str, Any] = {} if t_end is None else {"t_end": t_end}
         if work and "work" in arguments:
             self._options["work"] = True
+        self._built = functools.lru_cache(maxsize=_KEPT)(lambda given: build(**dict(given), **self._options))
 
     def check(self, name: str) -> None:
         """Raise a ValueError if there is no such parameter."""
@@ -67,7 +70,7 @@ class Parameters:
     def problem(self, values: Mapping[str, float]) -> Problem:
         """Return the problem for some values of its parameters."""
         given = {name: self.kinds[name](value) for name, value in values.items() if name in self.kinds}
-        problem = self.build(**given, **self._options)
+        problem = self._built(tuple(given.items()))
         rest = {name: value for name, value in values.items() if name not in self.kinds}
         if not rest:
             return problem

@@ -13,7 +13,8 @@ from .study import Study
 _CURVES = 5  # up to this number of values of an axis, there is a curve for each; with more, there is a map
 _FEW = 60  # a curve through fewer members than this also has a dot at each
 _BINS = 40
-_QUANTILES = (0.05, 0.5, 0.95)
+_QUANTILES = {"5 %": (0.05, "--"), "median": (0.5, "-"), "95 %": (0.95, "--")}  # their lines in a histogram
+_MANY = 1000  # with more members than this, the dots are small
 _SCATTERED = 20_000  # largest number of members that are drawn as dots
 
 
@@ -62,7 +63,8 @@ def _curves(figure: Any, study: Study) -> None:
         y = np.moveaxis(study.values[str(measure)].reshape(study.shape), along, -1).reshape(x.shape)
         for row in range(len(x)):
             label = f"{others[0]} = {np.moveaxis(grids[others[0]], along, -1)[row, 0]:.6g}" if others else None
-            axes.plot(x[row], y[row], linewidth=1, marker="." if x.shape[1] < _FEW else "", label=label)
+            style = "--" if row % 2 else "-"  # a curve may lie on another one
+            axes.plot(x[row], y[row], style, linewidth=1.2, marker="." if x.shape[1] < _FEW else "", label=label)
         missing = ~np.isfinite(y)
         if missing.any():
             edge = axes.get_xaxis_transform()
@@ -106,10 +108,9 @@ def _samples(figure: Any, study: Study) -> None:
         values = study.values[str(measure)]
         _histogram(row[0], values[np.isfinite(values)], measure, study)
         for axes, axis in zip(row[1:], study.axes, strict=True):
-            size = 3.0 if len(study) < 2000 else 1.0
-            axes.plot(
-                study.columns[axis.name][:_SCATTERED], values[:_SCATTERED], ".", markersize=size, alpha=0.6, mew=0
-            )
+            size = 4.0 if len(study) < _MANY else 2.0
+            x, y = study.columns[axis.name][:_SCATTERED], values[:_SCATTERED]
+            axes.plot(x, y, ".", markersize=size, alpha=0.6, mew=0)
             axes.set(xlabel=_label(study, axis.name), xscale=_scale(study, axis.name))
             axes.grid(alpha=0.35)
 
@@ -119,9 +120,8 @@ def _histogram(axes: Any, values: np.ndarray, measure: Measure, study: Study) ->
     if not values.size:
         return
     axes.hist(values, bins=_BINS, orientation="horizontal", color="C0", alpha=0.7)
-    for quantile, value in zip(_QUANTILES, np.quantile(values, _QUANTILES), strict=True):
-        name = "median" if quantile == 0.5 else f"{100 * quantile:g} %"
-        axes.axhline(value, color="C3", linewidth=0.8)
-        axes.annotate(
-            f"{name}: {value:.4g}", (1, value), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8
-        )
+    quantiles = np.quantile(values, [share for share, _ in _QUANTILES.values()])
+    for value, (_, style) in zip(quantiles, _QUANTILES.values(), strict=True):
+        axes.axhline(value, color="C3", linewidth=1, linestyle=style)
+    numbers = ", ".join(f"{value:.3g}" for value in quantiles)
+    axes.set_title(f"{', '.join(_QUANTILES)}:\n{numbers}", fontsize="small")

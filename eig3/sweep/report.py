@@ -34,21 +34,19 @@ def save(study: Study, out: Path, write: Callable[[str], None]) -> None:
 
 
 def _settings(study: Study) -> list[str]:
-    t0, t1 = study.span
+    t0, t1 = study.problem.t_span
     lines = [f"  {study.method!r}, h = {study.h:.6g} s, t = {t0:g} to {t1:g} s"]
     if study.after is not None:
         lines[0] += f", measured from {study.after:g} s on"
     for axis in study.axes:
-        unit = study.parameters.unit(axis.name, study.problem)
         spread = f"{axis.count} values" if study.seed is None else f"random, seed {study.seed}"
-        lines.append(
-            f"  {axis.name} = {axis.low:g} to {axis.high:g} {unit}".rstrip()
-            + f", {spread}{', logarithmic' if axis.is_log else ''}"
-        )
-    lines += [
-        f"  {name} = {value:g} {study.parameters.unit(name, study.problem)}" for name, value in study.fixed.items()
-    ]
-    return lines
+        spread += ", logarithmic" if axis.is_log else ""
+        lines.append(f"  {_with_unit(study, axis.name, f'{axis.low:g} to {axis.high:g}')}, {spread}")
+    return lines + [f"  {_with_unit(study, name, f'{value:g}')}" for name, value in study.fixed.items()]
+
+
+def _with_unit(study: Study, name: str, value: str) -> str:
+    return f"{name} = {value} {study.parameters.unit(name, study.problem)}".rstrip()
 
 
 def _cost(study: Study) -> list[str]:
@@ -58,8 +56,8 @@ def _cost(study: Study) -> list[str]:
     pace = 1e9 * study.kernels / max(1, study.n_steps)
     return [
         f"  {len(study)} members: {ended}{missing}",
-        f"  {study.building:.3g} s to build the problems, {study.running:.3g} s to run them, of which {study.kernels:.3g} "
-        f"s in the kernels, summed over the threads ({pace:.3g} ns a step and member)",
+        f"  {study.building:.3g} s to build the problems, {study.running:.3g} s to compile and run them",
+        f"  {study.kernels:.3g} s in the kernels, summed over the threads ({pace:.3g} ns a step and member)",
     ]
 
 

@@ -32,7 +32,7 @@ class Study:
     Attributes
     ----------
     problem : Problem
-        The problem of the first member.
+        The problem of a member, for its name, units and span.
     parameters : Parameters
     axes : list of Axis
     columns : dict of str to ndarray, shape (m,)
@@ -45,7 +45,6 @@ class Study:
     status : ndarray of Status, shape (m,)
     h : float
     method : Method
-    span : (float, float)
     after : float or None
         Time from which on the members are measured; the start if None.
     seed : int or None
@@ -65,7 +64,6 @@ class Study:
     measures: list[Measure]
     h: float
     method: Method
-    span: tuple[float, float]
     after: float | None
     seed: int | None
     values: dict[str, np.ndarray] = field(init=False)
@@ -144,21 +142,33 @@ class Study:
             parameters.check(name)
             if names.count(name) > 1:
                 raise ValueError(f"{name} is given twice: each parameter has one --set or one --fix.")
+        for name, value in fixed.items():
+            if not (math.isfinite(value) and (float(value).is_integer() or not parameters.is_whole(name))):
+                wanted = "a whole number" if parameters.is_whole(name) else "a finite number"
+                raise ValueError(f"--fix {name} must be {wanted}, not {value:g}.")
         if not axes or (random is None and len(axes) > 2):
             raise ValueError(f"give one or two parameters with --set, not {len(axes)}; --random takes any number.")
         columns = _columns(axes, parameters, random, seed)
         corners = list(_corners(parameters, columns, fixed))
         for problem, measure in itertools.product(corners, measures):
             measure.function(problem)
-        problem, record = corners[0], check_method(method)
-        t0, t1 = span = problem.t_span
+        record = check_method(method)
+        t0, t1 = corners[0].t_span[0], min(corner.t_span[1] for corner in corners)
         if after is not None and not t0 < check_time(after, "after") < t1:
             raise ValueError(f"--after must be a time between {t0:g} and {t1:g}, the span of the run, not {after:g}.")
         if h is None:
             h = min(first_step(corner, record, corner.t_span[1] - corner.t_span[0]) for corner in corners)
-        sampled = None if random is None else seed
         return cls(
-            problem, parameters, list(axes), columns, fixed, list(measures), check_h(h), record, span, after, sampled
+            corners[0],
+            parameters,
+            list(axes),
+            columns,
+            fixed,
+            list(measures),
+            check_h(h),
+            record,
+            after,
+            seed=None if random is None else seed,
         )
 
     def run(self, progress: bool = False) -> None:
@@ -189,8 +199,8 @@ class Study:
         u0, v0, params = (np.array([getattr(p, name) for p in problems]) for name in ("u0", "v0", "params"))
         if self.after is not None:
             start = self._ensemble(problem, u0, v0, params, t_end=self.after)
-            self.status[members] = start.status
             alive = start.success
+            self.status[members[~alive]] = start.status[~alive]
             if not alive.any():
                 return
             problem, members = problem.with_(t_span=(self.after, problem.t_span[1])), members[alive]
