@@ -55,9 +55,7 @@ class Axis:
             raise wrong from None
         name, is_log = match[1], bool(match[5])
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ValueError(
-                f"--set {name} must go from a finite number to a larger one, not from {low:g} to {high:g}."
-            )
+            raise ValueError(f"--set {name} must go from a number to a larger one, not from {low:g} to {high:g}.")
         if is_log and low <= 0:
             raise ValueError(f"--set {name} must start above 0 for logarithmic spacing, not at {low:g}.")
         count = None if random else int(match[4])

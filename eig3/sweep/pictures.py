@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from .study import Study
 
 _CURVES = 5  # up to this number of values of an axis, there is a curve for each; with more, there is a map
 _FEW = 60  # a curve through fewer members than this also has a dot at each
-_BINS = 40
+_MOST_BINS = 40
 _QUANTILES = {"5 %": (0.05, "--"), "median": (0.5, "-"), "95 %": (0.95, "--")}  # their lines in a histogram
 _MANY = 1000  # with more members than this, the dots are small
 _SCATTERED = 20_000  # largest number of members that are drawn as dots
@@ -108,7 +109,7 @@ def _samples(figure: Any, study: Study) -> None:
         values = study.values[str(measure)]
         _histogram(row[0], values[np.isfinite(values)], measure, study)
         for axes, axis in zip(row[1:], study.axes, strict=True):
-            size = 4.0 if len(study) < _MANY else 2.0
+            size = 5.0 if len(study) < _MANY else 2.0
             x, y = study.columns[axis.name][:_SCATTERED], values[:_SCATTERED]
             axes.plot(x, y, ".", markersize=size, alpha=0.6, mew=0)
             axes.set(xlabel=_label(study, axis.name), xscale=_scale(study, axis.name))
@@ -119,7 +120,8 @@ def _histogram(axes: Any, values: np.ndarray, measure: Measure, study: Study) ->
     axes.set(xlabel="members", ylabel=measure.label(study.problem))
     if not values.size:
         return
-    axes.hist(values, bins=_BINS, orientation="horizontal", color="C0", alpha=0.7)
+    bins = min(_MOST_BINS, math.ceil(values.size**0.5))
+    axes.hist(values, bins=bins, orientation="horizontal", color="C0", alpha=0.7)
     quantiles = np.quantile(values, [share for share, _ in _QUANTILES.values()])
     for value, (_, style) in zip(quantiles, _QUANTILES.values(), strict=True):
         axes.axhline(value, color="C3", linewidth=1, linestyle=style)
