@@ -122,6 +122,7 @@ def _histogram(axes: Any, values: np.ndarray, measure: Measure, study: Study) ->
         return
     bins = min(_MOST_BINS, math.ceil(values.size**0.5))
     axes.hist(values, bins=bins, orientation="horizontal", color="C0", alpha=0.7)
+    axes.locator_params(axis="x", nbins=4)  # numbers of members are long
     quantiles = np.quantile(values, [share for share, _ in _QUANTILES.values()])
     for value, (_, style) in zip(quantiles, _QUANTILES.values(), strict=True):
         axes.axhline(value, color="C3", linewidth=1, linestyle=style)
