@@ -76,14 +76,14 @@ class Axis:
                 f"--set {self.name} takes whole numbers, but {self.count} values from {self.low:g} to {self.high:g} "
                 f"contain {values[far][0]:g}."
             )
-        return rounded
+        return rounded.astype(np.int64)
 
     def sample(self, rng: np.random.Generator, count: int, *, whole: bool) -> np.ndarray:
         """Return random values with a uniform distribution; with `whole`, each whole number is equally likely."""
         if whole:
             if self.is_log or not (self.low.is_integer() and self.high.is_integer()):
                 raise ValueError(f"--set {self.name} takes whole numbers: give whole FROM and TO, without log.")
-            return rng.integers(int(self.low), int(self.high) + 1, count).astype(np.float64)
+            return rng.integers(int(self.low), int(self.high) + 1, count)
         if self.is_log:
             return np.exp(rng.uniform(math.log(self.low), math.log(self.high), count))
         return rng.uniform(self.low, self.high, count)
