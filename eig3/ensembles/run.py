@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, wait
+from functools import partial
 from threading import Event
 from typing import Any
 
@@ -13,18 +14,18 @@ from numpy.typing import ArrayLike
 
 from ..callbacks import check_callback, gist
 from ..checks import check_count, check_invariants, check_method
-from ..integration import integrate
 from ..kernels.fixed import wide_kernel
 from ..kernels.interrupt import DeferredInterrupt
 from ..methods import Method
 from ..observers.progress import Progress, check_progress
-from ..solution import Solution
-from ..stepper import Cancel, Stepper
-from .alone import Alone
+from ..stepper import Stepper
+from .alone import Alone, alone
 from .block import Block, Shared
 from .histories import Histories
 from .lanewise import lanes_of, layout_of
 from .members import Members, check_members
+from .parts import Joined, Listed, Recipe, Results, parts_of
+from .shipping import check_executor, check_reduce, march_parts
 from .solution import EnsembleSolution
 
 _ALONE = 16  # members of a piece of work that runs them one at a time
@@ -113,11 +114,50 @@ def ensemble(
     If rhs raises an exception, `ensemble` raises it too, and its attribute `solution` has the members up to then.
     """
     check_progress(progress)
+    check_executor(executor)
+    check_reduce(reduce)
     members = check_members(rhs, t_span, u0, v0, params, h)
     every = save_every if save_every is None else check_count(save_every, "save_every")
     cores = _cores() if threads is None else check_count(threads, "threads")
-    run = Run(rhs, members, check_method(method), every, check_invariants(invariants))
-    return run.march(cores, progress)
+    given = rhs, members, check_method(method), every, check_invariants(invariants)
+    if executor is None and reduce is None:
+        return Run(*given).march(cores, progress)
+    return _in_parts(*given, reduce, executor, (cores, threads or 1), progress)
+
+
+def _in_parts(
+    rhs: Any,
+    members: Members,
+    method: Method,
+    save_every: int | None,
+    invariants: Mapping[str, Any],
+    reduce: Callable[[EnsembleSolution], Any] | None,
+    executor: Executor | None,
+    threads: tuple[int, int],
+    progress: bool,
+) -> Any:
+    """Run an ensemble in parts; `threads` are the numbers of threads of a part in this process, and on a worker."""
+    parts = parts_of(members, save_every)
+    results: Results
+    if reduce is None:
+        histories = Histories(members, save_every, list(invariants))
+        results = Joined(histories, method, partial(alone, rhs, members, method))
+    else:
+        results = Listed(len(parts))
+    recipe = Recipe(partial(_march, rhs, method, save_every, invariants), reduce)
+    return march_parts(parts, recipe, results, executor, threads, progress)
+
+
+def _march(
+    rhs: Any,
+    method: Method,
+    save_every: int | None,
+    invariants: Mapping[str, Any],
+    members: Members,
+    first: int,
+    threads: int,
+) -> EnsembleSolution:
+    return Run(rhs, members, method, save_every, invariants, first).march(threads)
 
 
 def _cores() -> int:
@@ -141,6 +181,7 @@ class Run:
         self.save_every, self.invariants = save_every, invariants
         self.histories = Histories(members, save_every, list(invariants))
         self.notes: list[str] = []
+        self._alone = partial(alone, rhs, members, method)
         self.work = self._work(self._checked())
 
     def _checked(self) -> Stepper:
@@ -163,18 +204,6 @@ class Run:
             self.rhs, **members.start(i), h=float(members.steps[i]), t0=members.t_span[0], method=self.method
         )
 
-    def _alone(self, i: int, cancel: Cancel | None = None, **options: Any) -> Solution:
-        members = self.members
-        return integrate(
-            self.rhs,
-            members.t_span,
-            **members.start(i),
-            h=float(members.steps[i]),
-            method=self.method,
-            cancel=cancel,
-            **options,
-        )
-
     def _work(self, stepper: Stepper) -> list[Block | Alone]:
         order = np.argsort(self.members.n_steps, kind="stable")  # the members of a block end at similar times
         shared = self._shared(stepper)
@@ -183,10 +212,8 @@ class Run:
             return [Block(shared, order[i : i + lanes]) for i in range(0, len(order), lanes)]
         options = {"save_every": self.save_every, "invariants": self.invariants}
 
-        def alone(i: int, cancel: Cancel) -> Solution:
-            return self._alone(i, cancel, **options)
-
-        return [Alone(order[i : i + _ALONE], self.histories, alone) for i in range(0, len(order), _ALONE)]
+        integrate = partial(self._alone, **options)
+        return [Alone(order[i : i + _ALONE], self.histories, integrate) for i in range(0, len(order), _ALONE)]
 
     def _shared(self, stepper: Stepper) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
@@ -240,24 +267,6 @@ class Run:
                     future.cancel()
 
     def solution(self) -> EnsembleSolution:
-        members, histories = self.members, self.histories
-        return EnsembleSolution(
-            t=histories.t,
-            u=histories.shaped(histories.u),
-            v=histories.shaped(histories.v),
-            h=members.steps,
-            n_steps=histories.n_steps,
-            n_rhs=histories.n_rhs,
-            n_iterations=histories.n_iterations,
-            status=histories.status,
-            message=histories.message,
-            params=members.params,
-            method=self.method,
-            drift=histories.drift,
-            extremes=histories.extremes,
-            first=self.first,
-            kernel_seconds=sum(work.seconds for work in self.work),
-            notes=tuple(self.notes),
-            _last=histories.last,
-            _repeat=self._alone,
-        )
+        """Return the results up to now."""
+        seconds = sum(work.seconds for work in self.work)
+        return self.histories.solution(self.method, self.first, seconds, self.notes, self._alone)

@@ -119,10 +119,16 @@ class EnsembleSolution:
         repeat = self._repeat
         if repeat is None or self.status[i] is not Status.DIVERGED:
             return None
-        return lambda: repeat(self.first + i).explain()
+        return lambda: repeat(i).explain()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_repeat": None}  # it refers to compiled code
+        # `_repeat` refers to compiled code. Members with the same times need them only once.
+        return {**vars(self), "_repeat": None, "t": self.t if self.t.strides[0] else self.t[:1]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if len(self.t) < len(self):
+            self.t = np.broadcast_to(self.t, self.u.shape[:2])
 
     def __repr__(self) -> str:
         n = 1 if self.u.ndim == 2 else self.u.shape[2]
