@@ -210,12 +210,6 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(client, monkeypatch
     assert min(before) not in client.run(os.getpid).values()
 
 
-def kill_worker(part):
-    if part.first == 256 and multiprocessing.parent_process() is not None:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return part.u[:, -1]
-
-
 def test_if_a_pool_breaks_the_rest_runs_here(monkeypatch):
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         after_parts(monkeypatch, 2, lambda: os.kill(next(iter(pool._processes)), signal.SIGKILL))
@@ -225,8 +219,7 @@ def test_if_a_pool_breaks_the_rest_runs_here(monkeypatch):
         solution.notes = ()
         assert_same(solution, free(**SLOW))
         with pytest.warns(RuntimeWarning, match="The executor broke, and 8 of 8 parts ran in this process"):
-            ends = free(executor=pool, reduce=kill_worker)  # the pool is still broken
-    np.testing.assert_array_equal(np.concatenate(ends), free().u[:, -1])
+            assert free(executor=pool, reduce=len) == free(reduce=len)  # the pool is still broken
 
 
 class Lossy(ThreadPoolExecutor):

@@ -17,7 +17,7 @@ from ..methods import shown
 from ..observers.progress import Progress
 from .parts import Part, Recipe, Results
 
-_IN_FLIGHT = 256  # parts with the executor; the members of the others do not occupy its memory
+_IN_FLIGHT = 128  # parts with the executor; the members of the others do not occupy its memory
 _TRIES = 3  # of a part whose worker dies
 _POLL_SECONDS = 0.05  # between two looks for Ctrl-C
 
