@@ -44,6 +44,7 @@ __all__ = [
     "ensemble",
     "integrate",
     "jit",
+    "math",
     "plan",
     "problems",
     "scene",
@@ -53,6 +54,6 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # These modules are imported on first access, so that `import eig3` stays fast.
-    if name in ("effects", "problems", "scene", "stability"):
+    if name in ("effects", "math", "problems", "scene", "stability"):
         return importlib.import_module(f"eig3.{name}")
     raise AttributeError(f"module 'eig3' has no attribute {name!r}")

@@ -173,9 +173,14 @@ class Formulas:
         return (0 * u,) * self.past
 
     @property
+    def own_rows(self) -> int:
+        """Number of rows of the vector form: u, v, the past, and scratch."""
+        return self.defined.ROWS
+
+    @property
     def rows(self) -> int:
-        """Number of rows of the vector form: u, v, the past, scratch, and the rows of the starter."""
-        return self.defined.ROWS + (self.starter.rows if self.starter else 0)
+        """Number of these rows and of those of the starter, which only the first steps use."""
+        return self.own_rows + (self.starter.rows if self.starter else 0)
 
     def state_rows(self, n: int) -> int:
         """Return the number of rows of the state for n degrees of freedom, including the matrix."""
@@ -191,7 +196,7 @@ class Formulas:
             "STEP": getattr(defined, f"step_{form.name}"),
             "VALUES": 2 + self.past,
             "ROWS": self.rows,
-            "OWN_ROWS": defined.ROWS,
+            "OWN_ROWS": self.own_rows,
             "START_STEPS": self.start_steps,
             "COST": cost,
             "START_COST": cost,

@@ -13,6 +13,7 @@ otherwise its loops are already prepared for any n.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -55,21 +56,23 @@ def vector(t, u, v, p, a):
 
 
 def scalar_own_step(t, u, v, p, a):
+    h, t0 = STEPS(p, 0), BEGINS(p, 0)
     for lane in range(a.size):
-        step = OWN_STEP(p, lane)
-        h, t0 = step[0], step[1]
-        a[lane] = h * h * FUNCTION(t0 + t * h, u[lane], v[lane] / h, PARAMS(p, lane))
+        a[lane] = h[lane] * h[lane] * FUNCTION(t0[lane] + t * h[lane], u[lane], v[lane] / h[lane], PARAMS(p, lane))
 
 
 def vector_own_step(t, u, v, p, a):
-    for lane in range(a.size // N):
-        step, velocity, scaled, acceleration = OWN_STEP(p, lane), VELOCITY(p, lane), GIVEN(v, lane), WRITTEN(a, lane)
-        h, t0 = step[0], step[1]
-        for j in range(N):
-            velocity[j] = scaled[j] / h
-        FUNCTION(t0 + t * h, GIVEN(u, lane), velocity, PARAMS(p, lane), acceleration)
-        for j in range(N):
-            acceleration[j] *= h * h
+    h, t0, velocities, lanes = STEPS(p, 0), BEGINS(p, 0), VELOCITIES(p, 0), a.size // N
+    # In a loop of their own: LLVM does not vectorise a loop that writes to the array in which it reads p.
+    for j in range(N):
+        for lane in range(lanes):
+            velocities[j * lanes + lane] = v[j * lanes + lane] / h[lane]
+    for lane in range(lanes):
+        time = t0[lane] + t * h[lane]
+        FUNCTION(time, GIVEN(u, lane), GIVEN(velocities, lane), PARAMS(p, lane), WRITTEN(a, lane))
+    for j in range(N):
+        for lane in range(lanes):
+            a[j * lanes + lane] *= h[lane] * h[lane]
 
 
 def extent(first, h, t0, p, u_rows, v_rows, low, high):
@@ -129,8 +132,9 @@ class Layout:
             "WRITTEN": _view(n, lanes),
             "STATE": _value if self.form is SCALAR else given,
             "PARAMS": _shared(self.k) if self.shares_params else _view(self.k, lanes, readonly=True),
-            "OWN_STEP": _view(OWN_STEP_ROWS, lanes, own, readonly=True),
-            "VELOCITY": _view(n, lanes, own + OWN_STEP_ROWS * lanes),
+            "STEPS": _shared(lanes, own),
+            "BEGINS": _shared(lanes, own + lanes),
+            "VELOCITIES": _shared(n * lanes, own + OWN_STEP_ROWS * lanes, readonly=False),
         }
 
 
@@ -171,7 +175,8 @@ def compile_invariant(function: Callable, layout: Layout) -> Lanes:
 def _compile(template: Callable, function: Callable, layout: Layout, arguments: tuple) -> Lanes:
     inlined = numba.njit(inline="always", **KERNEL_OPTIONS)(function)
     function = bound(template, {**layout.names(), "FUNCTION": inlined})
-    with wide_vectors():
+    with warnings.catch_warnings(), wide_vectors():
+        warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
         result = compiled(numba.njit(**KERNEL_OPTIONS)(function), arguments)
     address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
     return Lanes(result.entry_point, address, _obstacle(result.library.get_llvm_str()), result)
@@ -179,7 +184,8 @@ def _compile(template: Callable, function: Callable, layout: Layout, arguments: 
 
 def _obstacle(code: str) -> str:
     """Say why LLVM did not vectorise a loop over lanes, from its optimised code; empty if it did."""
-    is_vectorised = re.search(r"<\d+ x double>", code)
+    # Neighbouring lanes are stored together. A loop over the degrees of freedom would store to distant places.
+    is_vectorised = re.search(r"store <\d+ x double>", code)
     called = set((_OF_LIBM_IN_LANES if is_vectorised else _OF_LIBM).findall(code))
     if called:
         names = ", ".join(sorted(called))
@@ -194,9 +200,9 @@ def _view(count: int, stride: int, first: int = 0, readonly: bool = False) -> An
     return _array_view(numba.types.Array(float64, 1, "A", readonly=readonly), count, stride, first, 1)
 
 
-def _shared(count: int) -> Any:
-    """Return a compiled ``view(array, lane)``: the first `count` values of the array, for every lane."""
-    return _array_view(numba.types.Array(float64, 1, "C", readonly=True), count, 1, 0, 0)
+def _shared(count: int, first: int = 0, readonly: bool = True) -> Any:
+    """Return a compiled ``view(array, lane)``: `count` neighbouring values of the array, for every lane."""
+    return _array_view(numba.types.Array(float64, 1, "C", readonly=readonly), count, 1, first, 0)
 
 
 def _array_view(kind: Any, count: int, stride: int, first: int, of_lane: int) -> Any:

@@ -1,9 +1,8 @@
 """u'' + delta u' + a u + b u^3 = gamma cos(omega t): Duffing's oscillator; zero terms are not compiled."""
 
-import math
-
 from eig3 import drawing
 from eig3.callbacks import cached_jit
+from eig3.math import cos
 from eig3.problem import Problem
 
 
@@ -19,12 +18,12 @@ def damped(t, u, v, p):
 
 @cached_jit
 def forced(t, u, v, p):
-    return p[3] * math.cos(p[4] * t) - u * (p[0] + p[1] * u * u)
+    return p[3] * cos(p[4] * t) - u * (p[0] + p[1] * u * u)
 
 
 @cached_jit
 def damped_forced(t, u, v, p):
-    return p[3] * math.cos(p[4] * t) - u * (p[0] + p[1] * u * u) - p[2] * v
+    return p[3] * cos(p[4] * t) - u * (p[0] + p[1] * u * u) - p[2] * v
 
 
 @cached_jit

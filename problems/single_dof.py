@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.callbacks import cached_jit
+from eig3.math import cos
 from eig3.problem import Problem
 
 
@@ -23,12 +24,12 @@ def damped(t, u, v, p):
 
 @cached_jit
 def forced(t, u, v, p):
-    return p[2] * np.cos(p[3] * t) - p[0] * p[0] * u
+    return p[2] * cos(p[3] * t) - p[0] * p[0] * u
 
 
 @cached_jit
 def damped_forced(t, u, v, p):
-    return p[2] * np.cos(p[3] * t) - p[0] * (p[0] * u + 2 * p[1] * v)
+    return p[2] * cos(p[3] * t) - p[0] * (p[0] * u + 2 * p[1] * v)
 
 
 @cached_jit

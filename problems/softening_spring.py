@@ -4,12 +4,13 @@ import math
 
 from eig3 import drawing
 from eig3.callbacks import cached_jit
+from eig3.math import tanh
 from eig3.problem import Problem
 
 
 @cached_jit
 def rhs(t, u, v, p):
-    return -p[0] * math.tanh(u)
+    return -p[0] * tanh(u)
 
 
 @cached_jit

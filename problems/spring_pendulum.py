@@ -6,6 +6,7 @@ import numpy as np
 
 from eig3 import drawing
 from eig3.callbacks import cached_jit
+from eig3.math import cos, sincos
 from eig3.problem import Problem
 
 
@@ -13,8 +14,9 @@ from eig3.problem import Problem
 def rhs(t, u, v, p, a):
     m, l0, k, g = p[0], p[1], p[2], p[3]
     r, theta = u[0], u[1]
-    a[0] = r * v[1] * v[1] - k / m * (r - l0) + g * math.cos(theta)
-    a[1] = -(2 * v[0] * v[1] + g * math.sin(theta)) / r
+    sine, cosine = sincos(theta)
+    a[0] = r * v[1] * v[1] - k / m * (r - l0) + g * cosine
+    a[1] = -(2 * v[0] * v[1] + g * sine) / r
 
 
 @cached_jit
@@ -22,7 +24,7 @@ def energy(t, u, v, p):
     m, l0, k, g = p[0], p[1], p[2], p[3]
     r, theta = u[0], u[1]
     kinetic = m / 2 * (v[0] * v[0] + r * r * v[1] * v[1])
-    return kinetic + k / 2 * (r - l0) ** 2 - m * g * r * math.cos(theta)
+    return kinetic + k / 2 * (r - l0) ** 2 - m * g * r * cos(theta)
 
 
 def spring_pendulum(

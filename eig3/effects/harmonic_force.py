@@ -1,11 +1,11 @@
 """A harmonic force."""
 
-import math
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
 from ..kernels.jit import callable_element
+from ..math import cos
 from ..scene.effect import Body
 from .vector import scale
 
@@ -34,4 +34,4 @@ class HarmonicForce(Body):
     @staticmethod
     @callable_element
     def force(t, amplitude, omega, phase):
-        return scale(math.cos(omega * t + phase), amplitude)
+        return scale(cos(omega * t + phase), amplitude)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from numpy.typing import ArrayLike
 
 from ..kernels.jit import callable_element
+from ..math import tanh
 from ..scene.effect import Link
 
 
@@ -42,7 +43,7 @@ class SofteningSpring(Link):
     @staticmethod
     @callable_element
     def tension(r, S, width, length):
-        return S * width * math.tanh((r - length) / width)
+        return S * width * tanh((r - length) / width)
 
     @staticmethod
     @callable_element

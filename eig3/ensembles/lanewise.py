@@ -10,7 +10,7 @@ from ..kernels.lanes import Lanes, Layout, compile_invariant, compile_rhs
 from ..methods import Method
 from .members import Members
 
-_MOST_DEGREES = 24  # with more degrees of freedom, a member alone is as fast as in lanes
+MOST_DEGREES = 24  # with more degrees of freedom, a member alone is as fast as in lanes
 _CACHE = 2**15  # bytes of the first-level cache for the rows of a block
 _MOST_LANES, _LEAST_LANES = 128, 32
 
@@ -24,9 +24,9 @@ def layout_of(members: Members, method: Method) -> Layout | None:
     More lanes keep the vector units busy for longer in each loop, as long as the rows stay in the cache. The number
     does not depend on the number of members.
     """
-    if method.is_implicit or members.n > _MOST_DEGREES:
+    if method.is_implicit or members.n > MOST_DEGREES:
         return None
-    lanes, rows = _MOST_LANES, members.n * method.formulas.rows
+    lanes, rows = _MOST_LANES, members.n * method.formulas.own_rows
     while lanes > _LEAST_LANES and 8 * rows * lanes > _CACHE:
         lanes //= 2
     k = members.params.shape[-1]

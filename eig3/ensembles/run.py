@@ -229,7 +229,10 @@ class Run:
             rhs = lanes_of(self.rhs, check_callback(self.rhs, "rhs", form), "rhs", layout)
             invariants = {name: lanes_of(*both, "invariant", layout) for name, both in functions.items()}
         except Exception as error:
-            self.notes.append(f"The members run one at a time, because rhs does not compile for lanes: {gist(error)}.")
+            self.notes.append(
+                f"The members run one at a time, because a function does not compile for lanes: {gist(error)}; write "
+                "loops over single values, without array expressions and without functions of whole arrays."
+            )
             return None
         if rhs.obstacle:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")

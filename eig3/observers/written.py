@@ -32,6 +32,6 @@ class Written:
 def unwritten_entry(j: int, t: float) -> ValueError:
     """Return the error for an entry of a that rhs does not write at the time t."""
     return ValueError(
-        f"rhs does not write a[{j}] at t = {t:g}, so that a[{j}] keeps its value from an earlier evaluation; write every "
-        "a[j] in every evaluation."
+        f"rhs does not write a[{j}] at t = {t:g}, so that a[{j}] keeps its value from an earlier evaluation; write "
+        "every a[j] in every evaluation."
     )

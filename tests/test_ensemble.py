@@ -1,0 +1,526 @@
+"""Ensembles: each member is what a run alone gives, and no member sees the others."""
+
+import math
+import os
+import signal
+import threading
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import eig3
+from eig3.ensembles import lanewise, run
+from eig3.kernels.lanes import Layout, compile_rhs
+from eig3.kernels.protocol import SCALAR, VECTOR
+
+# Both sums are computed from the same formulas, but the compiler may fuse other multiply-adds for lanes: each step then
+# differs by some units in the last place, and the difference grows with the number of steps.
+ROUND_OFF = 1e-11
+
+
+@eig3.jit
+def duffing(t, u, v, p):
+    return p[3] * eig3.math.cos(p[4] * t) - u * (p[0] + p[1] * u * u) - p[2] * v
+
+
+@eig3.jit
+def spring(t, u, v, p):
+    return -p[0] * u
+
+
+@eig3.jit
+def springs(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -p[0] * u[j]
+
+
+@eig3.jit
+def spring_energy(t, u, v, p):
+    return (v * v + p[0] * u * u) / 2
+
+
+@eig3.jit
+def chain(t, u, v, p, a):
+    for j in range(u.size):
+        left = u[j - 1] if j > 0 else 0.0
+        right = u[j + 1] if j < u.size - 1 else 0.0
+        a[j] = p[0] * (left - 2 * u[j] + right) - p[1] * u[j] ** 3
+
+
+@eig3.jit
+def damped_chain(t, u, v, p, a):
+    for j in range(u.size):
+        left = u[j - 1] if j > 0 else 0.0
+        right = u[j + 1] if j < u.size - 1 else 0.0
+        a[j] = p[0] * (left - 2 * u[j] + right) - p[1] * u[j] ** 3 - 0.1 * v[j] + eig3.math.sin(t)
+
+
+@eig3.jit
+def chain_energy(t, u, v, p):
+    total = p[0] * u[-1] * u[-1] / 2
+    for j in range(u.size):
+        left = u[j - 1] if j > 0 else 0.0
+        total += v[j] * v[j] / 2 + p[0] * (u[j] - left) ** 2 / 2 + p[1] * u[j] ** 4 / 4
+    return total
+
+
+@eig3.jit
+def last_position(t, u, v, p):
+    return u[-1]
+
+
+def start(m, n=None, seed=0):
+    """Return displacements and velocities of m members."""
+    shape = m if n is None else (m, n)
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-0.5, 0.5, shape), rng.uniform(-0.5, 0.5, shape)
+
+
+def stiffness(m):
+    return np.linspace([10.0, 1.0], [20.0, 3.0], m)
+
+
+def drive(m):
+    return np.linspace([-1, 1, 0.3, 0.1, 1.0], [1, 1, 0.1, 0.5, 1.4], m)
+
+
+def assert_same(ensemble, other, chosen=slice(None)):
+    """All numbers of the members are equal to the last bit."""
+    for name in ("t", "u", "v", "n_steps", "n_rhs", "status", "message"):
+        np.testing.assert_array_equal(getattr(ensemble, name)[chosen], getattr(other, name), name)
+    for name, values in ensemble.drift.items():
+        np.testing.assert_array_equal(values[chosen], other.drift[name])
+        np.testing.assert_array_equal(ensemble.extremes[name][chosen], other.extremes[name])
+
+
+def assert_alone(member, alone, rtol=ROUND_OFF):
+    """A member is what a run alone gives, except for round-off."""
+    assert (member.n_steps, member.n_rhs, member.status) == (alone.n_steps, alone.n_rhs, alone.status)
+    np.testing.assert_array_equal(member.t, alone.t)
+    size = np.abs(alone.u).max() + np.abs(alone.v).max()
+    np.testing.assert_allclose(member.u, alone.u, rtol=0, atol=rtol * size)
+    np.testing.assert_allclose(member.v, alone.v, rtol=0, atol=rtol * size)
+
+
+METHODS = ["eig3", "ab2", "ab3", "rk2", "rk3", "rk4", "rk5", "rk8", "eig4", "eig9"]
+METHODS += [eig3.EIG3(alpha=1.2), eig3.CentralDifference(velocity="lagged")]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=repr)
+def test_members_are_runs_alone(method):
+    """Both forms, for a force that reads t, u, v and p, with saved states and invariants."""
+    options = {"h": 0.01, "method": method, "save_every": 7}
+    u0, v0 = start(9)
+    scalar = eig3.ensemble(duffing, (0, 3), u0, v0, params=drive(9), **options)
+    for i in (0, 8):
+        alone = eig3.integrate(duffing, (0, 3), u0[i], v0[i], params=drive(9)[i], **options)
+        assert_alone(scalar[i], alone)
+    u0, v0 = start(9, 3)
+    options["invariants"] = {"energy": chain_energy, "end": last_position}
+    vector = eig3.ensemble(damped_chain, (0, 3), u0, v0, params=stiffness(9), **options)
+    for i in (0, 8):
+        alone = eig3.integrate(damped_chain, (0, 3), u0[i], v0[i], params=stiffness(9)[i], **options)
+        assert_alone(vector[i], alone)
+        assert vector[i].drift == pytest.approx(alone.drift, rel=1e-9)
+        for name in alone.extremes:
+            assert vector[i].extremes[name] == pytest.approx(alone.extremes[name], rel=1e-9)
+    assert scalar.notes == vector.notes == ()
+    assert scalar.success.all()
+    assert vector.success.all()
+
+
+@pytest.mark.parametrize("method", ["bm6", "cd", "eig3", "eig5"])
+def test_methods_without_velocity(method):
+    """For a force that ignores v, "cd" is explicit, and the EIG methods leave out what serves only the velocity."""
+    u0, v0 = start(5, 2)
+    solution = eig3.ensemble(chain, (0, 5), u0, v0, params=stiffness(5), h=0.02, method=method)
+    for i in range(5):
+        alone = eig3.integrate(
+            chain, (0, 5), u0[i], v0[i], params=stiffness(5)[i], h=0.02, method=method, save_every=None
+        )
+        assert_alone(solution[i], alone)
+
+
+def test_a_force_that_reads_the_velocity_is_refused_by_methods_that_ignore_it():
+    u0, v0 = start(3, 2)
+    with pytest.raises(ValueError, match="needs a rhs that ignores v"):
+        eig3.ensemble(damped_chain, (0, 1), u0, v0, params=stiffness(3), h=0.01, method="bm6")
+
+
+@pytest.mark.parametrize("solver", ["newton", "fixed-point"])
+def test_implicit_members_run_alone(solver):
+    u0, v0 = start(4)
+    options = {"h": 0.01, "method": eig3.CentralDifference(solver=solver), "save_every": 50}
+    solution = eig3.ensemble(duffing, (0, 3), u0, v0, params=drive(4), invariants={"e": spring_energy}, **options)
+    for i in range(4):
+        alone = eig3.integrate(duffing, (0, 3), u0[i], v0[i], params=drive(4)[i], **options)
+        np.testing.assert_array_equal(solution[i].u, alone.u)
+        assert solution[i].n_iterations == alone.n_iterations > 0
+
+
+def test_many_degrees_of_freedom_run_alone():
+    n = lanewise.MOST_DEGREES + 1
+    u0, v0 = start(3, n)
+    options = {"h": 0.01, "invariants": {"energy": chain_energy}}
+    solution = eig3.ensemble(chain, (0, 1), u0, v0, params=stiffness(3), **options)
+    alone = eig3.integrate(chain, (0, 1), u0[1], v0[1], params=stiffness(3)[1], save_every=None, **options)
+    np.testing.assert_array_equal(solution[1].u, alone.u)
+    assert (solution[1].drift, solution[1].extremes) == (alone.drift, alone.extremes)
+
+
+@settings(max_examples=15, deadline=None)  # the first example compiles
+@given(st.data())
+def test_no_member_sees_the_others(data):
+    """A member has the same bits in any order, with any others, in any block, on any number of threads."""
+    m = 150  # more than a block
+    chosen = np.array(data.draw(st.lists(st.integers(0, m - 1), min_size=1, max_size=m)))
+    u0, v0 = start(m, 2)
+    options = {"h": 0.01, "save_every": 10, "invariants": {"energy": chain_energy}}
+    whole = eig3.ensemble(damped_chain, (0, 1), u0, v0, params=stiffness(m), threads=1, **options)
+    part = eig3.ensemble(
+        damped_chain, (0, 1), u0[chosen], v0[chosen], params=stiffness(m)[chosen], threads=3, **options
+    )
+    assert_same(whole, part, chosen)
+
+
+def test_the_number_of_lanes_does_not_change_the_bits(monkeypatch):
+    u0, v0 = start(200, 2)
+    options = {"h": 0.01, "params": stiffness(200), "method": "rk4"}
+    wide = eig3.ensemble(damped_chain, (0, 1), u0, v0, **options)
+    monkeypatch.setattr(lanewise, "_MOST_LANES", 32)
+    assert_same(wide, eig3.ensemble(damped_chain, (0, 1), u0, v0, **options))
+
+
+@pytest.mark.parametrize("own_step", [False, True])
+def test_a_member_that_diverges_ends_at_its_finite_part(own_step):
+    """Members 3 and 70 have a step above the critical one: they end where runs alone end, and the others go on."""
+    m = 140
+    p = np.full((m, 1), 10.0)
+    p[[3, 70], 0] = 1e7, 3e6  # critical steps 6e-4 and 1.2e-3
+    u0, v0 = start(m)
+    h = np.full(m, 0.01) if own_step else 0.01
+    options = {"save_every": 20, "invariants": {"energy": spring_energy}}
+    solution = eig3.ensemble(spring, (0, 5), u0, v0, h=h, params=p, **options)
+    np.testing.assert_array_equal(np.flatnonzero(~solution.success), [3, 70])
+    for i in (3, 70):
+        alone = eig3.integrate(spring, (0, 5), u0[i], v0[i], h=0.01, params=p[i], **options)
+        member = solution[i]
+        assert_alone(member, alone)
+        assert member.drift == pytest.approx(alone.drift)
+        assert member.message.replace(f"[{i}]", "") == alone.message
+        assert np.isnan(solution.u[i, len(member.t) :]).all()
+        assert "critical step" in member.explain()
+    others = np.flatnonzero(solution.success)
+    healthy = eig3.ensemble(
+        spring, (0, 5), u0[others], v0[others], h=h[others] if own_step else h, params=p[others], **options
+    )
+    assert_same(solution, healthy, others)
+
+
+def test_a_degree_of_freedom_that_diverges_is_named():
+    @eig3.jit
+    def unequal(t, u, v, p, a):
+        a[0] = -u[0]
+        a[1] = -p[0] * u[1]
+
+    solution = eig3.ensemble(unequal, (0, 50), [1.0, 1.0], [0.0, 0.0], h=0.1, params=[[1.0], [1e6]], save_every=10)
+    alone = eig3.integrate(unequal, (0, 50), [1.0, 1.0], [0.0, 0.0], h=0.1, params=1e6, save_every=10)
+    assert "in degree of freedom 1" in alone.message
+    assert solution.message[1] == alone.message.replace("solution.", "solution[1].")
+    assert solution.status.tolist() == [eig3.Status.COMPLETED, eig3.Status.DIVERGED]
+
+
+def test_a_motion_that_stays_finite_but_grows_because_of_the_step_diverged():
+    """omega h = 2.02: the motion grows by a factor of 1e11 and stays finite. A run alone gives the verdict."""
+    p = np.array([[1.0], [2.02**2 / 0.01]])
+    solution = eig3.ensemble(spring, (0, 20), [1.0, 1.0], 0.0, h=0.1, params=p)
+    alone = eig3.integrate(spring, (0, 20), 1.0, 0.0, h=0.1, params=p[1])
+    assert alone.status is eig3.Status.DIVERGED
+    assert np.isfinite(alone.u).all()
+    assert solution.status.tolist() == [eig3.Status.COMPLETED, eig3.Status.DIVERGED]
+    assert solution.message[1] == alone.message
+
+
+def test_growth_from_rest_is_judged_from_the_middle_of_the_run():
+    """A member at rest without acceleration has no natural size at the start; growth for a physical reason is none."""
+
+    @eig3.jit
+    def pushed(t, u, v, p):
+        return p[0] * (1.0 if t > 1 else 0.0) + p[1] * u
+
+    p = np.array([[1.0, -1.0], [1.0, 4.0], [0.0, -1.0]])
+    solution = eig3.ensemble(pushed, (0, 20), 0.0, 0.0, h=0.01, params=p)
+    assert solution.success.all()
+    assert abs(solution.u[1, -1]) > 1e10
+
+
+def test_a_member_that_cannot_start_does_not_stop_the_others():
+    @eig3.jit
+    def singular(t, u, v, p):
+        return -1.0 / u
+
+    solution = eig3.ensemble(singular, (0, 0.5), [1.0, 0.0, 2.0], 0.0, h=0.01)
+    assert solution.status.tolist() == [eig3.Status.COMPLETED, eig3.Status.DIVERGED, eig3.Status.COMPLETED]
+    assert solution.message[1] == "rhs gives -inf at the start."
+    assert solution[1].n_steps == 0
+    assert solution[1].u.tolist() == [0.0]
+    with pytest.raises(ValueError, match="rhs gives -inf for degree of freedom 0 at the start"):
+        eig3.ensemble(singular, (0, 0.5), [0.0, 0.0], 0.0, h=0.01)
+
+
+def test_each_member_can_have_its_own_step():
+    """The errors at the end show the order 2, and each member is a run alone with its step."""
+    h = np.array([0.02, 0.03, 0.01, 0.005])  # 0.03 does not divide the span
+    u0, v0 = [1.0, 0.5], [0.0, 0.1]
+    options = {"params": [10.0, 1.0], "save_every": 25, "invariants": {"energy": chain_energy}}
+    solution = eig3.ensemble(damped_chain, (1, 6), u0, v0, h=h, **options)
+    assert solution.n_steps.tolist() == [250, 167, 500, 1000]
+    for i, step in enumerate(h):
+        alone = eig3.integrate(damped_chain, (1, 6), u0, v0, h=step, **options)
+        assert_alone(solution[i], alone)
+        np.testing.assert_allclose(solution[i].t, alone.t, rtol=1e-15)
+        assert solution[i].drift == pytest.approx(alone.drift, rel=1e-9)
+    end = np.array([member.u[-1] for member in solution])
+    ratio = np.abs(end[0] - end[2]).max() / np.abs(end[2] - end[3]).max()
+    assert ratio == pytest.approx(4, abs=0.3)  # (16 - 4) / (4 - 1) for the order 2, plus terms of higher order
+
+
+def test_the_last_time_is_that_of_the_span():
+    solution = eig3.ensemble(spring, (0.1, 0.9), [1.0, 2.0], 0.0, h=[0.07, 0.05], params=1.0, save_every=3)
+    assert [member.t[-1] for member in solution] == [0.9, 0.9]
+    assert eig3.ensemble(spring, (0.1, 0.9), [1.0, 2.0], 0.0, h=0.07, params=1.0).t.tolist() == [[0.1, 0.9]] * 2
+
+
+def test_arguments_are_broadcast():
+    shared = eig3.ensemble(springs, (0, 1), [1.0, 2.0], np.zeros((3, 2)), h=0.01, params=[4.0])
+    own = eig3.ensemble(springs, (0, 1), np.tile([1.0, 2.0], (3, 1)), [[0.0, 0.0]], h=0.01, params=[[4.0]])
+    assert shared.u.shape == (3, 2, 2)
+    assert_same(shared, own)
+    assert eig3.ensemble(spring, (0, 1), 1.0, 0.0, h=[0.1, 0.01], params=1.0).u.shape == (2, 2)
+    assert len(eig3.ensemble(spring, (0, 1), 1.0, 0.0, h=0.01, params=np.ones((5, 1)))) == 5
+
+
+@pytest.mark.parametrize(
+    ("rhs", "changes", "message"),
+    [
+        (spring, {"v0": np.zeros(4)}, r"u0 has the shape \(3,\) and v0 the shape \(4,\), but their first axes"),
+        (spring, {"params": np.ones((5, 1))}, r"u0 has the shape \(3,\) and params the shape \(5, 1\)"),
+        (spring, {"h": [0.1, 0.2]}, r"u0 has the shape \(3,\) and h the shape \(2,\)"),
+        (springs, {"u0": np.ones((3, 2)), "v0": np.ones((3, 4))}, "their last axes are the degrees of freedom"),
+        (springs, {"u0": 1.0}, r"u0 must have the shape \(n,\) or \(m, n\)"),
+        (spring, {"u0": np.ones((3, 2))}, r"u0 must have the shape \(\) or \(m,\)"),
+        (spring, {"params": np.ones((3, 1, 1))}, r"params must have the shape \(k,\) or \(m, k\)"),
+        (spring, {"params": [1.0, 2.0, 3.0]}, r"write params\[:, None\] for one parameter a member"),
+        (spring, {"u0": 1.0}, "must have a first axis of members"),
+        (spring, {"u0": []}, "u0 must hold at least one member"),
+        (spring, {"u0": [1.0, np.nan, 1.0]}, r"u0 must be finite, but u0\[1\] is not"),
+        (spring, {"h": -0.1}, "h must be a positive"),
+        (spring, {"save_every": 0}, "save_every must be a whole number"),
+        (spring, {"threads": 0}, "threads must be a whole number"),
+        (spring, {"t_span": (1, 0)}, "t_span must end after it starts"),
+        (spring, {"method": "rk9"}, "method must be one of"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_sentence(rhs, changes, message):
+    arguments = {"t_span": (0, 1), "u0": [1.0, 2.0, 3.0], "v0": 0.0 if rhs is spring else [0.0], "h": 0.1}
+    arguments |= {"params": 1.0, **changes}
+    with pytest.raises(ValueError, match=message):
+        eig3.ensemble(rhs, **arguments)
+
+
+def test_functions_are_checked():
+    with pytest.raises(TypeError, match="rhs must be compiled"):
+        eig3.ensemble(lambda t, u, v, p: -u, (0, 1), [1.0, 2.0], 0.0, h=0.1)
+    with pytest.raises(TypeError, match="invariants must be a dictionary"):
+        eig3.ensemble(spring, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=1.0, invariants=spring_energy)
+    with pytest.raises(ValueError, match="reads beyond the end of p"):
+        eig3.ensemble(spring, (0, 1), [1.0, 2.0], 0.0, h=0.1)
+
+
+def test_the_plain_njit_of_numba_is_vectorised_too():
+    """The check of a division by zero, which Numba adds by default, would prevent it."""
+
+    @numba.njit
+    def divided(t, u, v, p):
+        return -u / p[0]
+
+    solution = eig3.ensemble(divided, (0, 1), np.ones(3), 0.0, h=0.01, params=[[1.0], [2.0], [0.5]])
+    assert solution.notes == ()
+    alone = eig3.integrate(divided, (0, 1), 1.0, 0.0, h=0.01, params=0.5, save_every=None)
+    assert_alone(solution[2], alone)
+
+
+@pytest.mark.parametrize(("form", "n", "rhs"), [(SCALAR, 1, duffing), (VECTOR, 2, chain), (VECTOR, 6, damped_chain)])
+@pytest.mark.parametrize("shares_params", [False, True])
+@pytest.mark.parametrize("has_own_step", [False, True])
+def test_right_hand_sides_are_vectorised(form, n, rhs, shares_params, has_own_step):
+    """The optimised code computes vectors, and calls no function for single values in its loop."""
+    assert compile_rhs(rhs.py_func, Layout(form, n, 64, 5, shares_params, has_own_step)).obstacle == ""
+
+
+def test_notes_say_why_a_function_is_not_vectorised():
+    @eig3.jit
+    def of_libm(t, u, v, p):
+        return -math.sin(u)
+
+    @eig3.jit
+    def of_t_only(t, u, v, p):
+        return math.cos(t) - u  # the same for all members, so that it is computed once
+
+    @eig3.jit
+    def searched(t, u, v, p):
+        x = 1.0
+        while x * x < 2.0 + abs(u):
+            x *= 1.1
+        return -u * x
+
+    @eig3.jit
+    def with_arrays(t, u, v, p, a):
+        a[:] = -p[0] * u
+
+    def notes(rhs, u0=(1.0, 2.0)):
+        solution = eig3.ensemble(rhs, (0, 1), u0, 0.0 if np.ndim(u0) == 1 else [0.0, 0.0], h=0.01, params=1.0)
+        alone = eig3.integrate(rhs, (0, 1), u0[0], 0 * np.asarray(u0[0]), h=0.01, params=1.0, save_every=None)
+        assert_alone(solution[0], alone)
+        return solution.notes
+
+    assert notes(of_t_only) == ()
+    assert "calls sin of the C library" in notes(of_libm)[0]
+    assert "eig3.math" in notes(of_libm)[0]
+    assert "branches or loops" in notes(searched)[0]
+    assert "write loops over single values" in notes(with_arrays, np.ones((2, 2)))[0]
+
+
+def test_a_function_is_compiled_once_for_a_shape(monkeypatch):
+    compiled = []
+    monkeypatch.setattr(lanewise, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
+
+    @eig3.jit
+    def rhs(t, u, v, p):
+        return -p[0] * u
+
+    for m in (2, 5, 200):
+        eig3.ensemble(rhs, (0, 1), np.ones(m), 0.0, h=0.01, params=1.0)
+    assert len(compiled) == 1
+    eig3.ensemble(rhs, (0, 1), np.ones(3), 0.0, h=0.01, params=np.ones((3, 1)))
+    assert len(compiled) == 2
+
+
+def test_an_exception_of_rhs_is_raised_and_loses_nothing():
+    @eig3.jit
+    def bounded(t, u, v, p):
+        if u > 100.0:
+            raise ValueError("out of range")
+        return p[0]
+
+    with pytest.raises(ValueError, match="out of range") as raised:
+        eig3.ensemble(
+            bounded,
+            (0, 10),
+            np.zeros(300),
+            0.0,
+            h=0.01,
+            params=np.repeat([[1.0], [1.0], [9.0]], 100, axis=0),
+            threads=1,
+        )
+    part = raised.value.solution
+    assert part.success[:100].all()  # their block has ended before
+    assert part.status[299] is eig3.Status.INTERRUPTED
+    assert np.isfinite(part[299].u).all()
+
+
+def test_an_entry_of_a_that_is_no_longer_written_is_an_error():
+    @eig3.jit
+    def forgetful(t, u, v, p, a):
+        a[0] = -u[0]
+        if t < 5:
+            a[1] = -u[1]
+
+    with pytest.raises(ValueError, match=r"rhs does not write a\[1\]"):
+        eig3.ensemble(forgetful, (0, 10), np.ones((3, 2)), [0.0, 0.0], h=0.01)
+
+
+@pytest.fixture
+def python_handler():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("python_handler")
+def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
+    """The first 128 members, a block, are done when the signal comes; the last ones have not begun."""
+    u0 = np.ones(600)
+    options = {"h": 2.0**-10, "params": 1.0}
+    eig3.ensemble(spring, (0, 1), u0, 0.0, **options)
+    begin = run.Block.run
+
+    def with_signal(block, stop):
+        if block.numbers[0] == 128:
+            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+            block.shared.members.n_steps.setflags(write=True)
+            block.shared.members.n_steps[:] = 2**40  # the other blocks do not end by themselves
+        begin(block, stop)
+
+    monkeypatch.setattr(run.Block, "run", with_signal)
+    with pytest.raises(KeyboardInterrupt) as raised:
+        eig3.ensemble(spring, (0, 1), u0, 0.0, threads=1, **{**options, "h": np.full(600, 2.0**-10)})
+    solution = raised.value.solution
+    assert solution.success[:128].all()
+    assert set(solution.status[128:]) == {eig3.Status.INTERRUPTED}
+    assert solution.message[130].startswith("The run was interrupted after t = ")
+    assert solution.n_steps[130] > 1024
+    assert solution.message[599] == "The run was interrupted before this member started."
+    assert solution[599].n_steps == 0
+
+
+def test_progress_counts_members(capsys):
+    eig3.ensemble(spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0, progress=True)
+    assert "300/300" in capsys.readouterr().err
+    eig3.ensemble(spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0)
+    assert capsys.readouterr().err == ""
+
+
+def test_members_are_solutions():
+    u0, v0 = start(4)
+    solution = eig3.ensemble(spring, (0, 1), u0, v0, h=0.01, params=4.0, save_every=30)
+    assert len(solution) == 4
+    assert [member.u[0] for member in solution] == u0.tolist()
+    assert solution[-1].u[0] == u0[3]
+    assert solution[2].t.tolist() == pytest.approx([0, 0.3, 0.6, 0.9, 1.0])
+    assert "4 members, 4 completed" in repr(solution)
+    assert "100 steps" in repr(solution[0])
+    with pytest.raises(IndexError, match="there is no member 4"):
+        solution[4]
+    with pytest.raises(TypeError, match="one index, the number of a member"):
+        solution[1:3]
+
+
+def test_a_problem_has_ensembles():
+    problem = eig3.problems.duffing(gamma=0, delta=0)
+    u0 = np.linspace(0.5, 1.5, 5)  # as many members as parameters
+    solution = problem.ensemble(u0=u0, h=0.01, t_end=5.0)
+    alone = problem.with_(u0=u0[3]).integrate(h=0.01, t_end=5.0, save_every=None)
+    assert_alone(solution[3], alone)
+    assert solution[3].drift["energy"] == pytest.approx(alone.drift["energy"])
+    with pytest.raises(TypeError, match=r"problem.with_\(t_span=...\).ensemble"):
+        problem.ensemble(u0=u0, h=0.01, t_span=(0, 1))
+
+
+def test_a_scene_follows_its_work_in_an_ensemble():
+    problem = eig3.problems.shear_building(t_end=2.0, work=True)
+    params = np.tile(problem.params, (3, 1))
+    solution = problem.ensemble(params=params, h=1e-3, save_every=100)
+    alone = problem.integrate(h=1e-3, save_every=100)
+    assert solution.u.shape == (3, 21, 3)
+    for name, values in alone.integrals.items():
+        np.testing.assert_allclose(solution[1].integrals[name], values, rtol=1e-9, atol=1e-9 * np.abs(values).max())
+
+
+def test_histories_that_do_not_fit_are_refused(monkeypatch):
+    monkeypatch.setattr(eig3.memory, "available_memory", lambda: 1e6)
+    with pytest.raises(MemoryError, match="take a larger save_every, or reduce="):
+        eig3.ensemble(spring, (0, 1), np.ones(1000), 0.0, h=0.01, params=1.0, save_every=1)

@@ -1,0 +1,272 @@
+"""eig3.math against mpmath, on a million points; and that LLVM vectorises a loop over each function."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mpmath import libmp, mp
+
+import eig3
+from eig3 import math as compiled
+
+LARGEST_ANGLE = 1e8
+OVERFLOW = math.log(np.finfo(float).max)
+UNDERFLOW = -1074.9 * math.log(2)  # the smallest subnormal number is 2^-1074
+NAMES = [name for name in compiled.__all__ if name != "sincos"]
+EXACT = {
+    "sin": libmp.mpf_sin,
+    "cos": libmp.mpf_cos,
+    "exp": libmp.mpf_exp,
+    "log": libmp.mpf_log,
+    "tanh": libmp.mpf_tanh,
+    "sqrt": libmp.mpf_sqrt,
+}
+#: Largest errors in ulp. They are those that the docstrings promise.
+BOUNDS = {"sin": 2, "cos": 2, "exp": 1, "log": 1, "tanh": 1, "sqrt": 0.5 + 1e-5}
+PRECISION = 70  # bits of the exact values: 53 of the nearest double, and 17 beyond, so that an ulp is known to 1e-5
+
+random = np.random.default_rng(14)
+
+
+def loop_over(function):
+    @eig3.jit
+    def loop(x, out):
+        for i in range(x.size):
+            out[i] = function(x[i])
+
+    return loop
+
+
+def values(name, x):
+    out = np.empty(x.size)
+    loop_over(getattr(compiled, name))(x, out)
+    return out
+
+
+def errors(name, x):
+    """The errors of the values at x in ulp of the exact ones, which mpmath computes for every point."""
+    exact, shift = EXACT[name], PRECISION - 53
+    signs, heads, tails, exponents = [], [], [], []
+    for number in x.tolist():
+        sign, mantissa, exponent, length = exact(libmp.from_float(number), PRECISION, "n")
+        mantissa = int(mantissa) << (PRECISION - length)
+        signs.append(sign)
+        heads.append(mantissa >> shift)
+        tails.append(mantissa & ((1 << shift) - 1))
+        exponents.append(exponent - (PRECISION - length) + shift)
+    exponent = np.array(exponents)
+    computed = np.ldexp(values(name, x) * np.where(signs, -1, 1), -exponent)  # in units of the last bit of the head
+    error = (computed - np.array(heads)) - np.ldexp(np.array(tails), -shift)
+    return np.ldexp(abs(error), np.minimum(0, exponent + 1074))  # subnormal numbers have an ulp of 2^-1074
+
+
+def spread(low, high, count):
+    """Random numbers between two positive ones, uniform in their logarithm."""
+    return np.exp(random.uniform(math.log(low), math.log(high), count))
+
+
+def with_neighbours(x):
+    x = np.asarray(x)
+    return np.concatenate([x, np.nextafter(x, np.inf), np.nextafter(x, -np.inf)])
+
+
+def closest_to_zeros():
+    """The doubles closest to multiples of pi / 2, from the continued fractions of pi / 2 in units of their ulp."""
+    found = []
+    with mp.workprec(300):
+        for exponent in range(-60, -25):
+            rest = mp.pi / 2 * mp.mpf(2) ** -exponent
+            numerator, before, multiple, multiple_before = 1, 0, 0, 1
+            while multiple < LARGEST_ANGLE:
+                whole = int(rest)
+                numerator, before = whole * numerator + before, numerator
+                multiple, multiple_before = whole * multiple + multiple_before, multiple
+                found += [math.ldexp(j * numerator, exponent) for j in range(1, 9) if j * numerator < 2**53]
+                rest = 1 / (rest - whole)
+    return np.array([x for x in found if 0 < x <= LARGEST_ANGLE])
+
+
+def angles():
+    multiples = np.concatenate([np.arange(20_000), random.integers(0, 63_000_000, 40_000)])
+    x = [
+        random.uniform(0, 7, 50_000),
+        random.uniform(0, LARGEST_ANGLE, 35_000),
+        spread(1e-308, LARGEST_ANGLE, 20_000),
+        multiples * (math.pi / 2),
+        (random.integers(0, 63_000_000, 20_000) + 0.5) * (math.pi / 2),
+        (random.integers(0, 63_000_000, 20_000) + random.uniform(0.31, 0.34, 20_000)) * (math.pi / 2),
+        with_neighbours(2.0 ** np.arange(-1074, 27)),
+        closest_to_zeros(),
+        [0.0, LARGEST_ANGLE],
+    ]
+    return signed(x)
+
+
+def signed(parts):
+    x = np.concatenate(parts)
+    return x * random.choice([-1.0, 1.0], x.size)
+
+
+POINTS = {
+    "sin": angles,
+    "cos": angles,
+    "exp": lambda: np.concatenate(
+        [
+            random.uniform(-1, 1, 70_000),
+            random.uniform(UNDERFLOW, OVERFLOW, 60_000),
+            random.uniform(UNDERFLOW, -708, 20_000),
+            signed([spread(1e-308, 1, 10_000)]),
+            with_neighbours((np.arange(-2149, 2047) / 2) * math.log(2)),
+            [0.0, OVERFLOW, np.nextafter(OVERFLOW, 0), -5e-324],
+        ]
+    ),
+    "log": lambda: np.concatenate(
+        [
+            random.uniform(0.5, 2, 80_000),
+            random.integers(1, 0x7FF0000000000000, 60_000).view(float),  # every positive double is equally likely
+            1 + signed([spread(1e-16, 0.5, 20_000)]),
+            random.integers(1, 1 << 52, 20_000).view(float),  # subnormal
+            with_neighbours(np.ldexp(1.0, np.arange(-1073, 1024))),
+            with_neighbours(np.ldexp(math.sqrt(2), np.arange(-1022, 1023))),
+            1 + np.arange(-500, 500) * 2.0**-53,
+            [5e-324, np.finfo(float).max],
+        ]
+    ),
+    "tanh": lambda: signed(
+        [
+            random.uniform(0, 1, 80_000),
+            random.uniform(0, 20, 60_000),
+            random.uniform(17.5, 19.5, 5_000),  # beside 1
+            spread(1e-308, 30, 20_000),
+            random.random(5_000) * 1e-307,  # partly subnormal
+            with_neighbours((np.arange(1, 60) / 4) * math.log(2)),
+            with_neighbours([22.0, 5e-324, 2.0**-1022, 300.0, 1e300]),
+        ]
+    ),
+    "sqrt": lambda: random.integers(1, 0x7FF0000000000000, 50_000).view(float),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_errors_are_within_the_bound(name):
+    x = POINTS[name]()
+    error = errors(name, x)
+    assert error.max() < BOUNDS[name], x[error.argmax()].hex()
+
+
+def test_angles_include_the_hardest():
+    # n multiples of pi / 2 below 1e8 have doubles at random distances, so that the closest are some 2^-53 away
+    with mp.workprec(200):
+        distances = [float(abs(mp.sin(2 * mp.mpf(float(x))))) for x in closest_to_zeros()]
+    assert min(distances) < 2.0**-53
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_one_at_a_time_is_as_in_a_loop(name):
+    # the compiler may fuse other products, so that two errors below 2 ulp differ
+    function, x = getattr(compiled, name), POINTS[name]()[:2000]
+    np.testing.assert_allclose([function(number) for number in x.tolist()], values(name, x), rtol=4 * 2.0**-52)
+
+
+OUTSIDE = {
+    "sin": {1.0000000000000002e8: math.nan, -1e300: math.nan, math.inf: math.nan, -math.inf: math.nan},
+    "cos": {1.0000000000000002e8: math.nan, -1e300: math.nan, math.inf: math.nan, -math.inf: math.nan},
+    "exp": {709.79: math.inf, 1e308: math.inf, math.inf: math.inf, -745.2: 0.0, -1e308: 0.0, -math.inf: 0.0, -0.0: 1.0},
+    "log": {0.0: -math.inf, -5e-324: math.nan, -1.0: math.nan, math.inf: math.inf, -math.inf: math.nan, 1.0: 0.0},
+    "tanh": {math.inf: 1.0, -math.inf: -1.0, 1e308: 1.0, 0.0: 0.0},
+    "sqrt": {-5e-324: math.nan, -1.0: math.nan, math.inf: math.inf, 0.0: 0.0},
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_special_values(name):
+    expected = {**OUTSIDE[name], math.nan: math.nan}
+    np.testing.assert_array_equal(values(name, np.array([*expected])), [*expected.values()])
+    np.testing.assert_array_equal([getattr(compiled, name)(x) for x in expected], [*expected.values()])
+
+
+def test_log_of_negative_zero():
+    assert compiled.log(-0.0) == -math.inf
+
+
+def test_tanh_has_the_sign_of_its_argument():
+    assert np.signbit(values("tanh", np.array([-0.0, 0.0, -5e-324]))).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_integers(name):
+    assert getattr(compiled, name)(3) == getattr(compiled, name)(3.0)
+
+
+@pytest.mark.parametrize("name", compiled.__all__)
+def test_an_array_is_refused(name):
+    with pytest.raises(TypeError, match="takes one real number, not an array: call it in a loop over the entries"):
+        getattr(compiled, name)(np.ones(3))
+
+
+def test_an_array_in_a_right_hand_side_is_refused():
+    @eig3.jit
+    def rhs(t, u, v, p, a):
+        a[:] = -compiled.sin(u)
+
+    with pytest.raises(TypeError, match=r"rhs does not compile .* one real number, not an array"):
+        eig3.integrate(rhs, (0, 1), [1.0, 2.0], [0.0, 0.0], h=0.1)
+
+
+@eig3.jit
+def sum_of_both(x):
+    sine, cosine = compiled.sincos(x)
+    return sine + cosine
+
+
+@eig3.jit
+def distance(x):
+    return compiled.sqrt(1.0 + x * x)  # for a root alone, two lanes are no gain, and LLVM leaves them
+
+
+VECTORISED = [*(getattr(compiled, name) for name in NAMES if name != "sqrt"), sum_of_both, distance]
+
+
+@pytest.mark.parametrize("function", VECTORISED, ids=lambda function: function.__name__)
+def test_a_loop_is_vectorised(function):
+    @eig3.jit
+    def loop(x, out):
+        for i in range(64):
+            out[i] = function(x[i])
+
+    x = np.full(64, 0.5)
+    loop(x, np.empty(64))
+    (code,) = loop.inspect_llvm().values()
+    assert re.search(r"f(add|mul) .*<\d+ x double>", code)
+    assert not re.search(r"call .*@(llvm\.)?(sin|cos|exp|log|tanh)(\.f64)?\(", code)
+
+
+@given(st.floats(-LARGEST_ANGLE, LARGEST_ANGLE))
+def test_sine_and_cosine(x):
+    sine, cosine = compiled.sincos(x)
+    # 2 ulp are a relative error of at most 2^-51, which a square doubles; the rest is the rounding of the sum
+    assert abs(sine * sine + cosine * cosine - 1) <= 2.0**-50 + 2.0**-52
+    assert sine == pytest.approx(compiled.sin(x), rel=4 * 2.0**-52, abs=0)
+    assert cosine == pytest.approx(compiled.cos(x), rel=4 * 2.0**-52, abs=0)
+    assert compiled.sincos(-x) == (-sine, cosine)
+
+
+@given(st.floats(np.finfo(float).tiny, 1e308))
+def test_exp_of_log(x):
+    logarithm = compiled.log(x)
+    # the error of the logarithm, 1 ulp, is the relative error of its exponential, which has one of 1 ulp itself
+    assert compiled.exp(logarithm) == pytest.approx(x, rel=math.ulp(logarithm) + 2 * 2.0**-52, abs=0)
+
+
+@given(st.floats(-700, 700))
+def test_exp_of_the_opposite_is_the_inverse(x):
+    assert compiled.exp(x) * compiled.exp(-x) == pytest.approx(1, rel=3 * 2.0**-52)
+
+
+@given(st.floats(-1e300, 1e300))
+def test_tanh_is_odd_and_bounded(x):
+    assert compiled.tanh(-x) == -compiled.tanh(x)
+    assert abs(compiled.tanh(x)) <= min(1.0, abs(x))
