@@ -207,7 +207,7 @@ class Block:
                 degree = None if self.shared.layout.form is SCALAR else int(np.argmin(finite[step, :, place]))
                 what = became_non_finite(self._t0 + (first + step) * self._h[lane], self._h[lane], degree)
                 self._ends[lane] = first + step
-                self._failed[lane] = f"{what}; explain() of this member's solution looks for the reason."
+                self._failed[lane] = f"{what}; solution.explain() looks for the reason."
             lanes = lanes[good.all(axis=0)]
 
     def _observe(self, first: int, every: int, u: np.ndarray, v: np.ndarray) -> None:
