@@ -268,6 +268,8 @@ def _separated(result: Any, n: int, names: Sequence[str]) -> Any:
     if isinstance(result, Solution | EnsembleSolution):
         result.integrals = {name: result.v[..., n + k].copy() for k, name in enumerate(names)}
         result.u, result.v = result.u[..., :n], result.v[..., :n]
+    if isinstance(result, EnsembleSolution):
+        result._last = {i: (t, u[:n], v[:n], *v[n:]) for i, (t, u, v) in result._last.items()}
     return result
 
 

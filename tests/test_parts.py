@@ -163,6 +163,23 @@ def test_problems_with_integrals(threads):
     np.testing.assert_array_equal(work, expected.integrals["work"])
 
 
+def test_the_integrals_of_a_member_that_diverges_end_with_it():
+    problem = eig3.Problem(
+        name="power", rhs=power, integrals=("work",), u0=[1.0], v0=[0.0], params=(1.0,), t_span=(0.0, 200.0)
+    )
+    stiffness = [[1.0], [-10.0]]  # the motion of the second overflows
+    member = problem.ensemble(h=0.1, params=stiffness, save_every=7)[1]
+    alone = problem.with_(params=stiffness[1]).integrate(h=0.1, save_every=7)
+    assert member.status is eig3.Status.DIVERGED
+    assert member.n_steps % 7 > 0
+    for values, expected in (
+        (member.t, alone.t),
+        (member.u, alone.u),
+        (member.integrals["work"], alone.integrals["work"]),
+    ):
+        np.testing.assert_allclose(values, expected, rtol=1e-11)  # some thousand operations of 1e-16
+
+
 def test_a_worker_compiles_a_function_once(client):
     @eig3.jit
     def compiled_once(t, u, v, p):
