@@ -21,10 +21,11 @@ from ..observers.progress import Progress, check_progress
 from ..solution import Solution
 from ..stepper import Cancel, Stepper
 from .alone import Alone
-from .block import Block, Shared
+from .block import Block
 from .histories import Histories
 from .lanewise import lanes_of, layout_of
 from .members import Members, check_members
+from .shared import Shared
 from .solution import EnsembleSolution
 
 _ALONE = 16  # members of a piece of work that runs them one at a time
