@@ -20,11 +20,12 @@ from ..methods import Method
 from ..observers.progress import Progress, check_progress
 from ..stepper import Stepper
 from .alone import Alone, alone
-from .block import Block, Shared
+from .block import Block
 from .histories import Histories
 from .lanewise import lanes_of, layout_of
 from .members import Members, check_members
 from .parts import Joined, Listed, Recipe, Results, parts_of
+from .shared import Shared
 from .shipping import check_executor, check_reduce, march_parts
 from .solution import EnsembleSolution
 
