@@ -76,18 +76,22 @@ def ensemble(
     threads : int, optional
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor, optional
-        Run parts of the ensemble by this executor, such as a process pool, or a cluster's.
+        Run the ensemble in parts on the workers of this executor: a `ProcessPoolExecutor` that spawns, the
+        `get_executor()` of a dask.distributed Client, or mpi4py's `MPIPoolExecutor`. A part whose worker dies runs
+        again; if the executor itself breaks, the rest runs in this process, and `notes` or a RuntimeWarning says so.
+        Each part takes one thread, or `threads`.
     reduce : callable, optional
-        ``reduce(part)`` gets the `EnsembleSolution` of a part of the ensemble, and returns what you need of it. The
-        result of `ensemble` is then the list of what it returned. The states of a part are dropped after it, so that
-        memory does not grow with the number of members.
+        ``reduce(part)`` gets the `EnsembleSolution` of a part of the ensemble, whose `first` is the number of its first
+        member, and returns what you need of it. The result of `ensemble` is then the list of what it returned, in
+        order. It runs where the part ran, and the states of a part are dropped after it, so that memory stays bounded.
+        The parts depend on the ensemble only. With an executor, it and what it returns must be picklable.
     progress : bool
         Show a progress bar that counts members. This needs tqdm.
 
     Returns
     -------
-    EnsembleSolution
-        A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite state; the others go
+    EnsembleSolution or list
+        A list with `reduce`. A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite state; the others go
         on. The result says the same of each member as `eig3.integrate` would say.
 
     Raises
@@ -99,7 +103,8 @@ def ensemble(
     ImportError
         If `progress` is True and tqdm is not installed.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the members that were finished; the others are INTERRUPTED.
+        After Ctrl-C. Its attribute `solution` has the members that were finished; the others are INTERRUPTED. With
+        `reduce` it is the list, with None for parts that are not finished.
 
     Notes
     -----
@@ -211,9 +216,7 @@ class Run:
         if shared:
             lanes = shared.layout.lanes
             return [Block(shared, order[i : i + lanes]) for i in range(0, len(order), lanes)]
-        options = {"save_every": self.save_every, "invariants": self.invariants}
-
-        integrate = partial(self._alone, **options)
+        integrate = partial(self._alone, save_every=self.save_every, invariants=self.invariants)
         return [Alone(order[i : i + _ALONE], self.histories, integrate) for i in range(0, len(order), _ALONE)]
 
     def _shared(self, stepper: Stepper) -> Shared | None:
