@@ -91,8 +91,8 @@ def ensemble(
     Returns
     -------
     EnsembleSolution or list
-        A list with `reduce`. A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite state; the others go
-        on. The result says the same of each member as `eig3.integrate` would say.
+        A list with `reduce`. A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite
+        state; the others go on. The result says the same of each member as `eig3.integrate` would say.
 
     Raises
     ------
