@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import sys
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -226,7 +225,7 @@ class Formulas:
 
 def formulas(name: str, arguments: tuple = ()) -> Formulas:
     """Return the formulas of a module, given by its name. A module that was reloaded is read again."""
-    module = sys.modules.get(name) or importlib.import_module(name)  # each run asks, and an import takes longer
+    module = importlib.import_module(name)  # not from sys.modules, where another thread may just be importing it
     return _formulas(module, arguments, getattr(module, "step_scalar", None), getattr(module, "step_vector", None))
 
 
