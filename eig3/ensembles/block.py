@@ -16,9 +16,6 @@ from .growth import grown_by_step
 from .lane_state import LaneState
 from .shared import Shared
 
-_CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are looked at
-_CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next
-_FIRST_CHUNK = 64  # steps
 _SCRATCH_VALUES = 2**15  # values in an array of states that are not saved: 256 kB, so that it stays in the cache
 
 
@@ -62,7 +59,6 @@ class Block:
         self._ends = shared.members.n_steps[self._members]  # the step indices at which the members end
         self._failed: dict[int, str] = {}  # why a member ends early, by its lane
         self._state = state = LaneState(shared, self._members)
-        self._chunk = _FIRST_CHUNK
         self._set_natural()
         u, v = (x[None].copy() for x in state.values)
         self._extremes = {}
@@ -104,7 +100,7 @@ class Block:
         index = self._state.index
         half = self._half[self._runs & (self._half > index)]
         nearest = min([self._ends[self._runs].min(), *half])
-        return min(int(nearest), index + min(self._chunk, self._most_states * self._every))
+        return min(int(nearest), index + min(self.shared.pace.steps, self._most_states * self._every))
 
     def _advance(self) -> None:
         """Take a chunk of steps. If a member fails on the way, stay, and let it end at its last finite state."""
@@ -112,7 +108,8 @@ class Block:
         begin = time.perf_counter()
         try:
             u, v = state.advance(target, self._every)
-            self._set_chunk(target - before[0], time.perf_counter() - begin)
+            if target - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
+                self.shared.pace.note(target - before[0], time.perf_counter() - begin)
             failed = self._runs & ~state.is_finite
             if failed.any():
                 state.restore(before)
@@ -125,9 +122,6 @@ class Block:
         else:
             self._observe(before[0], u, v)
         self._end(self._runs & (self._ends == state.index))
-
-    def _set_chunk(self, steps: int, seconds: float) -> None:
-        self._chunk = max(1, int(steps * min(_CHUNK_GROWTH, _CHUNK_SECONDS / (seconds + 1e-9))))
 
     def _find_ends(self, lanes: np.ndarray, target: int) -> None:
         """Set the ends of the members in these lanes, which are not finite at the step index `target`."""

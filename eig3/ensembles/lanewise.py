@@ -12,22 +12,26 @@ from .members import Members
 
 MOST_DEGREES = 24  # with more degrees of freedom, a member alone is as fast as in lanes
 _CACHE = 2**15  # bytes of the first-level cache for the rows of a block
-_MOST_LANES, _LEAST_LANES = 128, 32
+_MOST_LANES, _LEAST_LANES = 512, 32
+_FEW_LANES = 64  # enough for fast loops: blocks are not made smaller than this for the sake of more threads
+_BLOCKS = 2  # of a thread, at least
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
 _known: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Lanes]]] = WeakKeyDictionary()
 
 
-def layout_of(members: Members, method: Method) -> Layout | None:
+def layout_of(members: Members, method: Method, threads: int) -> Layout | None:
     """Return the arrays of a block; None if the members should run one at a time.
 
-    More lanes keep the vector units busy for longer in each loop, as long as the rows stay in the cache. The number
-    does not depend on the number of members.
+    More lanes keep the vector units busy for longer in each loop, as long as the rows stay in the cache and each thread
+    has blocks to run. A member's numbers do not depend on the number of lanes.
     """
     if method.is_implicit or members.n > MOST_DEGREES:
         return None
     lanes, rows = _MOST_LANES, members.n * method.formulas.own_rows
     while lanes > _LEAST_LANES and 8 * rows * lanes > _CACHE:
+        lanes //= 2
+    while lanes > _FEW_LANES and _BLOCKS * threads * lanes > len(members):
         lanes //= 2
     k = members.params.shape[-1]
     return Layout(members.form, members.n, lanes, k, not members.has_own_params, members.has_own_step)

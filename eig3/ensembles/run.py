@@ -127,7 +127,7 @@ def ensemble(
     cores = _cores() if threads is None else check_count(threads, "threads")
     given = rhs, members, check_method(method), every, check_invariants(invariants)
     if executor is None and reduce is None:
-        return Run(*given).march(cores, progress)
+        return Run(*given, cores).march(progress)
     return _in_parts(*given, reduce, executor, (cores, threads or 1), progress)
 
 
@@ -163,7 +163,7 @@ def _march(
     first: int,
     threads: int,
 ) -> EnsembleSolution:
-    return Run(rhs, members, method, save_every, invariants, first).march(threads)
+    return Run(rhs, members, method, save_every, invariants, threads, first).march()
 
 
 def _cores() -> int:
@@ -181,10 +181,11 @@ class Run:
         method: Method,
         save_every: int | None,
         invariants: Mapping[str, Any],
+        threads: int,
         first: int = 0,
     ) -> None:
         self.rhs, self.members, self.method, self.first = rhs, members, method, first
-        self.save_every, self.invariants = save_every, invariants
+        self.save_every, self.invariants, self.threads = save_every, invariants, threads
         self.histories = Histories(members, save_every, list(invariants))
         self.notes: list[str] = []
         self._alone = partial(alone, rhs, members, method)
@@ -222,7 +223,7 @@ class Run:
     def _shared(self, stepper: Stepper) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
         form, method = stepper.form, stepper.running
-        layout = layout_of(self.members, method)
+        layout = layout_of(self.members, method, self.threads)
         if layout is None:
             return None
         functions = {
@@ -243,11 +244,11 @@ class Run:
         kernel = wide_kernel(method.formulas)
         return Shared(self.members, layout, method, kernel, rhs, invariants, self.histories, self._alone)
 
-    def march(self, threads: int, progress: bool = False) -> EnsembleSolution:
+    def march(self, progress: bool = False) -> EnsembleSolution:
         """Run the members to their ends."""
         try:
             with DeferredInterrupt() as interrupt, Progress(len(self.members), "member", shown=progress) as bar:
-                self._march(threads, interrupt, bar)
+                self._march(interrupt, bar)
         except BaseException as error:  # raised by rhs, or after Ctrl-C
             with DeferredInterrupt() as again:
                 error.solution = self.solution()  # type: ignore[attr-defined]
@@ -256,9 +257,9 @@ class Run:
             raise
         return self.solution()
 
-    def _march(self, threads: int, interrupt: DeferredInterrupt, bar: Progress) -> None:
+    def _march(self, interrupt: DeferredInterrupt, bar: Progress) -> None:
         stop = Event()
-        with ThreadPoolExecutor(threads) as pool:
+        with ThreadPoolExecutor(self.threads) as pool:
             running = {pool.submit(work.run, stop): len(work) for work in self.work}
             try:
                 while running:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
@@ -11,6 +11,21 @@ from ..solution import Solution
 from ..stepper import Cancel
 from .histories import Histories
 from .members import Members
+
+_CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are looked at
+_CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next
+_FIRST_CHUNK = 64  # steps
+
+
+class Pace:
+    """The number of steps of a chunk, which follows from the time of the last one in any block."""
+
+    def __init__(self) -> None:
+        self.steps = _FIRST_CHUNK
+
+    def note(self, steps: int, seconds: float) -> None:
+        """Choose the number of steps of the next chunk."""
+        self.steps = max(1, int(steps * min(_CHUNK_GROWTH, _CHUNK_SECONDS / (seconds + 1e-9))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +45,7 @@ class Shared:
     histories : Histories
     alone : callable
         ``alone(member, cancel)`` returns the `Solution` of a member from a run of its own.
+    pace : Pace
     """
 
     members: Members
@@ -40,3 +56,4 @@ class Shared:
     invariants: dict[str, Lanes]
     histories: Histories
     alone: Callable[[int, Cancel], Solution]
+    pace: Pace = field(default_factory=Pace)
