@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -137,15 +138,7 @@ class Problem:
         if not self.integrals:
             return integrate(self.rhs, span, self.u0, self.v0, **options)
         u0, v0 = (_with_integrals(x, len(self.integrals)) for x in (self.u0, self.v0))
-        try:
-            solution = integrate(self.rhs, span, u0, v0, **options)
-        except BaseException as error:
-            part = getattr(error, "solution", None)
-            if part:
-                self._separate_integrals(part)
-            raise
-        self._separate_integrals(solution)
-        return solution
+        return self._following(integrate, self.rhs, span, u0, v0, **options)
 
     def ensemble(
         self,
@@ -180,13 +173,14 @@ class Problem:
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         shared = np.atleast_2d(check_params(self.params))  # also if there are as many parameters as members
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
-        if self.integrals:
-            start = [_with_integrals(x, len(self.integrals)) for x in start]
+        span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         options |= {"h": h, "params": shared if params is None else params, "method": method}
-        solution = ensemble(self.rhs, (self.t_span[0], self.t_span[1] if t_end is None else t_end), *start, **options)
-        if self.integrals:
-            self._separate_integrals(solution)
-        return solution
+        if not self.integrals:
+            return ensemble(self.rhs, span, *start, **options)
+        start = [_with_integrals(x, len(self.integrals)) for x in start]
+        if callable(options.get("reduce")):
+            options["reduce"] = partial(_reduced, options["reduce"], np.size(self.u0), self.integrals)
+        return self._following(ensemble, self.rhs, span, *start, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
         """Return a `Stepper` at the start of the problem, which does not follow `integrals`."""
@@ -256,11 +250,31 @@ class Problem:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
         return new
 
-    def _separate_integrals(self, solution: Solution | EnsembleSolution) -> None:
-        """Move the integrals from the last columns of u and v, where they are velocities, to `solution.integrals`."""
-        n = np.size(self.u0)
-        solution.integrals = {name: solution.v[..., n + k].copy() for k, name in enumerate(self.integrals)}
-        solution.u, solution.v = solution.u[..., :n], solution.v[..., :n]
+    def _following(self, run: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Run with the integrals as further degrees of freedom, and separate them from the result."""
+        n, names = np.size(self.u0), self.integrals
+        try:
+            return _separated(run(*arguments, **options), n, names)
+        except BaseException as error:
+            _separated(getattr(error, "solution", None), n, names)
+            raise
+
+
+def _separated(result: Any, n: int, names: Sequence[str]) -> Any:
+    """Move the integrals from the last columns of u and v, where they are velocities, to `integrals` of the result.
+
+    What `reduce` returned for the parts of an ensemble stays as it is.
+    """
+    if isinstance(result, Solution | EnsembleSolution):
+        result.integrals = {name: result.v[..., n + k].copy() for k, name in enumerate(names)}
+        result.u, result.v = result.u[..., :n], result.v[..., :n]
+    if isinstance(result, EnsembleSolution):
+        result._last = {i: (t, u[:n], v[:n], *v[n:]) for i, (t, u, v) in result._last.items()}
+    return result
+
+
+def _reduced(reduce: Callable[[EnsembleSolution], Any], n: int, names: Sequence[str], part: EnsembleSolution) -> Any:
+    return reduce(_separated(part, n, names))
 
 
 def _with_integrals(x: ArrayLike, count: int) -> np.ndarray:

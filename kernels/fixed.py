@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import sys
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -173,9 +172,14 @@ class Formulas:
         return (0 * u,) * self.past
 
     @property
+    def own_rows(self) -> int:
+        """Number of rows of the vector form: u, v, the past, and scratch."""
+        return self.defined.ROWS
+
+    @property
     def rows(self) -> int:
-        """Number of rows of the vector form: u, v, the past, scratch, and the rows of the starter."""
-        return self.defined.ROWS + (self.starter.rows if self.starter else 0)
+        """Number of these rows and of those of the starter, which only the first steps use."""
+        return self.own_rows + (self.starter.rows if self.starter else 0)
 
     def state_rows(self, n: int) -> int:
         """Return the number of rows of the state for n degrees of freedom, including the matrix."""
@@ -191,7 +195,7 @@ class Formulas:
             "STEP": getattr(defined, f"step_{form.name}"),
             "VALUES": 2 + self.past,
             "ROWS": self.rows,
-            "OWN_ROWS": defined.ROWS,
+            "OWN_ROWS": self.own_rows,
             "START_STEPS": self.start_steps,
             "COST": cost,
             "START_COST": cost,
@@ -221,7 +225,7 @@ class Formulas:
 
 def formulas(name: str, arguments: tuple = ()) -> Formulas:
     """Return the formulas of a module, given by its name. A module that was reloaded is read again."""
-    module = sys.modules.get(name) or importlib.import_module(name)  # each run asks, and an import takes longer
+    module = importlib.import_module(name)  # not from sys.modules, where another thread may just be importing it
     return _formulas(module, arguments, getattr(module, "step_scalar", None), getattr(module, "step_vector", None))
 
 

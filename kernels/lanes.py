@@ -184,7 +184,8 @@ def _compile(template: Callable, function: Callable, layout: Layout, arguments: 
 
 def _obstacle(code: str) -> str:
     """Say why LLVM did not vectorise a loop over lanes, from its optimised code; empty if it did."""
-    is_vectorised = re.search(r"<\d+ x double>", code)
+    # Neighbouring lanes are stored together. A loop over the degrees of freedom would store to distant places.
+    is_vectorised = re.search(r"store <\d+ x double>", code)
     called = set((_OF_LIBM_IN_LANES if is_vectorised else _OF_LIBM).findall(code))
     if called:
         names = ", ".join(sorted(called))

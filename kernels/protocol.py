@@ -59,6 +59,9 @@ class Form:
     invariant: Any
     state: Any
 
+    def __reduce__(self) -> str:
+        return self.name.upper()  # pickle then takes the form of this module that has this name
+
     @property
     def run(self) -> Any:
         """The type of `Run`."""

@@ -6,6 +6,7 @@ for wider ones. Loops over the lanes of a block do little else than compute vect
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import llvmlite.binding as llvm
 from numba.core.compiler_lock import global_compiler_lock
@@ -27,7 +28,7 @@ def wide_vectors() -> Iterator[None]:
         return
     codegen = _codegen()
     with global_compiler_lock:
-        options = {"opt": 3}
+        options: dict[str, Any] = {"opt": 3}
         codegen._customize_tm_options(options)
         options["features"] = f"{options['features']},{_WIDER}"
         usual = codegen._tm

@@ -210,7 +210,7 @@ def test_a_member_that_diverges_ends_at_its_finite_part(own_step):
         member = solution[i]
         assert_alone(member, alone)
         assert member.drift == pytest.approx(alone.drift)
-        assert member.message.replace(f"[{i}]", "") == alone.message
+        assert member.message == alone.message
         assert np.isnan(solution.u[i, len(member.t) :]).all()
         assert "critical step" in member.explain()
     others = np.flatnonzero(solution.success)
@@ -229,7 +229,7 @@ def test_a_degree_of_freedom_that_diverges_is_named():
     solution = eig3.ensemble(unequal, (0, 50), [1.0, 1.0], [0.0, 0.0], h=0.1, params=[[1.0], [1e6]], save_every=10)
     alone = eig3.integrate(unequal, (0, 50), [1.0, 1.0], [0.0, 0.0], h=0.1, params=1e6, save_every=10)
     assert "in degree of freedom 1" in alone.message
-    assert solution.message[1] == alone.message.replace("solution.", "solution[1].")
+    assert solution.message[1] == alone.message
     assert solution.status.tolist() == [eig3.Status.COMPLETED, eig3.Status.DIVERGED]
 
 

@@ -1,6 +1,8 @@
 """Each kernel, compared with the definition of its method and with its other forms."""
 
 import ctypes
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
+from eig3.kernels.fixed import formulas
 from eig3.stability import amplification_matrix
 
 from .conftest import (
@@ -219,3 +222,13 @@ def test_n_rhs_counts_the_calls():
         calls.clear()
         stepper.advance(50)
         assert 1 + len(calls) == stepper.n_rhs  # and the one at the start
+
+
+def test_a_thread_waits_while_another_imports_a_kernel(tmp_path, monkeypatch):
+    text = "import time\n\ntime.sleep(0.2)\n\nfrom eig3.kernels.eig3_staggered import *\n"
+    (tmp_path / "kernel_imported_slowly.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with ThreadPoolExecutor(2) as threads:
+        first, second = threads.map(formulas, ["kernel_imported_slowly"] * 2)
+    assert first.module is second.module
+    del sys.modules["kernel_imported_slowly"]

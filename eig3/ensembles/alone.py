@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from ..integration import integrate
+from ..methods import Method
 from ..solution import Solution
 from ..stepper import Cancel
 from .histories import Histories
+from .members import Members
+
+
+def alone(rhs: Any, members: Members, method: Method, i: int, cancel: Cancel | None = None, **options: Any) -> Solution:
+    """Integrate member i as a single run."""
+    h = float(members.steps[i])
+    return integrate(rhs, members.t_span, **members.start(i), h=h, method=method, cancel=cancel, **options)
 
 
 class Alone:

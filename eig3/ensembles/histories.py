@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..kernels.protocol import SCALAR
 from ..memory import check_members_history, n_rows
+from ..methods import Method
 from ..solution import Solution, Status
 from .members import Members
+from .solution import EnsembleSolution
 
 _NEVER = 2**62  # `every` if only the first and the last state are saved
 REACHED = "The run reached the end of its span."
@@ -46,8 +48,6 @@ class Histories:
         self.drift = {name: np.zeros(m) for name in names}
         self.extremes = {name: np.full((m, 2), np.nan) for name in names}
         self.last: dict[int, tuple[Any, Any, Any]] = {}
-        self.notes: list[str] = []
-        self.seconds = 0.0
 
     def save(self, chosen: np.ndarray, row: int, u: np.ndarray, v: np.ndarray) -> None:
         """Save states from a row on; u and v have the shape (states, n, members)."""
@@ -89,6 +89,42 @@ class Histories:
         for name, drift in solution.drift.items():
             self.drift[name][member], self.extremes[name][member] = drift, solution.extremes[name]
         self.judge(member, solution.status, solution.message)
+
+    def place(self, part: EnsembleSolution) -> None:
+        """Store the results of some of the members, from member `part.first` on."""
+        chosen, rows = slice(part.first, part.first + len(part)), part.u.shape[1]
+        for name in ("u", "v"):
+            getattr(self, name)[chosen, :rows] = getattr(part, name).reshape(len(part), rows, -1)
+        for name in ("n_steps", "n_rhs", "n_iterations", "status", "message"):
+            getattr(self, name)[chosen] = getattr(part, name)
+        for name in self.drift:
+            self.drift[name][chosen], self.extremes[name][chosen] = part.drift[name], part.extremes[name]
+        self.last |= {part.first + i: state for i, state in part._last.items()}
+
+    def solution(
+        self, method: Method, first: int, seconds: float, notes: Sequence[str], repeat: Callable[[int], Solution]
+    ) -> EnsembleSolution:
+        """Return the result of the ensemble, or of its part that begins with member `first`."""
+        return EnsembleSolution(
+            t=self.t,
+            u=self.shaped(self.u),
+            v=self.shaped(self.v),
+            h=self.members.steps,
+            n_steps=self.n_steps,
+            n_rhs=self.n_rhs,
+            n_iterations=self.n_iterations,
+            status=self.status,
+            message=self.message,
+            params=self.members.params,
+            method=method,
+            drift=self.drift,
+            extremes=self.extremes,
+            first=first,
+            kernel_seconds=seconds,
+            notes=tuple(notes),
+            _last=self.last,
+            _repeat=repeat,
+        )
 
     @property
     def t(self) -> np.ndarray:

@@ -26,7 +26,7 @@ def layout_of(members: Members, method: Method) -> Layout | None:
     """
     if method.is_implicit or members.n > MOST_DEGREES:
         return None
-    lanes, rows = _MOST_LANES, members.n * method.formulas.rows
+    lanes, rows = _MOST_LANES, members.n * method.formulas.own_rows
     while lanes > _LEAST_LANES and 8 * rows * lanes > _CACHE:
         lanes //= 2
     k = members.params.shape[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, wait
+from functools import partial
 from threading import Event
 from typing import Any
 
@@ -13,18 +14,19 @@ from numpy.typing import ArrayLike
 
 from ..callbacks import check_callback, gist
 from ..checks import check_count, check_invariants, check_method
-from ..integration import integrate
 from ..kernels.fixed import wide_kernel
 from ..kernels.interrupt import DeferredInterrupt
 from ..methods import Method
 from ..observers.progress import Progress, check_progress
-from ..solution import Solution
-from ..stepper import Cancel, Stepper
-from .alone import Alone
-from .block import Block, Shared
+from ..stepper import Stepper
+from .alone import Alone, alone
+from .block import Block
 from .histories import Histories
 from .lanewise import lanes_of, layout_of
 from .members import Members, check_members
+from .parts import Joined, Listed, Recipe, Results, parts_of
+from .shared import Shared
+from .shipping import check_executor, check_reduce, march_parts
 from .solution import EnsembleSolution
 
 _ALONE = 16  # members of a piece of work that runs them one at a time
@@ -74,19 +76,23 @@ def ensemble(
     threads : int, optional
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor, optional
-        Run parts of the ensemble by this executor, such as a process pool, or a cluster's.
+        Run the ensemble in parts on the workers of this executor: a `ProcessPoolExecutor` that spawns, the
+        `get_executor()` of a dask.distributed Client, or mpi4py's `MPIPoolExecutor`. A part whose worker dies runs
+        again; if the executor itself breaks, the rest runs in this process, and `notes` or a RuntimeWarning says so.
+        Each part takes one thread, or `threads`.
     reduce : callable, optional
-        ``reduce(part)`` gets the `EnsembleSolution` of a part of the ensemble, and returns what you need of it. The
-        result of `ensemble` is then the list of what it returned. The states of a part are dropped after it, so that
-        memory does not grow with the number of members.
+        ``reduce(part)`` gets the `EnsembleSolution` of a part of the ensemble, whose `first` is the number of its first
+        member, and returns what you need of it. The result of `ensemble` is then the list of what it returned, in
+        order. It runs where the part ran, and the states of a part are dropped after it, so that memory stays bounded.
+        The parts depend on the ensemble only. With an executor, it and what it returns must be picklable.
     progress : bool
         Show a progress bar that counts members. This needs tqdm.
 
     Returns
     -------
-    EnsembleSolution
-        A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite state; the others go
-        on. The result says the same of each member as `eig3.integrate` would say.
+    EnsembleSolution or list
+        A list with `reduce`. A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite
+        state; the others go on. The result says the same of each member as `eig3.integrate` would say.
 
     Raises
     ------
@@ -97,7 +103,8 @@ def ensemble(
     ImportError
         If `progress` is True and tqdm is not installed.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the members that were finished; the others are INTERRUPTED.
+        After Ctrl-C. Its attribute `solution` has the members that were finished; the others are INTERRUPTED. With
+        `reduce` it is the list, with None for parts that are not finished.
 
     Notes
     -----
@@ -113,11 +120,50 @@ def ensemble(
     If rhs raises an exception, `ensemble` raises it too, and its attribute `solution` has the members up to then.
     """
     check_progress(progress)
+    check_executor(executor)
+    check_reduce(reduce)
     members = check_members(rhs, t_span, u0, v0, params, h)
     every = save_every if save_every is None else check_count(save_every, "save_every")
     cores = _cores() if threads is None else check_count(threads, "threads")
-    run = Run(rhs, members, check_method(method), every, check_invariants(invariants))
-    return run.march(cores, progress)
+    given = rhs, members, check_method(method), every, check_invariants(invariants)
+    if executor is None and reduce is None:
+        return Run(*given).march(cores, progress)
+    return _in_parts(*given, reduce, executor, (cores, threads or 1), progress)
+
+
+def _in_parts(
+    rhs: Any,
+    members: Members,
+    method: Method,
+    save_every: int | None,
+    invariants: Mapping[str, Any],
+    reduce: Callable[[EnsembleSolution], Any] | None,
+    executor: Executor | None,
+    threads: tuple[int, int],
+    progress: bool,
+) -> Any:
+    """Run an ensemble in parts; `threads` are the numbers of threads of a part in this process, and on a worker."""
+    parts = parts_of(members, save_every)
+    results: Results
+    if reduce is None:
+        histories = Histories(members, save_every, list(invariants))
+        results = Joined(histories, method, partial(alone, rhs, members, method))
+    else:
+        results = Listed(len(parts))
+    recipe = Recipe(partial(_march, rhs, method, save_every, invariants), reduce)
+    return march_parts(parts, recipe, results, executor, threads, progress)
+
+
+def _march(
+    rhs: Any,
+    method: Method,
+    save_every: int | None,
+    invariants: Mapping[str, Any],
+    members: Members,
+    first: int,
+    threads: int,
+) -> EnsembleSolution:
+    return Run(rhs, members, method, save_every, invariants, first).march(threads)
 
 
 def _cores() -> int:
@@ -141,6 +187,7 @@ class Run:
         self.save_every, self.invariants = save_every, invariants
         self.histories = Histories(members, save_every, list(invariants))
         self.notes: list[str] = []
+        self._alone = partial(alone, rhs, members, method)
         self.work = self._work(self._checked())
 
     def _checked(self) -> Stepper:
@@ -163,30 +210,14 @@ class Run:
             self.rhs, **members.start(i), h=float(members.steps[i]), t0=members.t_span[0], method=self.method
         )
 
-    def _alone(self, i: int, cancel: Cancel | None = None, **options: Any) -> Solution:
-        members = self.members
-        return integrate(
-            self.rhs,
-            members.t_span,
-            **members.start(i),
-            h=float(members.steps[i]),
-            method=self.method,
-            cancel=cancel,
-            **options,
-        )
-
     def _work(self, stepper: Stepper) -> list[Block | Alone]:
         order = np.argsort(self.members.n_steps, kind="stable")  # the members of a block end at similar times
         shared = self._shared(stepper)
         if shared:
             lanes = shared.layout.lanes
             return [Block(shared, order[i : i + lanes]) for i in range(0, len(order), lanes)]
-        options = {"save_every": self.save_every, "invariants": self.invariants}
-
-        def alone(i: int, cancel: Cancel) -> Solution:
-            return self._alone(i, cancel, **options)
-
-        return [Alone(order[i : i + _ALONE], self.histories, alone) for i in range(0, len(order), _ALONE)]
+        integrate = partial(self._alone, save_every=self.save_every, invariants=self.invariants)
+        return [Alone(order[i : i + _ALONE], self.histories, integrate) for i in range(0, len(order), _ALONE)]
 
     def _shared(self, stepper: Stepper) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
@@ -243,24 +274,6 @@ class Run:
                     future.cancel()
 
     def solution(self) -> EnsembleSolution:
-        members, histories = self.members, self.histories
-        return EnsembleSolution(
-            t=histories.t,
-            u=histories.shaped(histories.u),
-            v=histories.shaped(histories.v),
-            h=members.steps,
-            n_steps=histories.n_steps,
-            n_rhs=histories.n_rhs,
-            n_iterations=histories.n_iterations,
-            status=histories.status,
-            message=histories.message,
-            params=members.params,
-            method=self.method,
-            drift=histories.drift,
-            extremes=histories.extremes,
-            first=self.first,
-            kernel_seconds=sum(work.seconds for work in self.work),
-            notes=tuple(self.notes),
-            _last=histories.last,
-            _repeat=self._alone,
-        )
+        """Return the results up to now."""
+        seconds = sum(work.seconds for work in self.work)
+        return self.histories.solution(self.method, self.first, seconds, self.notes, self._alone)

@@ -69,7 +69,7 @@ class EnsembleSolution:
     kernel_seconds: float = 0.0
     notes: tuple[str, ...] = ()
     integrals: dict[str, np.ndarray] = field(default_factory=dict)
-    _last: dict[int, tuple] = field(default_factory=dict)
+    _last: dict[int, tuple] = field(default_factory=dict)  # t, u, v and integrals, by member
     _repeat: Callable[[int], Solution] | None = None
 
     @property
@@ -92,9 +92,10 @@ class EnsembleSolution:
         i = int(i) % len(self)
         finite = np.isfinite(self.u[i]) & np.isfinite(self.v[i])
         count = int(np.sum(finite if finite.ndim == 1 else finite.all(axis=1)))
-        t, u, v = self.t[i, :count], self.u[i, :count], self.v[i, :count]
+        rows = [values[i, :count] for values in (self.t, self.u, self.v, *self.integrals.values())]
         if i in self._last:  # the last finite state is not one of the states to save
-            t, u, v = (np.append(x, [y], axis=0) for x, y in zip((t, u, v), self._last[i], strict=True))
+            rows = [np.append(x, [y], axis=0) for x, y in zip(rows, self._last[i], strict=True)]
+        t, u, v, *integrals = rows
         return Solution(
             t=t,
             u=u,
@@ -110,7 +111,7 @@ class EnsembleSolution:
             drift={name: float(values[i]) for name, values in self.drift.items()},
             extremes={name: (float(low), float(high)) for name, (low, high) in _row(self.extremes, i)},
             notes=self.notes,
-            integrals={name: values[: len(t)] for name, values in _row(self.integrals, i)},
+            integrals=dict(zip(self.integrals, integrals, strict=True)),
             reason=self._reason(i),
         )
 
@@ -119,10 +120,16 @@ class EnsembleSolution:
         repeat = self._repeat
         if repeat is None or self.status[i] is not Status.DIVERGED:
             return None
-        return lambda: repeat(self.first + i).explain()
+        return lambda: repeat(i).explain()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_repeat": None}  # it refers to compiled code
+        # `_repeat` refers to compiled code. Members with the same times need them only once.
+        return {**vars(self), "_repeat": None, "t": self.t if self.t.strides[0] else self.t[:1]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if len(self.t) < len(self):
+            self.t = np.broadcast_to(self.t, self.u.shape[:2])
 
     def __repr__(self) -> str:
         n = 1 if self.u.ndim == 2 else self.u.shape[2]

@@ -1,0 +1,141 @@
+"""The states of the members in the lanes of a block, and the kernel that advances them."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from ..kernels.lanes import Lanes, Layout
+from ..kernels.protocol import EVALUATIONS, Run
+from ..memory import aligned
+from .members import Members
+from .shared import Shared
+
+
+class LaneState:
+    """One state in each lane.
+
+    If each member has its own step, the kernel integrates in units of this step: its step is 1, and its velocity h v.
+
+    Parameters
+    ----------
+    shared : Shared
+    members : ndarray of int, shape (lanes,)
+        The member of each lane.
+
+    Attributes
+    ----------
+    h : ndarray, shape (lanes,)
+        The steps.
+    index : int
+        Number of steps taken.
+    first_acceleration : ndarray, shape (n, lanes)
+        The accelerations at the start.
+    seconds : float
+        Time in the kernel, s.
+    """
+
+    def __init__(self, shared: Shared, members: np.ndarray) -> None:
+        layout, everyone, formulas = shared.layout, shared.members, shared.method.formulas
+        self.layout, self.t0, self.index, self.seconds = layout, everyone.t_span[0], 0, 0.0
+        self.h = np.ascontiguousarray(everyone.steps[members])
+        self._unit = self.h if layout.has_own_step else np.ones(layout.lanes)
+        self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
+        self._rhs, self._kernel = shared.rhs, shared.kernel
+        self._settings, self._tally = np.array(shared.method.settings, dtype=np.float64), np.zeros(4)
+        self._p = self._params(layout, everyone, members)
+        u, v = (np.ascontiguousarray(x[members].T) for x in (everyone.u0, everyone.v0))
+        v *= self._unit
+        a = self._evaluate(0, u, v, np.nan)  # an entry that rhs does not write stays NaN
+        self.first_acceleration = a / self._unit**2
+        self._state = aligned((formulas.state_rows(u.size), u.size))
+        self._rows = self._state.reshape(-1, *u.shape)
+        with np.errstate(over="ignore", invalid="ignore"):
+            past = formulas.start(u, v, a, self._clock[0])
+        for row, values in zip(self._rows, (u, v, *past), strict=False):
+            row[:] = values
+
+    def _params(self, layout: Layout, everyone: Members, members: np.ndarray) -> np.ndarray:
+        """Return the array p of the kernel."""
+        p = aligned((layout.size,))
+        p[: layout.params_size] = everyone.params if layout.shares_params else everyone.params[members].T.ravel()
+        if layout.has_own_step:
+            own = p[layout.params_size :].reshape(-1, layout.lanes)
+            own[0], own[1] = self.h, self.t0
+        return p
+
+    def _evaluate(self, index: int, u: np.ndarray, v: np.ndarray, filled: float) -> np.ndarray:
+        """Evaluate rhs in the units of the kernel, into an array that is filled with a number before."""
+        a = np.full_like(u, filled)
+        h, t0 = self._clock
+        self._rhs.call(t0 + index * h, u.ravel(), v.ravel(), self._p, a.ravel())
+        return a
+
+    @property
+    def values(self) -> tuple[np.ndarray, np.ndarray]:
+        """u and v, of shape (n, lanes)."""
+        return self._rows[0], self._rows[1] / self._unit
+
+    @property
+    def sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        """The largest |u| and the largest |v| in each lane."""
+        u, v = self.values
+        return np.abs(u).max(axis=0), np.abs(v).max(axis=0)
+
+    @property
+    def is_finite(self) -> np.ndarray:
+        """A mask of the lanes whose state is finite."""
+        return np.isfinite(self._rows[:2]).all(axis=(0, 1))
+
+    @property
+    def n_rhs(self) -> int:
+        """Number of evaluations of rhs for each member, including the one at the start."""
+        return 1 + int(self._tally[EVALUATIONS])
+
+    def advance(self, target: int, every: int) -> tuple[np.ndarray, np.ndarray]:
+        """Go on to a step index.
+
+        Returns
+        -------
+        u, v : ndarray, shape (states, n, lanes)
+            The states whose step index is a multiple of `every`.
+        """
+        first, (h, t0) = self.index, self._clock
+        u, v = (np.empty((target // every - first // every, self._state.shape[1])) for _ in range(2))
+        run = Run(h, t0, self._p, first, target - first, every, u, v)
+        begin = time.perf_counter()
+        self._kernel((self._rhs.address, None), self._state, self._settings, self._tally, run)
+        self.seconds += time.perf_counter() - begin
+        self.index = target
+        shape = len(u), *self._rows.shape[1:]
+        return u.reshape(shape), v.reshape(shape) / self._unit
+
+    def save(self) -> tuple[int, np.ndarray, np.ndarray]:
+        """Return a copy of the states, for `restore`."""
+        return self.index, self._state.copy(), self._tally.copy()
+
+    def restore(self, saved: tuple[int, np.ndarray, np.ndarray]) -> None:
+        """Go back to states that `save` has returned."""
+        self.index, self._state[:], self._tally[:] = saved
+
+    def repeat(self, model: int, lanes: np.ndarray) -> None:
+        """Copy a lane to the lanes of a mask."""
+        self._rows[:, :, lanes] = self._rows[:, :, model, None]
+        self.h[lanes] = self.h[model]
+        layout = self.layout
+        p = self._p[layout.params_size if layout.shares_params else 0 :].reshape(-1, layout.lanes)
+        p[:, lanes] = p[:, model, None]
+
+    def widen(
+        self, extremes: tuple[np.ndarray, np.ndarray], invariant: Lanes, first: int, u: np.ndarray, v: np.ndarray
+    ) -> None:
+        """Widen the extremes of an invariant by its values in the states from step index `first` on."""
+        flat = len(u), self._state.shape[1]
+        invariant.call(first, self.h, self.t0, self._p, u.reshape(flat), v.reshape(flat), *extremes)
+
+    def unwritten(self) -> np.ndarray:
+        """Return a mask of shape (n, lanes): the entries of a that rhs did not write in the last step."""
+        u, v = self._rows[0], self._rows[1]  # no method has to evaluate rhs at the end of a run
+        a, other = (self._evaluate(self.index - 1, u, v, filled) for filled in (np.nan, 0.0))
+        return np.isnan(a) & (other == 0)  # a value that rhs computes may be NaN too

@@ -1,0 +1,199 @@
+"""Run the parts of an ensemble: on the workers of an executor, or one after the other in this process."""
+
+from __future__ import annotations
+
+import traceback
+import uuid
+from collections import Counter, deque
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from typing import Any
+
+from numba import cloudpickle  # unlike pickle, it takes functions of the main module and of other functions
+
+from ..callbacks import gist
+from ..kernels.interrupt import DeferredInterrupt
+from ..methods import shown
+from ..observers.progress import Progress
+from .parts import Part, Recipe, Results
+
+_IN_FLIGHT = 128  # parts with the executor; the members of the others do not occupy its memory
+_TRIES = 3  # of a part whose worker dies
+_POLL_SECONDS = 0.05  # between two looks for Ctrl-C
+
+
+def check_executor(executor: Any) -> None:
+    """Raise a TypeError if `executor` is neither an executor nor None."""
+    if executor is None or isinstance(executor, Executor):
+        return
+    if callable(getattr(executor, "get_executor", None)):
+        raise TypeError("executor must be a concurrent.futures.Executor: pass client.get_executor(), not the client.")
+    raise TypeError(
+        "executor must be a concurrent.futures.Executor, such as a ProcessPoolExecutor or the get_executor() of a "
+        f"dask.distributed Client, not {shown(executor)}."
+    )
+
+
+def check_reduce(reduce: Any) -> None:
+    """Raise a TypeError if `reduce` is neither callable nor None."""
+    if reduce is not None and not callable(reduce):
+        raise TypeError(f"reduce must be a function of an EnsembleSolution, not {shown(reduce)}.")
+
+
+def march_parts(
+    parts: list[Part],
+    recipe: Recipe,
+    results: Results,
+    executor: Executor | None,
+    threads: tuple[int, int],
+    progress: bool,
+) -> Any:
+    """Run all parts, and return the whole of their results.
+
+    Parameters
+    ----------
+    parts : list of Part
+    recipe : Recipe
+    results : Results
+    executor : Executor or None
+        None for this process.
+    threads : (int, int)
+        The numbers of threads of a part: in this process, and on a worker.
+    progress : bool
+        Show a progress bar.
+    """
+    note = ""
+    try:
+        with Progress(sum(map(len, parts)), "member", shown=progress) as bar:
+
+            def end(part: Part, value: Any) -> None:
+                with DeferredInterrupt():
+                    results.put(part, value)
+                bar.add(len(part))
+
+            left = parts
+            if executor is not None:
+                left = Shipment(executor, parts, recipe, threads[1]).run(end)
+                if left:
+                    note = f"The executor broke, and {len(left)} of {len(parts)} parts ran in this process."
+            for part in left:
+                end(part, recipe(part, threads[0]))
+    except BaseException as error:  # raised by rhs or reduce, or after Ctrl-C
+        with DeferredInterrupt() as again:
+            results.rescue(error)
+            error.solution = results.whole(note)  # type: ignore[attr-defined]
+            if isinstance(error, KeyboardInterrupt):
+                again.forget()  # it is raised now
+        raise
+    return results.whole(note)
+
+
+class Shipment:
+    """Parts on their way to the workers of an executor and back.
+
+    Parameters
+    ----------
+    executor : Executor
+    parts : list of Part
+    recipe : Recipe
+    threads : int
+        Number of threads of a part.
+
+    Raises
+    ------
+    TypeError
+        If a function of the user cannot be pickled.
+    """
+
+    def __init__(self, executor: Executor, parts: list[Part], recipe: Recipe, threads: int) -> None:
+        self.executor, self.threads = executor, threads
+        self.waiting, self.running = deque(parts), dict[Future, Part]()
+        self.losses: Counter[int] = Counter()
+        self.is_broken = False
+        march = _packed(recipe.march, "rhs and the invariants")
+        self.recipe = march, _packed(recipe.reduce, "reduce")
+
+    def run(self, end: Callable[[Part, Any], None]) -> list[Part]:
+        """Run the parts; call ``end(part, value)`` for each. Return those that are left if the executor broke."""
+        try:
+            with DeferredInterrupt() as interrupt:
+                while self.running or (self.waiting and not self.is_broken):
+                    self._submit()
+                    done, _ = wait(self.running, _POLL_SECONDS, FIRST_COMPLETED)
+                    if interrupt.is_set():
+                        break
+                    for future in done:
+                        self._receive(self.running.pop(future), future, end)
+        finally:
+            for future in self.running:
+                future.cancel()
+        return sorted(self.waiting, key=lambda part: part.first)
+
+    def _submit(self) -> None:
+        while self.waiting and len(self.running) < _IN_FLIGHT and not self.is_broken:
+            unique = str(uuid.uuid4())
+            try:
+                future = self.executor.submit(run_part, *self.recipe, self.waiting[0], self.threads, unique)
+            except BrokenExecutor:
+                self.is_broken = True
+            else:
+                self.running[future] = self.waiting.popleft()
+
+    def _receive(self, part: Part, future: Future, end: Callable[[Part, Any], None]) -> None:
+        loss = CancelledError() if future.cancelled() else future.exception()
+        if loss is None:
+            value, error, trace = cloudpickle.loads(future.result())
+            if error is not None:
+                raise error from RuntimeError(f"On the worker:\n{trace}")
+            end(part, value)
+            return
+        self.waiting.appendleft(part)
+        self.losses[part.number] += 1
+        if isinstance(loss, BrokenExecutor):
+            self.is_broken = True
+        elif self.losses[part.number] == _TRIES:
+            raise RuntimeError(
+                f"the executor lost members {part.first} to {part.first + len(part) - 1} {_TRIES} times; a worker may "
+                f"have too little memory, or no eig3. The last time it raised {type(loss).__name__}: {loss}"
+            ) from loss
+
+
+def run_part(march: bytes, reduce: bytes, part: Part, threads: int, unique: str) -> bytes:
+    """Run a part on a worker.
+
+    Parameters
+    ----------
+    march, reduce : bytes
+        The fields of a `Recipe`, pickled.
+    part : Part
+    threads : int
+    unique : str
+        Another text in each call: dask takes calls with equal arguments for one.
+
+    Returns
+    -------
+    bytes
+        ``(value, error, trace)``, pickled. An exception of the user's function is returned, not raised: if the future
+        has an exception, the worker is lost.
+    """
+    try:
+        recipe = Recipe(cloudpickle.loads(march), cloudpickle.loads(reduce))
+        return _packed((recipe(part, threads), None, ""), "What reduce returns")
+    except Exception as error:
+        return _packed_error(error, traceback.format_exc())
+
+
+def _packed(value: Any, name: str) -> bytes:
+    try:
+        return cloudpickle.dumps(value)
+    except Exception as error:
+        raise TypeError(f"{name} must be picklable, to travel between processes: {gist(error)}.") from error
+
+
+def _packed_error(error: Exception, trace: str) -> bytes:
+    try:
+        packed = cloudpickle.dumps((None, error, trace))
+        cloudpickle.loads(packed)  # which fails for many classes whose exceptions have several arguments
+    except Exception:
+        return cloudpickle.dumps((None, RuntimeError(f"{type(error).__name__}: {error}"), trace))
+    return packed
