@@ -12,12 +12,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from eig3 import problems
 from eig3.ensembles.lanewise import layout_of
 from eig3.ensembles.members import check_members
 from eig3.kernels.lanes import compile_rhs
@@ -37,10 +38,9 @@ SPEED_METHODS = ("eig3", "eig9", "rk4")
 ACCURACY_METHODS = ("eig3", "eig5", "eig9", "rk4", "rk8")
 TARGET = 1e-4  # the largest error at the end, relative to the member's largest displacement
 _FEW = 50  # members that run one at a time
-_PILOTS = 256  # members with which the step or the tolerance is searched
-_RUNGS_PER_OCTAVE = 4
-_RUNGS = 80
-_REFERENCE_STEPS = 32  # times the fewest steps
+_PILOTS = 32  # members with which the step or the tolerance is searched
+_LADDER = 2 ** (np.arange(52) / 4)  # the stability limit over the steps to try
+_REFERENCE = 64  # the stability limit of RK8 over the step of the reference
 _SAVED = 100  # states of the reference, for the largest displacement
 _TOLERANCES = tuple(10 ** (-k / 2) for k in range(4, 27))
 _LONGEST = 20.0  # s: a rival that would take longer runs with fewer members
@@ -111,6 +111,7 @@ def benchmark(
     )
     rows = [speed_row(case, method, members, n_steps, repeats) for case in cases for method in SPEED_METHODS]
     write(text.table(SPEED_HEADER, rows))
+    write("\n" + small_oscillator(repeats, n_steps))
     write("\n## The time to an accuracy\n")
     write(
         f"Seconds for {accurate} members whose displacements at the end of the run have errors below {TARGET:g} of "
@@ -195,6 +196,19 @@ def compile_seconds(case: Case, method: str) -> float:
     return time.perf_counter() - begin
 
 
+def small_oscillator(repeats: int, n_steps: int) -> str:
+    """The line of a thousand members of the smallest problem."""
+    problem = replace(problems.single_dof(), energy=None)
+    options = {"u0": np.linspace(0.5, 1.5, 1000), "h": 1e-3, "t_end": 1e-3 * n_steps, "save_every": None}
+    runs = {
+        "on one core": _timed(lambda: problem.ensemble(**options, threads=1)),
+        "on all cores": _timed(lambda: problem.ensemble(**options)),
+    }
+    seconds = medians(runs, repeats, problem.name)
+    times = " and ".join(f"{text.number(1e3 * s)} ms {where}" for where, s in seconds.items())
+    return f"{problem.name}, EIG-3, 1000 members of {n_steps} steps: {times}."
+
+
 def _timed(call: Callable[[], object], cpu: list[float] | None = None) -> Callable[[], float]:
     """The call as a run that returns its seconds, and appends those of the processor to `cpu`."""
 
@@ -234,13 +248,27 @@ class Found:
 
 
 def contestants(case: Case) -> list[Contestant]:
-    steps = [round(case.fewest_steps * 2 ** (k / _RUNGS_PER_OCTAVE)) for k in range(_RUNGS)]
-    ours = [Contestant(METHODS[name]().label, True, steps, partial(_ours, name)) for name in ACCURACY_METHODS]
-    return ours + [
+    return [
+        *(
+            Contestant(METHODS[name]().label, True, _steps(case, name), partial(_ours, name))
+            for name in ACCURACY_METHODS
+        ),
+        *_rivals(case),
+    ]
+
+
+def _rivals(case: Case) -> list[Contestant]:
+    return [
         Contestant(rival.label, False, _TOLERANCES, rival.prepare)
         for rival in ENSEMBLE_RIVALS
         if rival.is_installed and rival.can_express(case)
     ]
+
+
+def _steps(case: Case, method: str) -> list[int]:
+    """Numbers of steps from the stability limit on. A run above it diverges, which takes long to explain."""
+    fewest = np.ptp(case.problem.t_span) / case.longest_step(method)
+    return [int(n) for n in np.ceil(fewest * _LADDER)]
 
 
 def _ours(method: str, case: Case, m: int) -> Callable[[int], Run]:
@@ -262,14 +290,9 @@ class Reference:
     """The displacements at the end by RK8 with small steps, and the largest ones of each member."""
 
     def __init__(self, case: Case, m: int) -> None:
-        n_steps = _REFERENCE_STEPS * case.fewest_steps
-        span = np.ptp(case.problem.t_span)
-        u = _rows(
-            case.problem.ensemble(
-                **case.members(m), h=span / n_steps, method="rk8", save_every=max(1, n_steps // _SAVED)
-            ).u,
-            case,
-        )
+        h = case.longest_step("rk8") / _REFERENCE
+        every = max(1, int(np.ptp(case.problem.t_span) / h / _SAVED))
+        u = _rows(case.problem.ensemble(**case.members(m), h=h, method="rk8", save_every=every).u, case)
         self.ends, self.sizes = u[:, -1].copy(), np.abs(u).max(axis=1)
 
     def error(self, ends: np.ndarray) -> float:

@@ -36,8 +36,6 @@ class Case:
         Makes the problem.
     h : float
         The step with which the time of a step is measured.
-    fewest_steps : int
-        About as few steps as any method could take over the span of the problem.
     spreads : tuple of Spread
     by_hand : callable
         EIG-3 as a loop over members: ``by_hand(u0, v0, params, h, n_steps, ends)``, with arrays of shape (m, n).
@@ -45,7 +43,6 @@ class Case:
 
     build: Callable[[], Problem]
     h: float
-    fewest_steps: int
     spreads: tuple[Spread, ...]
     by_hand: Callable
 
@@ -53,6 +50,10 @@ class Case:
     def problem(self) -> Problem:
         """The problem without its energy, which an ensemble would follow at every step."""
         return replace(self.build(), energy=None)
+
+    def longest_step(self, method: str) -> float:
+        """Return the stability limit of a method for the problem, at its start."""
+        return self.problem.critical_step(method=method, safety=1.0).h
 
     def members(self, m: int) -> dict[str, np.ndarray]:
         """Return the u0 and the params of m members. More members begin with the same ones."""
@@ -177,7 +178,6 @@ _CASES = (
     Case(
         partial(problems.duffing, delta=0.1, a=1.0, b=1.0, u0=0.0, t_end=50.0),
         h=5e-3,
-        fewest_steps=50,
         spreads=(
             Spread("params", (3,), 0.1, 0.5),
             Spread("params", (4,), 0.5, 1.5),
@@ -188,21 +188,18 @@ _CASES = (
     Case(
         partial(problems.spring_pendulum, t_end=10.0),
         h=1e-3,
-        fewest_steps=100,
         spreads=(Spread("params", (2,), 80.0, 120.0), Spread("u0", (1,), 0.2, 1.0)),
         by_hand=spring_pendulum,
     ),
     Case(
         partial(problems.hardening_chain, n=CHAIN, stiffness=100.0, hardening=5.0, t_end=20.0),
         h=1e-3,
-        fewest_steps=100,
         spreads=(Spread("params", (0,), 80.0, 120.0),),
         by_hand=hardening_chain,
     ),
     Case(
         partial(problems.shear_building, t_end=_SECONDS),
         h=_SECONDS / 10_000,
-        fewest_steps=250,
         # the scene has parameters of its own for the first storey
         spreads=(Spread("params", (-5, -2), 8e6, 16e6), Spread("params", (-4, -1), 40e3, 80e3)),
         by_hand=shear_building,
