@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import math
 import statistics
 import subprocess
 import sys
@@ -26,7 +27,7 @@ from eig3.methods import METHODS
 from eig3.options import count
 
 from . import text
-from .ensemble_cases import CASES, Case
+from .ensemble_cases import CASES, SAMPLES, Case
 from .ensemble_rivals import ENSEMBLE_RIVALS, Run, jax_eig3
 from .environment import in_words
 from .options import add_problems, add_repeats, choose
@@ -41,6 +42,7 @@ _FEW = 50  # members that run one at a time
 _PILOTS = 32  # members with which the step or the tolerance is searched
 _LADDER = 2 ** (np.arange(52) / 4)  # the stability limit over the steps to try
 _REFERENCE = 64  # the stability limit of RK8 over the step of the reference
+_SAMPLES = SAMPLES - 1  # steps of the reference, or a multiple, so that they end at the samples of a record
 _SAVED = 100  # states of the reference, for the largest displacement
 _TOLERANCES = tuple(10 ** (-k / 2) for k in range(4, 27))
 _LONGEST = 20.0  # s: a rival that would take longer runs with fewer members
@@ -290,9 +292,10 @@ class Reference:
     """The displacements at the end by RK8 with small steps, and the largest ones of each member."""
 
     def __init__(self, case: Case, m: int) -> None:
-        h = case.longest_step("rk8") / _REFERENCE
-        every = max(1, int(np.ptp(case.problem.t_span) / h / _SAVED))
-        u = _rows(case.problem.ensemble(**case.members(m), h=h, method="rk8", save_every=every).u, case)
+        span = np.ptp(case.problem.t_span)
+        n_steps = _SAMPLES * math.ceil(_REFERENCE * span / case.longest_step("rk8") / _SAMPLES)
+        options = {"h": span / n_steps, "method": "rk8", "save_every": n_steps // _SAVED}
+        u = _rows(case.problem.ensemble(**case.members(m), **options).u, case)
         self.ends, self.sizes = u[:, -1].copy(), np.abs(u).max(axis=1)
 
     def error(self, ends: np.ndarray) -> float:
