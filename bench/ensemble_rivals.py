@@ -5,6 +5,7 @@ They get the parameters that all members share as constants.
 
 from __future__ import annotations
 
+import copy
 import importlib.util
 import os
 import time
@@ -24,7 +25,7 @@ from .rivals import EXPRESSIONS
 Run = Callable[[], np.ndarray]
 
 _CHUNK = 500  # members that diffrax integrates together: the members of a chunk wait for the slowest one
-_TRIAL = 32  # batches for the choice of heyoka's batch size
+_TRIAL = 128  # members for the choice of heyoka's batch size
 
 
 @dataclass(frozen=True)
@@ -100,28 +101,37 @@ def _heyoka_batch(
     return solver, begin, members
 
 
-def _heyoka_batches(case: Case, m: int) -> Callable[[float], Run]:
+def _heyoka_batches(threads: int, case: Case, m: int) -> Callable[[float], Run]:
+    """Batches one after the other, in each of some threads: heyoka releases the lock of Python."""
     import heyoka
 
     t_end, n = case.problem.t_span[1], np.size(case.problem.u0)
 
     def with_width(tolerance: float, width: int) -> Callable[[int], np.ndarray]:
-        solver, begin, members = _heyoka_batch(case, m, tolerance, width)
+        first, begin, members = _heyoka_batch(case, m, tolerance, width)
+        solvers = [copy.copy(first) for _ in range(threads)]
 
         def run(count: int) -> np.ndarray:
             ends = np.empty((m, n))
-            for i in range(count):
-                begin(solver, i).propagate_until(t_end)
-                ends[members(i)] = solver.state[:n].T
+
+            def some(thread: int) -> None:
+                solver = solvers[thread]
+                for i in range(thread, count, threads):
+                    begin(solver, i).propagate_until(t_end)
+                    ends[members(i)] = solver.state[:n].T
+
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(some, range(threads)))
             return ends
 
         return run
 
     def at(tolerance: float) -> Run:
-        widths = [w for w in (1, 2) if w * heyoka.recommended_simd_size() <= m]
-        sizes = [w * heyoka.recommended_simd_size() for w in widths]
-        runs = {width: with_width(tolerance, width) for width in sizes}
-        best = min(runs, key=lambda width: _seconds(partial(runs[width], max(1, min(_TRIAL, m) // width))))
+        recommended = heyoka.recommended_simd_size()
+        sizes = [size for size in (recommended, 2 * recommended) if size <= m]
+        runs = {size: with_width(tolerance, size) for size in sizes}
+        trial = min(_TRIAL, m)
+        best = min(sizes, key=lambda size: _seconds(partial(runs[size], trial // size)))
         return partial(runs[best], -(-m // best))
 
     return at
@@ -271,7 +281,8 @@ def _seconds(run: Callable[[], object]) -> float:
 
 
 ENSEMBLE_RIVALS = (
-    EnsembleRival("heyoka, batches in a loop", "heyoka", _heyoka_batches),
+    EnsembleRival("heyoka, batches in threads", "heyoka", partial(_heyoka_batches, os.cpu_count() or 1)),
+    EnsembleRival("heyoka, batches in a loop", "heyoka", partial(_heyoka_batches, 1)),
     EnsembleRival("heyoka, ensemble of batches", "heyoka", _heyoka_ensemble_of_batches),
     EnsembleRival("heyoka, ensemble", "heyoka", _heyoka_ensemble),
     EnsembleRival("diffrax Tsit5", "diffrax", partial(_diffrax, "Tsit5")),

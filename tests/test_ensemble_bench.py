@@ -140,7 +140,7 @@ def test_command_without_rivals(capsys, monkeypatch):
     sizes = ["--members", "3", "--steps", "20", "--accurate", "3", "--repeats", "1"]
     main(["bench", "ensemble", "--problem", "duffing", *sizes])
     printed = capsys.readouterr().out
-    assert "left out: heyoka, batches in a loop" in printed
+    assert "left out: heyoka, batches in threads" in printed
     assert "diffrax Dopri8, JAX." in printed
     for method in ("EIG-3", "EIG-9", "RK4"):
         assert f"| duffing, {method}" in printed
