@@ -45,7 +45,7 @@ _REFERENCE = 64  # the stability limit of RK8 over the step of the reference
 _SAMPLES = SAMPLES - 1  # steps of the reference, or a multiple, so that they end at the samples of a record
 _SAVED = 100  # states of the reference, for the largest displacement
 _TOLERANCES = tuple(10 ** (-k / 2) for k in range(4, 27))
-_LONGEST = 20.0  # s: a rival that would take longer runs with fewer members
+_LONGEST = 5.0  # s: a rival that would take longer runs with fewer members
 
 SPEED_HEADER = [
     "ensemble, method",
