@@ -43,6 +43,8 @@ class Problem:
         "energy".
     energy_unit : str
         Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
+    units : str or tuple of str
+        Unit of the displacements, or of each of them; "-" for a number without a unit.
     exact : callable, optional
         ``exact(t) -> (u, v)`` for an array of times.
     continuum : callable, optional
@@ -76,6 +78,7 @@ class Problem:
     h: float | None = None
     draw: Callable[[Any, Solution], None] | None = None
     energy_unit: str = "J"
+    units: str | tuple[str, ...] = "m"
     integrals: tuple[str, ...] = ()
 
     def with_(self, **changes: Any) -> Problem:
@@ -232,6 +235,11 @@ class Problem:
         u, v = np.asarray(u), np.asarray(v)
         times = np.broadcast_to(np.asarray(time, dtype=np.float64), len(u))
         return np.array([of(*state) for state in zip(times, u, v, strict=True)])
+
+    def unit(self, letter: str, i: int = 0) -> str:
+        """Return the unit of "u" or "v" in the degree of freedom i."""
+        unit = self.units if isinstance(self.units, str) else self.units[i]
+        return unit if letter == "u" else f"{unit.replace('-', '1')}/s"
 
     @property
     def uses_velocity(self) -> bool:

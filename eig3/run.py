@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from . import drawing
-from .analysis.critical import NoCriticalStepError
 from .checks import check_h, check_span
+from .first_step import first_step
 from .methods import Method
 from .options import Files, file_name
 from .problem import Problem
 from .solution import Solution
 
-_STEPS = 2000  # least number of steps of a problem that suggests no step
 _STATES = 20_000  # approximate largest number of saved states
 _VALUES = 4_000_000  # largest number of saved displacements and velocities
 _CSV_VALUES = 200_000  # a longer history is written to the NPZ file only
@@ -69,7 +68,7 @@ def run(
         options["t_end"] = check_span((0.0, t_end))[1]
     problem = build(**options)
     span = problem.t_span[1] - problem.t_span[0]
-    h = _step(problem, method, span) if h is None else check_h(h)
+    h = first_step(problem, method, span) if h is None else check_h(h)
     states = min(_STATES, _VALUES // (2 * np.size(problem.u0)))
     every = max(1, round(min(span / h, 2**53) / states))
     interrupt = None
@@ -92,16 +91,6 @@ def run(
     if interrupt:
         raise interrupt
     return solution
-
-
-def _step(problem: Problem, method: str | Method, span: float) -> float:
-    """Return the step that the problem suggests, or a step well below the critical step and the span."""
-    if problem.h is not None:
-        return problem.h
-    try:
-        return min(span / _STEPS, problem.critical_step(method=method).h / 10)
-    except NoCriticalStepError:
-        return span / _STEPS
 
 
 @dataclass(frozen=True)

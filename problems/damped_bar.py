@@ -63,6 +63,7 @@ def damped_bar(
         t_span=(0.0, t_end),
         exact=standing_waves(u0, lumped, xi * lumped / highest),
         continuum=standing_waves(u0, continuous, xi * continuous / highest),
+        units="pulse heights",
         source="Kelvin-Voigt bar, by modal superposition",
         draw=drawing_of_bar(x * length),
     )

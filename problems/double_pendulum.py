@@ -75,6 +75,7 @@ def double_pendulum(
         params=(m1, m2, l1, l2, g),
         t_span=(0.0, t_end),
         energy=energy,
+        units="rad",
         source="Landau and Lifshitz, Mechanics, section 5, problem 1",
         h=1e-3,
         draw=partial(draw, l1=l1, l2=l2),

@@ -83,6 +83,7 @@ def elastic_bar(
         continuum=partial(
             travelling_waves, x=x * length, length=length, wave_speed=wave_speed, centre=centre, width=width
         ),
+        units="pulse heights",
         source="d'Alembert; the lumped frequencies are from Lagrange's loaded string",
         draw=drawing_of_bar(x * length),
     )

@@ -53,6 +53,7 @@ def henon_heiles(E: float = 1 / 12, y0: float = 0.1, t_end: float = 600.0) -> Pr
         t_span=(0.0, t_end),
         energy=energy,
         energy_unit="-",
+        units="-",
         source="Henon and Heiles, The Astronomical Journal 69 (1964), 73-79",
         h=0.01,
         draw=draw,

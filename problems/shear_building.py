@@ -39,6 +39,7 @@ def shear_building(
     stiffness: float = 12e6,
     damping: float = 60e3,
     peak: float = 3.0,
+    record: int = 1906,
     t_end: float = 30.0,
     work: bool = False,
 ) -> Problem:
@@ -54,12 +55,14 @@ def shear_building(
         Damping of a storey, N s/m.
     peak : float
         Largest acceleration of the ground, before the slow part is removed, m/s^2.
+    record : int
+        The seed of the record, at least 0: each number is another motion of the ground.
     t_end : float
         Duration, s.
     work : bool
         Follow the work done by the ground and the dampers.
     """
-    t, x = quake(max(t_end, 10.0), 0.01, peak, seed=1906)
+    t, x = quake(max(t_end, 10.0), 0.01, peak, record)
     scene = Scene(dimension=1)
     ground = scene.fixed(0.0)
     floors = scene.mass(m, np.zeros(3))

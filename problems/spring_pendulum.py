@@ -63,6 +63,7 @@ def spring_pendulum(
         params=(m, l0, k, g),
         t_span=(0.0, t_end),
         energy=energy,
+        units=("m", "rad"),
         source="EIG-3 article, section 4.4",
         h=1e-3,
         draw=draw,

@@ -45,6 +45,7 @@ def van_der_pol(mu: float = 10.0, u0: float = 2.0, v0: float = 0.0, t_end: float
         v0=v0,
         params=(mu,),
         t_span=(0.0, t_end),
+        units="-",
         source="Van der Pol, On relaxation-oscillations, Philosophical Magazine 2 (1926)",
         draw=partial(drawing.oscillator, units=("-", "1/s")),
     )

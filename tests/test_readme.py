@@ -90,9 +90,20 @@ def test_the_scenes_of_the_readme_run(command, tmp_path, monkeypatch, capsys):
     assert (tmp_path / "out" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize("command", texts("eig3/ensembles/README.md", "sh")[0].replace("\\\n", "").splitlines())
+def test_the_studies_of_the_readme_run(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    program, *arguments = command.split()
+    assert program == ".venv/bin/eig3"
+    assert main(arguments) == 0
+    assert "diverged" not in capsys.readouterr().out
+    out = tmp_path / arguments[-1]
+    assert {path.name for path in out.iterdir()} == {"sweep.csv", "sweep.npz", "sweep.png"}
+
+
 @pytest.mark.parametrize("readme", README_FILES)
 def test_commands_are_those_that_run(readme):
-    """CI runs those of the first README, `test_suites` those of pytest-benchmark, and the test above the scenes."""
+    """CI runs those of the first README, `test_suites` those of pytest-benchmark, and the tests above the others."""
     commands = texts(readme, "sh")
     if readme == "README.md":
         assert len(commands) == 2
@@ -105,7 +116,7 @@ def test_commands_are_those_that_run(readme):
         (lines,) = (block.splitlines() for block in commands)
         assert all(line.startswith(".venv/bin/pytest bench --benchmark-only ") for line in lines)
     else:
-        assert len(commands) == (readme == "problems/README.md")
+        assert len(commands) == (readme in ("problems/README.md", "eig3/ensembles/README.md"))
 
 
 def test_every_benchmark_and_problem_is_in_its_readme():

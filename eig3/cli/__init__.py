@@ -8,11 +8,11 @@ import sys
 from collections.abc import Sequence
 
 from .._version import __version__
-from . import bench, cache, plan, run
+from . import bench, cache, plan, run, sweep
 
 __all__ = ["main"]
 
-_COMMANDS = {"bench": bench, "run": run, "plan": plan, "cache": cache}
+_COMMANDS = {"bench": bench, "run": run, "plan": plan, "sweep": sweep, "cache": cache}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -12,6 +12,7 @@ from ..observers.growth import BLOWN_UP, OVERFLOWING
 from ..observers.written import unwritten_entry
 from ..solution import Status
 from ..stepper import Cancel
+from .growth import grown_by_step
 from .lane_state import LaneState
 from .shared import Shared
 
@@ -43,6 +44,7 @@ class Block:
 
     def run(self, stop: Cancel) -> None:
         """Run the members to their ends, or until `stop` is set."""
+        self._stop = stop
         self._begin()
         while self._runs.any() and not stop.is_set():
             try:
@@ -189,7 +191,7 @@ class Block:
         for lane in np.flatnonzero(ended).tolist():
             if lane in self._failed:
                 histories.judge(int(members[lane]), failure, self._failed[lane])
-        self._judge_growth(members[self._suspects() & ended])
+        self._judge_growth(np.flatnonzero(self._suspects() & ended))
         self._runs &= ~ended
         if self._runs.any():
             state.repeat(int(np.argmax(self._runs)), ~self._runs)
@@ -202,10 +204,13 @@ class Block:
             v_grown = (v > BLOWN_UP * self._v_natural) & (self._v_natural > 0)
         return u_grown | v_grown | (np.maximum(u, v) > OVERFLOWING)
 
-    def _judge_growth(self, members: np.ndarray) -> None:
-        """Let runs alone tell whether these members grew because of their step."""
-        histories = self.shared.histories
-        for member in members.tolist():
-            if histories.status[member] is Status.COMPLETED:
-                alone = self.shared.alone(member)
-                histories.judge(member, alone.status, alone.message)
+    def _judge_growth(self, lanes: np.ndarray) -> None:
+        """Let runs alone tell whether the members in these lanes grew because of their step, if they may have."""
+        shared, histories = self.shared, self.shared.histories
+        lanes = lanes[histories.status[self._members[lanes]] == Status.COMPLETED]
+        if not lanes.size:
+            return
+        sizes = np.array(self._state.sizes)[:, lanes]
+        for member in grown_by_step(shared, self._members[lanes], sizes, self._stop).tolist():
+            alone = shared.alone(member, self._stop)
+            histories.judge(member, alone.status, alone.message)

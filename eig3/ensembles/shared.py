@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
 from ..solution import Solution
+from ..stepper import Cancel
 from .histories import Histories
 from .members import Members
 
@@ -28,7 +29,7 @@ class Shared:
     invariants : dict of str to Lanes
     histories : Histories
     alone : callable
-        ``alone(member)`` returns the `Solution` of a member from a run of its own.
+        ``alone(member, cancel)`` returns the `Solution` of a member from a run of its own.
     """
 
     members: Members
@@ -38,4 +39,4 @@ class Shared:
     rhs: Lanes
     invariants: dict[str, Lanes]
     histories: Histories
-    alone: Callable[[int], Solution]
+    alone: Callable[[int, Cancel], Solution]

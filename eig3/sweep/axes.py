@@ -1,0 +1,89 @@
+"""The values of a swept parameter: a grid, or a random sample."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+_NUMBER = r"[^:=]+"
+_FORM = re.compile(rf"([^:=]+)=({_NUMBER}):({_NUMBER})(?::(\d+))?(:log)?")
+_NEAR = 1e-9  # a value this close to a whole number, relative to it, is one: a logarithmic grid has round-off
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A parameter that is swept.
+
+    Attributes
+    ----------
+    name : str
+    low, high : float
+    count : int or None
+        Number of values of a grid; None for a random sample.
+    is_log : bool
+        Whether the values are spaced, or distributed, uniformly in the logarithm.
+    """
+
+    name: str
+    low: float
+    high: float
+    count: int | None
+    is_log: bool = False
+
+    @classmethod
+    def parse(cls, text: str, *, random: bool) -> Axis:
+        """Return the axis of ``NAME=FROM:TO:COUNT`` or, for a random sample, ``NAME=FROM:TO``; ``:log`` may follow.
+
+        Raises
+        ------
+        ValueError
+            If the text has another form, or the values are not valid.
+        """
+        form, example = ("NAME=FROM:TO", "omega=0.5:2") if random else ("NAME=FROM:TO:COUNT", "omega=0.5:2:100")
+        match = _FORM.fullmatch(text.replace(" ", ""))
+        wrong = ValueError(
+            f"--set must be {form} or {form}:log{' with --random' if random else ''}, such as {example}, not {text!r}."
+        )
+        if not match or bool(match[4]) == random:
+            raise wrong
+        try:
+            low, high = float(match[2]), float(match[3])
+        except ValueError:
+            raise wrong from None
+        name, is_log = match[1], bool(match[5])
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise ValueError(f"--set {name} must go from a number to a larger one, not from {low:g} to {high:g}.")
+        if is_log and low <= 0:
+            raise ValueError(f"--set {name} must start above 0 for logarithmic spacing, not at {low:g}.")
+        count = None if random else int(match[4])
+        if count is not None and count < 2:
+            raise ValueError(f"--set {name} must have at least 2 values, not {count}.")
+        return cls(name, low, high, count, is_log)
+
+    def grid(self, *, whole: bool) -> np.ndarray:
+        """Return evenly spaced values, which must be whole numbers if the parameter is one."""
+        assert self.count is not None
+        values = (np.geomspace if self.is_log else np.linspace)(self.low, self.high, self.count)
+        if not whole:
+            return values
+        rounded = np.rint(values)
+        far = np.abs(values - rounded) > _NEAR * np.abs(values)
+        if far.any():
+            raise ValueError(
+                f"--set {self.name} takes whole numbers, but {self.count} values from {self.low:g} to {self.high:g} "
+                f"contain {values[far][0]:g}."
+            )
+        return rounded.astype(np.int64)
+
+    def sample(self, rng: np.random.Generator, count: int, *, whole: bool) -> np.ndarray:
+        """Return random values with a uniform distribution; with `whole`, each whole number is equally likely."""
+        if whole:
+            if self.is_log or not (self.low.is_integer() and self.high.is_integer()):
+                raise ValueError(f"--set {self.name} takes whole numbers: give whole FROM and TO, without log.")
+            return rng.integers(int(self.low), int(self.high) + 1, count)
+        if self.is_log:
+            return np.exp(rng.uniform(math.log(self.low), math.log(self.high), count))
+        return rng.uniform(self.low, self.high, count)

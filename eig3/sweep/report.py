@@ -1,0 +1,104 @@
+"""Print the results of a parameter study, and write its files."""
+
+from __future__ import annotations
+
+import collections
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..drawing import NO_PICTURES
+from ..options import Files
+from ..solution import Status
+from . import pictures
+from .study import Study
+
+
+def report(study: Study, write: Callable[[str], None]) -> None:
+    """Print what ran, how long it took, and the measures."""
+    write(f"{study.problem.name}: {study.problem.source}")
+    write("\n".join([*_settings(study), *_cost(study), *(f"  Note: {note}" for note in study.notes)]))
+    write("\n".join(_table(study)))
+
+
+def save(study: Study, out: Path, write: Callable[[str], None]) -> None:
+    """Write sweep.csv, sweep.npz and, if matplotlib is installed, sweep.png."""
+    files = Files(out, "eig3 sweep")
+    with files.writing("sweep.csv") as path:
+        _write_csv(study, path)
+    with files.writing("sweep.npz") as path:
+        np.savez_compressed(path, **_arrays(study))
+    files.finish(write, _save_picture(study, files))
+
+
+def _settings(study: Study) -> list[str]:
+    t0, t1 = study.problem.t_span
+    lines = [f"  {study.method!r}, h = {study.h:.6g} s, t = {t0:g} to {t1:g} s"]
+    if study.after is not None:
+        lines[0] += f", measured from {study.after:g} s on"
+    for axis in study.axes:
+        spread = f"{axis.count} values" if study.seed is None else f"random, seed {study.seed}"
+        spread += ", logarithmic" if axis.is_log else ""
+        lines.append(f"  {_with_unit(study, axis.name, f'{axis.low:g} to {axis.high:g}')}, {spread}")
+    return lines + [f"  {_with_unit(study, name, f'{value:g}')}" for name, value in study.fixed.items()]
+
+
+def _with_unit(study: Study, name: str, value: str) -> str:
+    return f"{name} = {value} {study.parameters.unit(name, study.problem)}".rstrip()
+
+
+def _cost(study: Study) -> list[str]:
+    counts = collections.Counter(study.status.tolist())
+    ended = ", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status])
+    missing = "" if counts[Status.COMPLETED] == len(study) else " (NaN in the files)"
+    pace = 1e9 * study.kernels / max(1, study.n_steps)
+    return [
+        f"  {len(study)} members: {ended}{missing}",
+        f"  {study.building:.3g} s to build the problems, {study.running:.3g} s to compile and run them",
+        f"  {study.kernels:.3g} s in the kernels, summed over the threads ({pace:.3g} ns a step and member)",
+    ]
+
+
+def _table(study: Study) -> list[str]:
+    lines = [f"\n{'measure':24} {'min':>12} {'median':>12} {'max':>12}"]
+    for measure in study.measures:
+        values = study.values[str(measure)]
+        finite = values[np.isfinite(values)]
+        three = (finite.min(), np.median(finite), finite.max()) if finite.size else (np.nan,) * 3
+        name = f"{measure} ({measure.unit(study.problem)})"
+        lines.append(f"{name:24} " + " ".join(f"{value:12.6g}" for value in three))
+    return lines
+
+
+def _write_csv(study: Study, path: Path) -> None:
+    columns: list[Any] = [*study.columns.values(), *study.values.values()]
+    names = [*study.columns, *study.values, "status"]
+    with path.open("w") as file:
+        file.write(",".join(names) + "\n")
+        for *row, status in zip(*(column.tolist() for column in columns), study.status.tolist(), strict=True):
+            file.write(",".join([*map(repr, row), status.value]) + "\n")
+
+
+def _arrays(study: Study) -> dict[str, Any]:
+    """Return the arrays of the NPZ file: for a grid, the values along each axis, and the measures in its shape."""
+    shape = study.shape
+    status = np.array([status.value for status in study.status.tolist()])
+    arrays = {**study.values, "status": status}
+    if study.seed is None:
+        axes = {name: np.unique(column) for name, column in study.columns.items()}
+        return {**axes, **{name: array.reshape(shape) for name, array in arrays.items()}}
+    return {**study.columns, **arrays}
+
+
+def _save_picture(study: Study, files: Files) -> str:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        return NO_PICTURES
+    figure = Figure(layout="constrained")
+    pictures.draw(figure, study)
+    with files.writing("sweep.png") as path:
+        figure.savefig(path, dpi=130)
+    return ""

@@ -1,0 +1,249 @@
+"""Run the members of a parameter study in batches, and measure them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..checks import check_h, check_method, check_span, check_time
+from ..first_step import first_step
+from ..methods import Method
+from ..observers.progress import Progress
+from ..problem import Problem
+from ..solution import Status
+from .axes import Axis
+from .measures import Measure
+from .parameters import Parameters
+
+_BATCH_VALUES = 2**23  # largest number of parameters and states in a batch: 64 MB
+_LEAST_BATCH, _BATCHES = 256, 20  # a batch fills the lanes of some cores; the progress bar moves after each
+
+
+@dataclass(eq=False)
+class Study:
+    """A parameter study and its results.
+
+    Attributes
+    ----------
+    problem : Problem
+        The problem of a member, for its name, units and span.
+    parameters : Parameters
+    axes : list of Axis
+    columns : dict of str to ndarray, shape (m,)
+        The values of the swept parameters.
+    fixed : dict of str to float
+        The parameters that differ from the problem's own in all members.
+    measures : list of Measure
+    values : dict of str to ndarray, shape (m,)
+        The measures by name; NaN for members that did not reach the end.
+    status : ndarray of Status, shape (m,)
+    h : float
+    method : Method
+    after : float or None
+        Time from which on the members are measured; the start if None.
+    seed : int or None
+        The seed of a random sample; None for a grid.
+    n_steps : int
+        Number of steps of all members.
+    building, running, kernels : float
+        Seconds for the problems of the members, for their ensembles, and in the kernels, summed over the threads.
+    notes : list of str
+    """
+
+    problem: Problem
+    parameters: Parameters
+    axes: list[Axis]
+    columns: dict[str, np.ndarray]
+    fixed: dict[str, float]
+    measures: list[Measure]
+    h: float
+    method: Method
+    after: float | None
+    seed: int | None
+    values: dict[str, np.ndarray] = field(init=False)
+    status: np.ndarray = field(init=False)
+    n_steps: int = 0
+    building: float = 0.0
+    running: float = 0.0
+    kernels: float = 0.0
+    notes: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        m = len(self)
+        self.status = np.full(m, Status.INTERRUPTED, dtype=object)
+        self.values = {str(measure): np.full(m, np.nan) for measure in self.measures}
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the grid, or (m,) for a random sample."""
+        return (len(self),) if self.seed is not None else tuple(axis.count or 0 for axis in self.axes)
+
+    @property
+    def completed(self) -> np.ndarray:
+        """A mask of shape (m,): which members reached the end."""
+        return self.status == Status.COMPLETED
+
+    @classmethod
+    def plan(
+        cls,
+        build: Callable[..., Problem],
+        axes: Sequence[Axis],
+        measures: Sequence[Measure],
+        *,
+        fixed: Mapping[str, float] | None = None,
+        random: int | None = None,
+        seed: int = 0,
+        h: float | None = None,
+        method: str | Method = "eig3",
+        t_end: float | None = None,
+        after: float | None = None,
+    ) -> Study:
+        """Check the arguments of a study.
+
+        Parameters
+        ----------
+        build : callable
+            A function of `eig3.problems`.
+        axes : sequence of Axis
+            The swept parameters: one or two for a grid, any number for a random sample.
+        measures : sequence of Measure
+        fixed : mapping of str to float, optional
+            Other parameters that differ from the problem's own.
+        random, seed : int, optional
+            Number of members of a random sample, and its seed. Without `random` the members are the grid of the axes.
+        h : float, optional
+            The step, s. The default is the shortest first step of the corners of the swept region.
+        method : str or Method
+        t_end : float, optional
+            The end of the run; the problem's own if not given.
+        after : float, optional
+            Measure from this time on only.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is not valid.
+        """
+        fixed = dict(fixed or {})
+        if t_end is not None:
+            t_end = check_span((0.0, t_end))[1]
+        parameters = Parameters(build, t_end=t_end, work=any(measure.needs_energy for measure in measures))
+        names = [*(axis.name for axis in axes), *fixed]
+        for name in names:
+            parameters.check(name)
+            if names.count(name) > 1:
+                raise ValueError(f"{name} is given twice: each parameter has one --set or one --fix.")
+        for name, value in fixed.items():
+            if not (math.isfinite(value) and (float(value).is_integer() or not parameters.is_whole(name))):
+                wanted = "a whole number" if parameters.is_whole(name) else "a finite number"
+                raise ValueError(f"--fix {name} must be {wanted}, not {value:g}.")
+        if not axes or (random is None and len(axes) > 2):
+            raise ValueError(f"give one or two parameters with --set, not {len(axes)}; --random takes any number.")
+        columns = _columns(axes, parameters, random, seed)
+        corners = list(_corners(parameters, columns, fixed))
+        for problem, measure in itertools.product(corners, measures):
+            measure.function(problem)
+        record = check_method(method)
+        t0, t1 = corners[0].t_span[0], min(corner.t_span[1] for corner in corners)
+        if after is not None and not t0 < check_time(after, "after") < t1:
+            raise ValueError(f"--after must be a time between {t0:g} and {t1:g}, the span of the run, not {after:g}.")
+        if h is None:
+            h = min(first_step(corner, record, corner.t_span[1] - corner.t_span[0]) for corner in corners)
+        return cls(
+            corners[0],
+            parameters,
+            list(axes),
+            columns,
+            fixed,
+            list(measures),
+            check_h(h),
+            record,
+            after,
+            seed=None if random is None else seed,
+        )
+
+    def run(self, progress: bool = False) -> None:
+        """Run all members. After Ctrl-C, the batches that were complete are kept."""
+        size = self._batch_size()
+        with Progress(len(self), "member", shown=progress) as bar:
+            for first in range(0, len(self), size):
+                members = range(first, min(first + size, len(self)))
+                begin = time.perf_counter()
+                problems = [self.parameters.problem(self._given(i)) for i in members]
+                self.building += time.perf_counter() - begin
+                for group in _groups(problems):
+                    begin = time.perf_counter()
+                    self._run_group([problems[i] for i in group], first + np.array(group))
+                    self.running += time.perf_counter() - begin
+                bar.add(len(members))
+
+    def _given(self, i: int) -> dict[str, float]:
+        return {**self.fixed, **{name: column[i] for name, column in self.columns.items()}}
+
+    def _batch_size(self) -> int:
+        values = np.size(self.problem.params) + 8 * np.size(self.problem.u0)
+        return min(max(1, _BATCH_VALUES // values), max(_LEAST_BATCH, math.ceil(len(self) / _BATCHES)))
+
+    def _run_group(self, problems: list[Problem], members: np.ndarray) -> None:
+        """Run members that share their right-hand side, and measure them."""
+        problem = problems[0]
+        u0, v0, params = (np.array([getattr(p, name) for p in problems]) for name in ("u0", "v0", "params"))
+        if self.after is not None:
+            start = self._ensemble(problem, u0, v0, params, t_end=self.after)
+            alive = start.success
+            self.status[members[~alive]] = start.status[~alive]
+            if not alive.any():
+                return
+            problem, members = problem.with_(t_span=(self.after, problem.t_span[1])), members[alive]
+            u0, v0, params = start.u[alive, -1], start.v[alive, -1], params[alive]
+        functions = [measure.function(problem) for measure in self.measures]
+        names = {function: f"quantity {i}" for i, function in enumerate(functions)}
+        extremes = {names[f]: f for f, measure in zip(functions, self.measures, strict=True) if measure.kind != "end"}
+        solution = self._ensemble(problem, u0, v0, params, invariants=extremes)
+        self.status[members] = solution.status
+        for measure, function in zip(self.measures, functions, strict=True):
+            self.values[str(measure)][members] = measure.of(solution, names[function], function)
+
+    def _ensemble(self, problem: Problem, u0: Any, v0: Any, params: Any, **options: Any) -> Any:
+        options = {"invariants": {}, "h": self.h, "method": self.method, **options}
+        solution = problem.ensemble(u0=u0, v0=v0, params=params, **options)
+        self.n_steps += int(solution.n_steps.sum())
+        self.kernels += solution.kernel_seconds
+        self.notes += [note for note in solution.notes if note not in self.notes]
+        return solution
+
+
+def _columns(axes: Sequence[Axis], parameters: Parameters, random: int | None, seed: int) -> dict[str, np.ndarray]:
+    """Return the values of each swept parameter, for each member."""
+    whole = {axis.name: parameters.is_whole(axis.name) for axis in axes}
+    if random is not None:
+        rng = np.random.default_rng(seed)
+        return {axis.name: axis.sample(rng, random, whole=whole[axis.name]) for axis in axes}
+    grids = np.meshgrid(*(axis.grid(whole=whole[axis.name]) for axis in axes), indexing="ij")
+    return {axis.name: grid.ravel() for axis, grid in zip(axes, grids, strict=True)}
+
+
+def _corners(
+    parameters: Parameters, columns: Mapping[str, np.ndarray], fixed: Mapping[str, float]
+) -> Iterator[Problem]:
+    """Return the problems at the corners of the swept region, the first with the lowest values."""
+    for corner in itertools.product(*((column.min(), column.max()) for column in columns.values())):
+        yield parameters.problem({**fixed, **dict(zip(columns, corner, strict=True))})
+
+
+def _groups(problems: Sequence[Problem]) -> list[list[int]]:
+    """Return groups of problems with the same functions and the same numbers of values."""
+    groups: dict[Any, list[int]] = {}
+    for i, p in enumerate(problems):
+        key = p.rhs, p.energy, p.integrals, p.t_span, np.shape(p.u0), np.size(p.params)
+        groups.setdefault(key, []).append(i)
+    return list(groups.values())
