@@ -2,4 +2,17 @@
 
 #: The benchmarks of `eig3 bench`, in the order of its help. Each is a module of this package that defines
 #: ``SUMMARY``, ``add_options(parser)`` and ``run(options)``; its docstring is the description in its help.
-BENCHMARKS = ("paper", "speed", "c", "precision", "bars", "plan", "stability", "family", "hard", "scenes", "report")
+BENCHMARKS = (
+    "paper",
+    "speed",
+    "c",
+    "precision",
+    "bars",
+    "plan",
+    "stability",
+    "family",
+    "hard",
+    "scenes",
+    "ensemble",
+    "report",
+)

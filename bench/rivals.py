@@ -136,7 +136,7 @@ def _heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[
     u = heyoka.make_vars(*[f"u{j}" for j in range(n)])
     v = heyoka.make_vars(*[f"v{j}" for j in range(n)])
     u, v = (u, v) if n > 1 else ([u], [v])
-    accelerations = _EXPRESSIONS[problem.name](heyoka, u, v, params.tolist())
+    accelerations = EXPRESSIONS[problem.name](heyoka, u, v, params.tolist())
     system = [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)]
 
     def at(tolerance: float) -> Callable[[], Answer]:
@@ -243,7 +243,7 @@ def _hardening_chain(heyoka, u, v, p):
 
 
 #: The problems as heyoka needs them, in symbols: ``(heyoka, u, v, params) -> accelerations``.
-_EXPRESSIONS = {
+EXPRESSIONS = {
     "single_dof": _single_dof,
     "hardening_spring": _hardening_spring,
     "softening_spring": _softening_spring,
