@@ -235,6 +235,7 @@ def practical_limit(method: str | Method, xi: float = 0.0, growth: float = NEGLI
     return first_above(_excess_at(check_method(method), float(xi)), growth, blocks=_blocks())[0]
 
 
+@functools.cache
 def alternating_limit(grade: int, xi: float) -> float:
     """The omega h at which a root of EIG(grade) is -1, in closed form.
 

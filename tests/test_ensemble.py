@@ -189,9 +189,11 @@ def test_no_member_sees_the_others(data):
 def test_the_number_of_lanes_does_not_change_the_bits(monkeypatch):
     u0, v0 = start(200, 2)
     options = {"h": 0.01, "params": stiffness(200), "method": "rk4"}
-    wide = eig3.ensemble(damped_chain, (0, 1), u0, v0, **options)
-    monkeypatch.setattr(lanewise, "_MOST_LANES", 32)
-    assert_same(wide, eig3.ensemble(damped_chain, (0, 1), u0, v0, **options))
+    usual = eig3.ensemble(damped_chain, (0, 1), u0, v0, **options)
+    for lanes in (32, 256):
+        monkeypatch.setattr(lanewise, "_FEW_LANES", lanes)
+        monkeypatch.setattr(lanewise, "_MOST_LANES", lanes)
+        assert_same(usual, eig3.ensemble(damped_chain, (0, 1), u0, v0, **options))
 
 
 @pytest.mark.parametrize("own_step", [False, True])
@@ -452,14 +454,14 @@ def python_handler():
 
 @pytest.mark.usefixtures("python_handler")
 def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
-    """The first 128 members, a block, are done when the signal comes; the last ones have not begun."""
+    """The first 256 members, a block, are done when the signal comes; the last ones have not begun."""
     u0 = np.ones(600)
     options = {"h": 2.0**-10, "params": 1.0}
     eig3.ensemble(spring, (0, 1), u0, 0.0, **options)
     begin = run.Block.run
 
     def with_signal(block, stop):
-        if block.numbers[0] == 128:
+        if block.numbers[0] == 256:
             threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
             block.shared.members.n_steps.setflags(write=True)
             block.shared.members.n_steps[:] = 2**40  # the other blocks do not end by themselves
@@ -469,10 +471,10 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
     with pytest.raises(KeyboardInterrupt) as raised:
         eig3.ensemble(spring, (0, 1), u0, 0.0, threads=1, **{**options, "h": np.full(600, 2.0**-10)})
     solution = raised.value.solution
-    assert solution.success[:128].all()
-    assert set(solution.status[128:]) == {eig3.Status.INTERRUPTED}
-    assert solution.message[130].startswith("The run was interrupted after t = ")
-    assert solution.n_steps[130] > 1024
+    assert solution.success[:256].all()
+    assert set(solution.status[256:]) == {eig3.Status.INTERRUPTED}
+    assert solution.message[300].startswith("The run was interrupted after t = ")
+    assert solution.n_steps[300] > 1024
     assert solution.message[599] == "The run was interrupted before this member started."
     assert solution[599].n_steps == 0
 
