@@ -14,11 +14,14 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numba
+from numba.core import cgutils
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 from numba.np import arrayobj
 from numba.types import float64, int64
@@ -175,11 +178,50 @@ def compile_invariant(function: Callable, layout: Layout) -> Lanes:
 def _compile(template: Callable, function: Callable, layout: Layout, arguments: tuple) -> Lanes:
     inlined = numba.njit(inline="always", **KERNEL_OPTIONS)(function)
     function = bound(template, {**layout.names(), "FUNCTION": inlined})
-    with warnings.catch_warnings(), wide_vectors():
+    with warnings.catch_warnings(), wide_vectors(), _addresses_of_arrays():
         warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
-        result = compiled(numba.njit(**KERNEL_OPTIONS)(function), arguments)
+        result = compiled(_without_overlap(numba.njit(**KERNEL_OPTIONS)(function)), arguments)
     address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
     return Lanes(result.entry_point, address, _obstacle(result.library.get_llvm_str()), result)
+
+
+@contextmanager
+def _addresses_of_arrays() -> Iterator[None]:
+    """A block in which Numba computes an address with a stride from the address of its array, as it does from 0.67 on.
+
+    Earlier versions compute with integers: LLVM cannot tell to which array such an address belongs.
+    """
+    if numba.version_info[:2] >= (0, 67):
+        yield
+        return
+
+    def pointer_add(builder: Any, pointer: Any, offset: Any, return_type: Any = None) -> Any:
+        offset = cgutils.intp_t(offset) if isinstance(offset, int) else offset
+        address = builder.gep(builder.bitcast(pointer, cgutils.voidptr_t), [offset])
+        return builder.bitcast(address, return_type or pointer.type)
+
+    with global_compiler_lock:
+        usual = cgutils.pointer_add
+        cgutils.pointer_add = pointer_add
+        try:
+            yield
+        finally:
+            cgutils.pointer_add = usual
+
+
+def _without_overlap(function: Any) -> Any:
+    """Let the compiler assume that no two arrays of the arguments overlap.
+
+    Otherwise the code has to check this for each pair of rows before its loop over lanes. LLVM leaves a loop with many
+    such checks as it is.
+    """
+
+    def customize(flags: Any) -> Any:
+        flags.noalias = True
+        return flags
+
+    function._compiler._customize_flags = customize  # njit has no option for this
+    return function
 
 
 def _obstacle(code: str) -> str:
