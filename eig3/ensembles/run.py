@@ -115,7 +115,8 @@ def ensemble(
     24 degrees of freedom, run one at a time.
 
     The numbers of a member do not depend on the other members, on its place or on the number of threads. They agree
-    with those of `eig3.integrate` except for round-off: the compiler may fuse other multiply-adds.
+    with those of `eig3.integrate` often to the last bit, and otherwise except for round-off, because the compiler may
+    fuse other multiply-adds: after 10^4 steps of regular motions to 3e-13 of their size.
 
     If rhs raises an exception, `ensemble` raises it too, and its attribute `solution` has the members up to then.
     """
