@@ -32,15 +32,20 @@ def rk4_steps_pair(f, u, v, p, h, count, u_rows, v_rows, past):
     for i in range(count):
         t = i * h
         f(t, u, v, p, a1)
-        past[count - i] = a1
-        us[:], vs[:] = u + h / 2 * v, v + h / 2 * a1
+        for j in range(2):
+            past[count - i, j] = a1[j]
+            us[j], vs[j] = u[j] + h / 2 * v[j], v[j] + h / 2 * a1[j]
         f(t + h / 2, us, vs, p, a2)
-        us[:], vs[:] = u + h / 2 * v + h * h / 4 * a1, v + h / 2 * a2
+        for j in range(2):
+            us[j], vs[j] = u[j] + h / 2 * v[j] + h * h / 4 * a1[j], v[j] + h / 2 * a2[j]
         f(t + h / 2, us, vs, p, a3)
-        us[:], vs[:] = u + h * v + h * h / 2 * a2, v + h * a3
+        for j in range(2):
+            us[j], vs[j] = u[j] + h * v[j] + h * h / 2 * a2[j], v[j] + h * a3[j]
         f(t + h, us, vs, p, a4)
-        u[:], v[:] = u + h * v + h * h / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-        u_rows[i], v_rows[i] = u, v
+        for j in range(2):
+            u[j] += h * v[j] + h * h / 6 * (a1[j] + a2[j] + a3[j])
+            v[j] += h / 6 * (a1[j] + 2 * a2[j] + 2 * a3[j] + a4[j])
+            u_rows[i, j], v_rows[i, j] = u[j], v[j]
     f(count * h, u, v, p, past[0])
 
 

@@ -11,8 +11,9 @@ import pytest
 import eig3
 from eig3.bench import BENCHMARKS, article_runs, loops, paper, precision, stability, text, timing
 from eig3.bench.article import TABLES, Table
-from eig3.bench.problem_set import BenchmarkProblem
+from eig3.bench.sweep import WorkPrecisionSet
 from eig3.cli import main
+from eig3.methods import LIBRARY
 from eig3.options import Files
 
 WITH_OUT = ("paper", "precision", "stability", "scenes", "report")
@@ -236,22 +237,30 @@ def test_a_users_method_is_in_no_benchmark(capsys, monkeypatch):
     assert "symplectic-euler" in eig3.METHODS
     monkeypatch.setattr(loops, "N_STEPS", 1000)
     monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[:1])
-    kernel_loop = loops.kernel_loop  # kernels in pointer mode need no compiling
-    monkeypatch.setattr(loops, "kernel_loop", lambda *run, inline: kernel_loop(*run, inline=False))
+    # compiling the loops by hand and the inline kernels takes seconds, and the rows do not depend on it
+    monkeypatch.setattr(loops, "kernel_loop", lambda *run, inline: lambda: 1.0)
+    monkeypatch.setattr(loops, "hand_loop", lambda *run, inline: lambda: 1.0)
     assert main(["bench", "speed", "--repeats", "1"]) == 0
     labels = [eig3.METHODS[name]().label for name in loops.METHODS_BY_HAND]
     rows = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("| single")]
     assert rows == [f"single_dof, {label}" for label in labels]
 
-    problem = BenchmarkProblem(lambda: eig3.problems.single_dof(t_end=2.0), 4.0, "short")
-    monkeypatch.setattr(precision, "PROBLEM_SET", {"single_dof": problem})
-    main(["bench", "precision", "--repeats", "1", "--longest", "1e-6", "--no-rivals"])
-    rows = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
-    assert rows[2:9] == ["EIG-3", "CD", "RK2", "RK3", "RK4", "AB2", "AB3"]
+    measured = []
+
+    def measure(name, chosen, methods, *settings, **options):
+        measured.extend(methods)
+        return WorkPrecisionSet(name, chosen, "", 0.0, [], [])
+
+    monkeypatch.setattr(precision, "measure", measure)
+    main(["bench", "precision", "--problem", "single_dof"])
+    assert measured == list(LIBRARY)
+    assert "symplectic-euler" not in measured
 
     monkeypatch.setattr(stability, "UNDAMPED", ())
     monkeypatch.setattr(stability, "GROWING", {})
     monkeypatch.setattr(stability, "DAMPING", ())
+    monkeypatch.setattr(stability, "weakly_growing", dict)
+    monkeypatch.setattr(stability, "explain", repr)
     assert main(["bench", "stability"]) == 0
     assert "symplectic" not in capsys.readouterr().out.lower()
 

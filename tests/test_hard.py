@@ -5,9 +5,14 @@ import pytest
 from eig3.bench.hard_cases import HARD_CASES, Finding, HardCase, at_most, near, within
 from eig3.cli import main
 
+#: Left out of case 21: their kernels for two degrees of freedom take seconds to compile. One template makes all grades,
+#: and test_family.py tests the coefficients of every grade exactly.
+ELSEWHERE = {(21, f"eig{grade}") for grade in (5, 6, 8, 9, 11, 12)}
+
 
 @pytest.mark.parametrize(
-    ("number", "method"), [(number, method) for number, case in HARD_CASES.items() for method in case.methods]
+    ("number", "method"),
+    [(k, method) for k, case in HARD_CASES.items() for method in case.methods if (k, method) not in ELSEWHERE],
 )
 def test_case(number, method):
     """Expectations, tolerances and their reasons are in bench/hard_cases.py."""

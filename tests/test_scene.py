@@ -83,7 +83,7 @@ def topologies(draw):
     return dimension, is_fixed, pairs, draw(st.booleans()), draw(st.booleans()), rng
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(topologies())
 def test_a_scene_is_the_sum_of_its_effects(topology):
     check_sum(topology, lambda problem: problem.rhs)
