@@ -151,7 +151,7 @@ def speed_row(case: Case, method: str, m: int, n_steps: int, repeats: int) -> li
     def lanes() -> None:
         kernel["lanes"].append(case.problem.ensemble(**case_members, threads=1, **options).kernel_seconds)
 
-    case_members = case.members(m)
+    case_members: dict[str, Any] = case.members(m)
     runs: dict[str, Callable[[], object]] = {
         "one at a time": one_at_a_time,
         "lanes": lanes,
@@ -192,7 +192,7 @@ def compile_seconds(case: Case, method: str) -> float:
     """The time to compile the right-hand side for the lanes of a method."""
     problem, values = case.problem, case.members(2)
     members = check_members(problem.rhs, problem.t_span, values["u0"], problem.v0, values["params"], case.h)
-    layout = layout_of(members, problem.stepper(h=case.h, method=method).running, threads=1)
+    layout: Any = layout_of(members, problem.stepper(h=case.h, method=method).running, threads=1)
     begin = time.perf_counter()
     compile_rhs(problem.rhs.py_func, layout)
     return time.perf_counter() - begin
@@ -201,7 +201,12 @@ def compile_seconds(case: Case, method: str) -> float:
 def small_oscillator(repeats: int, n_steps: int) -> str:
     """The line of a thousand members of the smallest problem."""
     problem = replace(problems.single_dof(), energy=None)
-    options = {"u0": np.linspace(0.5, 1.5, 1000), "h": 1e-3, "t_end": 1e-3 * n_steps, "save_every": None}
+    options: dict[str, Any] = {
+        "u0": np.linspace(0.5, 1.5, 1000),
+        "h": 1e-3,
+        "t_end": 1e-3 * n_steps,
+        "save_every": None,
+    }
     runs = {
         "on one core": _timed(lambda: problem.ensemble(**options, threads=1)),
         "on all cores": _timed(lambda: problem.ensemble(**options)),
@@ -274,11 +279,11 @@ def _steps(case: Case, method: str) -> list[int]:
 
 
 def _ours(method: str, case: Case, m: int) -> Callable[[int], Run]:
-    members, span = case.members(m), np.ptp(case.problem.t_span)
-    options = {"method": method, "save_every": None}
+    span = np.ptp(case.problem.t_span)
+    options: dict[str, Any] = {**case.members(m), "method": method, "save_every": None}
 
     def at(n_steps: int) -> Run:
-        return lambda: _rows(case.problem.ensemble(**members, h=span / n_steps, **options).u, case)[:, -1]
+        return lambda: _rows(case.problem.ensemble(h=span / n_steps, **options).u, case)[:, -1]
 
     return at
 
@@ -294,8 +299,8 @@ class Reference:
     def __init__(self, case: Case, m: int) -> None:
         span = np.ptp(case.problem.t_span)
         n_steps = _SAMPLES * math.ceil(_REFERENCE * span / case.longest_step("rk8") / _SAMPLES)
-        options = {"h": span / n_steps, "method": "rk8", "save_every": n_steps // _SAVED}
-        u = _rows(case.problem.ensemble(**case.members(m), **options).u, case)
+        options: dict[str, Any] = {"h": span / n_steps, "method": "rk8", "save_every": n_steps // _SAVED}
+        u = _rows(case.problem.ensemble(**options, **case.members(m)).u, case)
         self.ends, self.sizes = u[:, -1].copy(), np.abs(u).max(axis=1)
 
     def error(self, ends: np.ndarray) -> float:
@@ -316,14 +321,13 @@ def at_equal_error(case: Case, m: int, repeats: int) -> dict[str, Found]:
             found[contestant.label] = Found(contestant.is_ours, word="not reached")
         else:
             run, setting, ran = reached
-            runs[contestant.label] = _timed(run), contestant.is_ours, f"{setting:.2g}", ran
-            if contestant.is_ours:
-                runs[contestant.label] = _timed(run), True, str(setting), ran
+            shown = str(setting) if contestant.is_ours else f"{setting:.2g}"
+            runs[contestant.label] = _timed(run), contestant.is_ours, shown, ran
     enough = repeats * _LONGEST
     timed = interleave({label: run for label, (run, *_) in runs.items()}, repeats, case.problem.name, enough)
-    for label, (_, is_ours, setting, ran) in runs.items():
+    for label, (_, is_ours, shown, ran) in runs.items():
         seconds = statistics.median(timed[label]) * m / ran
-        found[label] = Found(is_ours, seconds, setting, ran if ran < m else None)
+        found[label] = Found(is_ours, seconds, shown, ran if ran < m else None)
     for rival in ENSEMBLE_RIVALS:
         if not rival.is_installed:
             found[rival.label] = Found(False, word="not installed")
@@ -370,13 +374,17 @@ def _cell(found: Found) -> str:
     return f"{text.number(found.seconds)} ({found.setting}{scaled})"
 
 
+def _fastest(cells: dict[str, Found], is_ours: bool) -> list[tuple[float, str]]:
+    """The seconds and labels of our methods or of the rivals, the fastest first."""
+    return sorted((f.seconds, label) for label, f in cells.items() if f.seconds is not None and f.is_ours == is_ours)
+
+
 def verdict(found: dict[str, dict[str, Found]]) -> str:
     """The sentences that name the fastest of our methods and of the rivals, and where a rival is ahead."""
     sentences = []
     for name, cells in found.items():
-        timed = {label: f for label, f in cells.items() if f.seconds is not None}
-        ours = min((f.seconds, label) for label, f in timed.items() if f.is_ours)
-        rival = min(((f.seconds, label) for label, f in timed.items() if not f.is_ours), default=None)
+        ours, *_ = _fastest(cells, is_ours=True)
+        rival = next(iter(_fastest(cells, is_ours=False)), None)
         if rival is None:
             sentences.append(f"{name}: {ours[1]} takes {text.number(ours[0])} s, and no rival ran.")
         else:
