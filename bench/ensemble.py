@@ -300,7 +300,8 @@ class Reference:
         span = np.ptp(case.problem.t_span)
         n_steps = _SAMPLES * math.ceil(_REFERENCE * span / case.longest_step("rk8") / _SAMPLES)
         options: dict[str, Any] = {"h": span / n_steps, "method": "rk8", "save_every": n_steps // _SAVED}
-        u = _rows(case.problem.ensemble(**options, **case.members(m)).u, case)
+        options |= case.members(m)
+        u = _rows(case.problem.ensemble(**options).u, case)
         self.ends, self.sizes = u[:, -1].copy(), np.abs(u).max(axis=1)
 
     def error(self, ends: np.ndarray) -> float:
