@@ -6,6 +6,7 @@ import dis
 import functools
 import inspect
 import re
+import types
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -72,6 +73,8 @@ class Callback:
         signature.
     compiled : Numba's compile result
         Keeps the machine code alive.
+    function : function
+        The plain Python function, with the globals that were compiled. A later assignment has no effect on it.
     reads_velocity : bool
         False if the function certainly does not read its third argument, v.
     pace : dict
@@ -81,6 +84,7 @@ class Callback:
     address: int
     call: Callable
     compiled: Any
+    function: Callable
     reads_velocity: bool
     pace: dict[tuple, float] = field(default_factory=dict)
 
@@ -128,9 +132,17 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     with DeferredInterrupt():
         result = _compile(function, kind, form, name or kind)
         address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
-    callback = Callback(address, result.entry_point, result, reads_velocity(function))
+    callback = Callback(address, result.entry_point, result, _with_present_globals(function), reads_velocity(function))
     _checked[function][kind, form.name] = callback
     return callback
+
+
+def _with_present_globals(function: Any) -> Callable:
+    """Return a copy of the Python function whose globals do not change."""
+    f = function.py_func
+    copy = types.FunctionType(f.__code__, dict(f.__globals__), f.__name__, f.__defaults__, f.__closure__)
+    copy.__kwdefaults__, copy.__module__ = f.__kwdefaults__, f.__module__
+    return copy
 
 
 def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
@@ -180,11 +192,11 @@ def reads_velocity(function: Any) -> bool:
 
 
 def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:
-    if _takes(function, count):
+    if takes(function, count):
         _check_order(function, name, wanted)
         return
     other = SCALAR if form is VECTOR else VECTOR
-    if kind == "rhs" and _takes(function, len(other.rhs.args)):
+    if kind == "rhs" and takes(function, len(other.rhs.args)):
         u0, remedy = ("a number", "an array") if form is SCALAR else ("an array", "a number")
         raise TypeError(
             f"rhs has the {other.name} form {_ARGUMENTS[kind, other]}, but u0 is {u0}; give u0 as {remedy}, "
@@ -201,7 +213,8 @@ def _check_order(function: Callable, name: str, wanted: str) -> None:
         raise TypeError(f"{name} takes {', '.join(names)} as its first arguments, but must have the form {wanted}.")
 
 
-def _takes(function: Callable, count: int) -> bool:
+def takes(function: Callable, count: int) -> bool:
+    """Return whether a function can be called with `count` arguments."""
     try:
         inspect.signature(function).bind(*range(count))
     except TypeError:

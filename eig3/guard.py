@@ -18,6 +18,10 @@ _CELLS = 64  # number of cells on each side of an array
 _DESCRIBED = {"p": "params", "u": "u0", "v": "v0"}
 
 
+class NotFiniteAtStartError(ValueError):
+    """The right-hand side is not finite at the start."""
+
+
 def guarded(values: np.ndarray, cells: float = np.nan) -> np.ndarray:
     """Return a copy of a 1-D array, with cells of the given value before and after it in memory."""
     buffer = np.empty(values.size + 2 * _CELLS)
@@ -49,7 +53,7 @@ def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
         sizes = ", ".join(f"{name} ({np.size({'p': p, 'u': u, 'v': v}[name])} values)" for name in beyond)
         remedy = " and ".join(_DESCRIBED[name] for name in beyond)
         raise ValueError(f"{what}, because it reads beyond the end of {sizes}; give {remedy} all the values it reads.")
-    raise ValueError(
+    raise NotFiniteAtStartError(
         f"{what}; it must give a finite acceleration for every degree of freedom, a[j] in the vector form."
     )
 
@@ -65,8 +69,13 @@ def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells:
     kept = np.isnan(row)
     kept[_CELLS:-_CELLS] = True
     if not kept.all():
-        raise ValueError(f"rhs writes beyond the end of a, which has {a.size} entries, one for each value of u0.")
+        raise written_beyond(a.size)
     return a
+
+
+def written_beyond(n: int) -> ValueError:
+    """Return the error of a right-hand side that writes beyond the end of a."""
+    return ValueError(f"rhs writes beyond the end of a, which has {n} entries, one for each value of u0.")
 
 
 def _read_beyond(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> list[str]:

@@ -180,9 +180,13 @@ class Problem:
         options |= {"h": h, "params": shared if params is None else params, "method": method}
         if not self.integrals:
             return ensemble(self.rhs, span, *start, **options)
+        n = np.size(self.u0)
+        for name, x in zip(("u0", "v0"), start, strict=True):
+            if np.shape(x)[-1:] != (n,):
+                raise ValueError(f"{name} must have the shape ({n},) or (m, {n}) in {self.name}, not {np.shape(x)}.")
         start = [_with_integrals(x, len(self.integrals)) for x in start]
         if callable(options.get("reduce")):
-            options["reduce"] = partial(_reduced, options["reduce"], np.size(self.u0), self.integrals)
+            options["reduce"] = partial(_reduced, options["reduce"], n, self.integrals)
         return self._following(ensemble, self.rhs, span, *start, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:

@@ -40,6 +40,8 @@ _OF_LIBM = re.compile(rf"call [^\n]*@(?:llvm\.)?{_NAMES}[.(]")
 # the C library as often as there are lanes.
 _OF_LIBM_IN_LANES = re.compile(rf"@llvm\.{_NAMES}\.v\d+f64")
 
+_CELLS, _GUARD_ROWS = 64, 4  # of NaN after the parameters: shared ones, and those in lanes
+
 #: Rows of the parameters that follow those of rhs if each trajectory has its own step: h and t0.
 OWN_STEP_ROWS = 2
 
@@ -121,13 +123,18 @@ class Layout:
         return self.k if self.shares_params else self.k * self.lanes
 
     @property
+    def begin_of_steps(self) -> int:
+        """Index of the rows h and t0 in p. Before them are cells of NaN, which rhs must not read."""
+        return self.params_size + (_CELLS if self.shares_params else _GUARD_ROWS * self.lanes)
+
+    @property
     def size(self) -> int:
         """Number of values of p."""
-        return self.params_size + self.has_own_step * (OWN_STEP_ROWS + self.n) * self.lanes
+        return self.begin_of_steps + self.has_own_step * (OWN_STEP_ROWS + self.n) * self.lanes
 
     def names(self) -> dict[str, Any]:
         """Return the values of the names in capitals in the templates, except FUNCTION."""
-        n, lanes, own = self.n, self.lanes, self.params_size
+        n, lanes, own = self.n, self.lanes, self.begin_of_steps
         given = _view(n, lanes, readonly=True)
         return {
             "N": n,
@@ -163,24 +170,28 @@ class Lanes:
     compiled: Any
 
 
-def compile_rhs(function: Callable, layout: Layout) -> Lanes:
-    """Compile the right-hand side of a block, from the plain Python function of the user. It has the vector form."""
+def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) -> Lanes:
+    """Compile the right-hand side of a block, from the plain Python function of the user. It has the vector form.
+
+    With `is_checked`, it raises an IndexError for an index beyond an array, and is not vectorised.
+    """
     templates = (scalar_own_step, vector_own_step) if layout.has_own_step else (scalar, vector)
-    return _compile(templates[layout.form is not SCALAR], function, layout, VECTOR.rhs.args)
+    return _compile(templates[layout.form is not SCALAR], function, layout, VECTOR.rhs.args, is_checked)
 
 
-def compile_invariant(function: Callable, layout: Layout) -> Lanes:
+def compile_invariant(function: Callable, layout: Layout, is_checked: bool = False) -> Lanes:
     """Compile the function ``extent(first, h, t0, p, u_rows, v_rows, low, high)`` for an invariant."""
     arguments = int64, vector_type, float64, vector_type, matrix_type, matrix_type, vector_type, vector_type
-    return _compile(extent, function, layout, arguments)
+    return _compile(extent, function, layout, arguments, is_checked)
 
 
-def _compile(template: Callable, function: Callable, layout: Layout, arguments: tuple) -> Lanes:
-    inlined = numba.njit(inline="always", **KERNEL_OPTIONS)(function)
+def _compile(template: Callable, function: Callable, layout: Layout, arguments: tuple, is_checked: bool) -> Lanes:
+    options = {**KERNEL_OPTIONS, "boundscheck": True} if is_checked else KERNEL_OPTIONS
+    inlined = numba.njit(inline="always", **options)(function)
     function = bound(template, {**layout.names(), "FUNCTION": inlined})
     with warnings.catch_warnings(), wide_vectors(), _addresses_of_arrays():
         warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
-        result = compiled(_without_overlap(numba.njit(**KERNEL_OPTIONS)(function)), arguments)
+        result = compiled(_without_overlap(numba.njit(**options)(function)), arguments)
     address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
     return Lanes(result.entry_point, address, _obstacle(result.library.get_llvm_str()), result)
 

@@ -236,14 +236,15 @@ def test_a_degree_of_freedom_that_diverges_is_named():
 
 
 def test_a_motion_that_stays_finite_but_grows_because_of_the_step_diverged():
-    """omega h = 2.02: the motion grows by a factor of 1e11 and stays finite. A run alone gives the verdict."""
+    """omega h = 2.02: the motion grows by a factor of 1e25 and stays finite. With h/2 it does not grow."""
     p = np.array([[1.0], [2.02**2 / 0.01]])
     solution = eig3.ensemble(spring, (0, 20), [1.0, 1.0], 0.0, h=0.1, params=p)
     alone = eig3.integrate(spring, (0, 20), 1.0, 0.0, h=0.1, params=p[1])
     assert alone.status is eig3.Status.DIVERGED
     assert np.isfinite(alone.u).all()
     assert solution.status.tolist() == [eig3.Status.COMPLETED, eig3.Status.DIVERGED]
-    assert solution.message[1] == alone.message
+    assert "with h = 0.05" in solution.message[1]
+    assert solution[1].explain() == alone.explain()
 
 
 def test_growth_from_rest_is_judged_from_the_middle_of_the_run():
@@ -404,11 +405,100 @@ def test_a_function_is_compiled_once_for_a_shape(monkeypatch):
     def rhs(t, u, v, p):
         return -p[0] * u
 
-    for m in (2, 5, 200):
+    for m in (70, 100, 200):
         eig3.ensemble(rhs, (0, 1), np.ones(m), 0.0, h=0.01, params=1.0)
     assert len(compiled) == 1
-    eig3.ensemble(rhs, (0, 1), np.ones(3), 0.0, h=0.01, params=np.ones((3, 1)))
+    eig3.ensemble(rhs, (0, 1), np.ones(70), 0.0, h=0.01, params=np.ones((70, 1)))
     assert len(compiled) == 2
+
+
+def test_a_changed_global_has_no_effect():
+    """As in a single run, whatever the number of members, for which rhs may be compiled again."""
+    namespace = {"eig3": eig3, "K": 1.0}
+    exec("@eig3.jit\ndef rhs(t, u, v, p):\n    return -K * u", namespace)
+    few = eig3.ensemble(namespace["rhs"], (0, 1), np.ones(10), 0.0, h=0.01)
+    namespace["K"] = 25.0
+    many = eig3.ensemble(namespace["rhs"], (0, 1), np.ones(1000), 0.0, h=0.01)
+    assert many.u[0, -1] == few.u[0, -1]
+
+
+def test_what_lies_beyond_the_arrays_is_nan():
+    """Each member is checked at its start, and the parameters are guarded all the time."""
+
+    @eig3.jit
+    def late(t, u, v, p):
+        return -p[0] * u if t <= 0.5 else -p[1] * u
+
+    for params, h in ((np.ones((8, 1)), 0.01), (np.ones((8, 1)), np.full(8, 0.01)), (1.0, np.full(8, 0.01))):
+        assert not eig3.ensemble(late, (0, 1), 1.0, 0.0, h=h, params=params).success.any()
+
+    @eig3.jit
+    def beyond(t, u, v, p, a):
+        a[0] = -u[int(p[0])]
+
+    params = np.zeros((9, 1))
+    params[5] = 1  # u[1] of one degree of freedom
+    solution = eig3.ensemble(beyond, (0, 1), np.ones((9, 1)), [0.0], h=0.01, params=params)
+    np.testing.assert_array_equal(np.flatnonzero(~solution.success), [5])
+
+    @eig3.jit
+    def written(t, u, v, p, a):
+        a[0] = -u[0]
+        a[int(p[0])] = -u[0]
+
+    with pytest.raises(ValueError, match="rhs writes beyond the end of a, which has 1 entries"):
+        eig3.ensemble(written, (0, 1), np.ones((9, 1)), [0.0], h=0.01, params=params)
+
+
+def test_indices_are_checked_where_the_decorator_asks_for_it():
+    @numba.njit(boundscheck=True)
+    def checked(t, u, v, p):
+        return -p[0] * u if t <= 0.5 else -p[1] * u
+
+    with pytest.raises(IndexError):
+        eig3.ensemble(checked, (0, 1), np.ones(9), 0.0, h=0.01, params=1.0)
+
+
+def test_a_rhs_that_fails_only_where_no_method_needs_it_is_no_error():
+    @eig3.jit
+    def bounded(t, u, v, p, a):
+        if v[0] > 0.999:
+            raise ValueError("too fast")
+        a[0] = 1.0
+
+    assert eig3.integrate(bounded, (0, 1), [0.0], [0.0], h=0.01).success
+    assert eig3.ensemble(bounded, (0, 1), np.zeros((3, 1)), [0.0], h=0.01).success.all()
+
+
+def test_members_that_run_alone_and_cannot_start_do_not_stop_the_others():
+    n = lanewise.MOST_DEGREES + 1
+
+    @eig3.jit
+    def divided(t, u, v, p, a):
+        for j in range(u.size):
+            a[j] = -u[j] / p[0]
+
+    params = np.ones((4, 1))
+    params[1] = 0
+    solution = eig3.ensemble(divided, (0, 1), np.ones(n), np.zeros(n), h=0.01, params=params)
+    assert solution.status[1] is eig3.Status.DIVERGED
+    assert solution.success.sum() == 3
+
+
+def test_one_step_in_an_array_is_the_step_of_all():
+    one = eig3.ensemble(spring, (0, 1), np.ones(300), 0.0, h=[0.01], params=1.0)
+    assert_same(one, eig3.ensemble(spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0))
+
+
+def test_overflow_gives_no_warnings():
+    """pytest turns warnings into errors, also those of a logarithm of zero in an invariant."""
+
+    @eig3.jit
+    def logarithm(t, u, v, p):
+        return np.log(abs(u))
+
+    solution = eig3.ensemble(spring, (0, 3), [1.0, 0.0], 0.0, h=0.01, params=1.0, invariants={"e": logarithm})
+    assert np.isnan(solution.drift["e"][1])
 
 
 def test_an_exception_of_rhs_is_raised_and_loses_nothing():
@@ -477,6 +567,7 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
     assert solution.n_steps[300] > 1024
     assert solution.message[599] == "The run was interrupted before this member started."
     assert solution[599].n_steps == 0
+    assert "interrupted" in repr(solution[599])
 
 
 def test_progress_counts_members(capsys):
@@ -520,6 +611,12 @@ def test_a_scene_follows_its_work_in_an_ensemble():
     assert solution.u.shape == (3, 21, 3)
     for name, values in alone.integrals.items():
         np.testing.assert_allclose(solution[1].integrals[name], values, rtol=1e-9, atol=1e-9 * np.abs(values).max())
+
+
+def test_the_shape_of_a_start_is_checked_before_integrals_are_added():
+    problem = eig3.problems.shear_building(t_end=2.0, work=True)
+    with pytest.raises(ValueError, match=r"u0 must have the shape \(3,\) or \(m, 3\) in shear_building, not \(5, 4\)"):
+        problem.ensemble(u0=np.zeros((5, 4)), h=1e-3)
 
 
 def test_histories_that_do_not_fit_are_refused(monkeypatch):

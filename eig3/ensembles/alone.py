@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ..guard import NotFiniteAtStartError
 from ..integration import integrate
 from ..methods import Method
-from ..solution import Solution
+from ..solution import Solution, Status
 from ..stepper import Cancel
 from .histories import Histories
 from .members import Members
@@ -45,6 +46,10 @@ class Alone:
         for member in self.numbers:
             if stop.is_set():
                 return
-            solution = self._integrate(int(member), stop)
+            try:
+                solution = self._integrate(int(member), stop)
+            except NotFiniteAtStartError as error:
+                self.histories.judge(int(member), Status.DIVERGED, str(error))
+                continue
             self.seconds += solution.kernel_seconds
             self.histories.take(int(member), solution)

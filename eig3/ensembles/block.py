@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 
@@ -12,11 +13,14 @@ from ..observers.growth import BLOWN_UP, OVERFLOWING
 from ..observers.written import unwritten_entry
 from ..solution import Status
 from ..stepper import Cancel
-from .growth import grown_by_step
+from .growth import sizes_with_half_the_step
 from .lane_state import LaneState
 from .shared import Shared
 
-_SCRATCH_VALUES = 2**15  # values in an array of states that are not saved: 256 kB, so that it stays in the cache
+_SCRATCH_VALUES = 2**16  # values in an array of states that are not saved: 512 kB, so that it stays in the cache
+_CHECKED_STEPS = 1000  # between two looks whether rhs writes every entry of a
+_SAME = 2.0  # sizes with h and with h/2 within this factor are a property of the system, not of the step
+_OTHER = 1e3  # sizes that differ by this factor are a result of the step
 
 
 class Block:
@@ -35,6 +39,11 @@ class Block:
     def __init__(self, shared: Shared, numbers: np.ndarray) -> None:
         self.shared, self.numbers = shared, numbers
         self.seconds = 0.0  # in the kernel
+        self._state: Any = None
+        self._runs = np.zeros(shared.layout.lanes, dtype=bool)  # the lanes whose member has not ended
+        self._extremes: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._start: dict[str, np.ndarray] = {}  # the values of the invariants at the start
+        self._checked = 0  # the step index at which rhs was last seen to write every entry
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -42,26 +51,34 @@ class Block:
     def run(self, stop: Cancel) -> None:
         """Run the members to their ends, or until `stop` is set."""
         self._stop = stop
-        self._begin()
-        while self._runs.any() and not stop.is_set():
+        with np.errstate(all="ignore"):  # members may overflow
             try:
-                self._advance()
+                self._begin()
+                while self._runs.any() and not stop.is_set():
+                    self._advance()
+                self._interrupt("The run was interrupted")
             except Exception as error:
                 self._interrupt(f"The run raised {type(error).__name__}")
                 raise
-        self._interrupt("The run was interrupted")
-        self.seconds = self._state.seconds
+            finally:
+                self._drop_state()
+
+    def _drop_state(self) -> None:
+        """Free the memory of the states: many blocks may wait for the others."""
+        if self._state:
+            self.seconds = self._state.seconds
+        self._state, self._extremes, self._start = None, {}, {}
 
     def _begin(self) -> None:
         shared, lanes = self.shared, np.arange(self.shared.layout.lanes)
-        self._runs = lanes < len(self.numbers)  # the lanes whose member has not ended
-        self._members = self.numbers[np.where(self._runs, lanes, 0)]
+        runs = lanes < len(self.numbers)
+        self._members = self.numbers[np.where(runs, lanes, 0)]
         self._ends = shared.members.n_steps[self._members]  # the step indices at which the members end
         self._failed: dict[int, str] = {}  # why a member ends early, by its lane
         self._state = state = LaneState(shared, self._members)
+        self._runs = runs
         self._set_natural()
         u, v = (x[None].copy() for x in state.values)
-        self._extremes = {}
         for name, invariant in shared.invariants.items():
             self._extremes[name] = np.full(lanes.size, np.inf), np.full(lanes.size, -np.inf)
             state.widen(self._extremes[name], invariant, 0, u, v)
@@ -73,10 +90,9 @@ class Block:
         """Set the natural sizes of u and v, as `eig3.observers.growth` defines them."""
         state = self._state
         u, v = state.sizes
-        with np.errstate(all="ignore"):
-            span = self._ends * state.h
-            self._v_natural = v + span * np.abs(state.first_acceleration).max(axis=0)
-            self._u_natural = u + span * self._v_natural
+        span = self._ends * state.h
+        self._v_natural = v + span * np.abs(state.first_acceleration).max(axis=0)
+        self._u_natural = u + span * self._v_natural
         self._half = np.where(self._v_natural == 0, self._ends // 2, 0)  # step indices at which they are set again
 
     def _end_broken(self, a: np.ndarray) -> None:
@@ -114,13 +130,12 @@ class Block:
             if failed.any():
                 state.restore(before)
                 self._find_ends(np.flatnonzero(failed), target)
+                state.restore(before)
+            else:
+                self._observe(before[0], u, v)
         except Exception:
             state.restore(before)
             raise
-        if failed.any():
-            state.restore(before)
-        else:
-            self._observe(before[0], u, v)
         self._end(self._runs & (self._ends == state.index))
 
     def _find_ends(self, lanes: np.ndarray, target: int) -> None:
@@ -143,7 +158,7 @@ class Block:
     def _observe(self, first: int, u: np.ndarray, v: np.ndarray) -> None:
         """Process the states of a chunk: the extremes, and the states to save."""
         shared, state, kept = self.shared, self._state, self.shared.histories.every
-        if shared.layout.form is VECTOR:
+        if shared.layout.form is VECTOR and (state.index - self._checked >= _CHECKED_STEPS or self._is_end()):
             self._check_written()
         for name, invariant in shared.invariants.items():
             state.widen(self._extremes[name], invariant, first + 1, u, v)
@@ -158,9 +173,14 @@ class Block:
     def _check_written(self) -> None:
         """Refuse a rhs that stops writing an entry of a: the entry would keep its value from an earlier evaluation."""
         state = self._state
-        unwritten = state.unwritten()[:, self._runs].any(axis=1)
-        if unwritten.any():
-            raise unwritten_entry(int(np.argmax(unwritten)), state.t0 + (state.index - 1) * state.h[0])
+        self._checked = state.index
+        degrees, lanes = np.nonzero(state.unwritten() & self._runs)
+        if degrees.size:
+            raise unwritten_entry(int(degrees[0]), state.t0 + (state.index - 1) * state.h[lanes[0]])
+
+    def _is_end(self) -> bool:
+        """Return whether a member ends here."""
+        return bool((self._runs & (self._ends == self._state.index)).any())
 
     def _save(self, row: int, u: np.ndarray, v: np.ndarray) -> None:
         if len(u):
@@ -185,7 +205,7 @@ class Block:
         for lane in np.flatnonzero(ended).tolist():
             if lane in self._failed:
                 histories.judge(int(members[lane]), failure, self._failed[lane])
-        self._judge_growth(np.flatnonzero(self._suspects() & ended))
+        self._judge_growth(self._suspects() & ended)
         self._runs &= ~ended
         if self._runs.any():
             state.repeat(int(np.argmax(self._runs)), ~self._runs)
@@ -193,18 +213,39 @@ class Block:
     def _suspects(self) -> np.ndarray:
         """Return a mask of the members that grew so much that the step may be the reason."""
         u, v = self._state.sizes
-        with np.errstate(all="ignore"):
-            u_grown = (u > BLOWN_UP * self._u_natural) & (self._u_natural > 0)
-            v_grown = (v > BLOWN_UP * self._v_natural) & (self._v_natural > 0)
+        u_grown = (u > BLOWN_UP * self._u_natural) & (self._u_natural > 0)
+        v_grown = (v > BLOWN_UP * self._v_natural) & (self._v_natural > 0)
         return u_grown | v_grown | (np.maximum(u, v) > OVERFLOWING)
 
-    def _judge_growth(self, lanes: np.ndarray) -> None:
-        """Let runs alone tell whether the members in these lanes grew because of their step, if they may have."""
-        shared, histories = self.shared, self.shared.histories
-        lanes = lanes[histories.status[self._members[lanes]] == Status.COMPLETED]
-        if not lanes.size:
+    def _judge_growth(self, suspects: np.ndarray) -> None:
+        """End suspects that grew because of their step as diverged.
+
+        A growth because of the step changes by orders of magnitude with half the step. Where this does not tell, a run
+        alone does: it finds the critical steps, which takes longer than thousands of steps in lanes.
+        """
+        histories, state = self.shared.histories, self._state
+        suspects = suspects & (histories.status[self._members] == Status.COMPLETED)
+        if not suspects.any():
             return
-        sizes = np.array(self._state.sizes)[:, lanes]
-        for member in grown_by_step(shared, self._members[lanes], sizes, self._stop).tolist():
-            alone = shared.alone(member, self._stop)
-            histories.judge(member, alone.status, alone.message)
+        model = int(np.argmax(suspects))
+        sizes = np.array(state.sizes)
+        half = sizes_with_half_the_step(
+            self.shared, np.where(suspects, self._members, self._members[model]), self._stop
+        )
+        ratio = np.where(sizes == half, 1.0, np.maximum(sizes / half, half / sizes)).max(axis=0)
+        for lane in np.flatnonzero(suspects & ~(ratio < _SAME)).tolist():
+            member, h = int(self._members[lane]), state.h[lane]
+            if self._stop.is_set():
+                message = "The run was interrupted before it was known whether the motion grew because of its step."
+                histories.judge(member, Status.INTERRUPTED, message)
+            elif ratio[lane] < _OTHER:
+                alone = self.shared.alone(member, self._stop)
+                histories.judge(member, alone.status, alone.message)
+            else:
+                histories.judge(
+                    member,
+                    Status.DIVERGED,
+                    f"The motion stayed finite, but grew through the step h = {h:g}: its largest u or v at the end is "
+                    f"{sizes[:, lane].max():.2g}, and {half[:, lane].max():.2g} with h = {h / 2:g}; solution.explain() "
+                    "looks for the reason.",
+                )

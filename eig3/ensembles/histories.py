@@ -42,6 +42,7 @@ class Histories:
         rows = n_rows(int(members.n_steps.max()), self.every)
         check_members_history(m, rows, n)
         self.u, self.v = np.full((m, rows, n), np.nan), np.full((m, rows, n), np.nan)
+        self.u[:, 0], self.v[:, 0] = members.u0, members.v0
         self.n_steps, self.n_rhs, self.n_iterations = (np.zeros(m, dtype=np.int64) for _ in range(3))
         self.status = np.full(m, Status.INTERRUPTED, dtype=object)
         self.message = np.full(m, _NOT_STARTED, dtype=object)

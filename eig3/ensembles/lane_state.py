@@ -6,11 +6,14 @@ import time
 
 import numpy as np
 
+from ..guard import written_beyond
 from ..kernels.lanes import Lanes, Layout
 from ..kernels.protocol import EVALUATIONS, Run
 from ..memory import aligned
 from .members import Members
 from .shared import Shared
+
+_GUARD_ROWS = 4  # of NaN on each side of u, v and a in the first evaluation
 
 
 class LaneState:
@@ -47,23 +50,41 @@ class LaneState:
         self._p = self._params(layout, everyone, members)
         u, v = (np.ascontiguousarray(x[members].T) for x in (everyone.u0, everyone.v0))
         v *= self._unit
-        a = self._evaluate(0, u, v, np.nan)  # an entry that rhs does not write stays NaN
+        a = self._first_evaluation(u, v)
         self.first_acceleration = a / self._unit**2
         self._state = aligned((formulas.state_rows(u.size), u.size))
         self._rows = self._state.reshape(-1, *u.shape)
-        with np.errstate(over="ignore", invalid="ignore"):
-            past = formulas.start(u, v, a, self._clock[0])
-        for row, values in zip(self._rows, (u, v, *past), strict=False):
+        self._kept = np.empty((2, 0, u.size))
+        for row, values in zip(self._rows, (u, v, *formulas.start(u, v, a, self._clock[0])), strict=False):
             row[:] = values
 
     def _params(self, layout: Layout, everyone: Members, members: np.ndarray) -> np.ndarray:
         """Return the array p of the kernel."""
         p = aligned((layout.size,))
+        p[:] = np.nan  # which rhs reads beyond the parameters
         p[: layout.params_size] = everyone.params if layout.shares_params else everyone.params[members].T.ravel()
         if layout.has_own_step:
-            own = p[layout.params_size :].reshape(-1, layout.lanes)
+            own = p[layout.begin_of_steps :].reshape(-1, layout.lanes)
             own[0], own[1] = self.h, self.t0
         return p
+
+    def _first_evaluation(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Evaluate rhs at the start, on arrays between cells of NaN. An entry that rhs does not write stays NaN.
+
+        Raises
+        ------
+        ValueError
+            If rhs writes beyond the end of a.
+        """
+        buffers = np.full((3, len(u) + 2 * _GUARD_ROWS, self.layout.lanes), np.nan)
+        inside = slice(_GUARD_ROWS, -_GUARD_ROWS)
+        buffers[0, inside], buffers[1, inside] = u, v
+        self._rhs.call(self._clock[1], *(x[inside].ravel() for x in buffers[:2]), self._p, buffers[2, inside].ravel())
+        a = buffers[2, inside].copy()
+        buffers[2, inside] = np.nan
+        if not np.isnan(buffers[2]).all():
+            raise written_beyond(len(u))
+        return a
 
     def _evaluate(self, index: int, u: np.ndarray, v: np.ndarray, filled: float) -> np.ndarray:
         """Evaluate rhs in the units of the kernel, into an array that is filled with a number before."""
@@ -99,17 +120,25 @@ class LaneState:
         Returns
         -------
         u, v : ndarray, shape (states, n, lanes)
-            The states whose step index is a multiple of `every`.
+            The states whose step index is a multiple of `every`. The next call overwrites them.
         """
         first, (h, t0) = self.index, self._clock
-        u, v = (np.empty((target // every - first // every, self._state.shape[1])) for _ in range(2))
+        u, v = self._scratch(target // every - first // every)
         run = Run(h, t0, self._p, first, target - first, every, u, v)
         begin = time.perf_counter()
         self._kernel((self._rhs.address, None), self._state, self._settings, self._tally, run)
         self.seconds += time.perf_counter() - begin
         self.index = target
-        shape = len(u), *self._rows.shape[1:]
-        return u.reshape(shape), v.reshape(shape) / self._unit
+        u, v = (x.reshape(len(x), *self._rows.shape[1:]) for x in (u, v))
+        if self.layout.has_own_step:
+            v /= self._unit
+        return u, v
+
+    def _scratch(self, states: int) -> np.ndarray:
+        """Return two arrays for states, which the next call returns again."""
+        if self._kept.shape[1] < states:
+            self._kept = np.empty((2, states, self._state.shape[1]))
+        return self._kept[:, :states]
 
     def save(self) -> tuple[int, np.ndarray, np.ndarray]:
         """Return a copy of the states, for `restore`."""
@@ -124,7 +153,7 @@ class LaneState:
         self._rows[:, :, lanes] = self._rows[:, :, model, None]
         self.h[lanes] = self.h[model]
         layout = self.layout
-        p = self._p[layout.params_size if layout.shares_params else 0 :].reshape(-1, layout.lanes)
+        p = self._p[layout.begin_of_steps if layout.shares_params else 0 :].reshape(-1, layout.lanes)
         p[:, lanes] = p[:, model, None]
 
     def widen(
@@ -137,5 +166,8 @@ class LaneState:
     def unwritten(self) -> np.ndarray:
         """Return a mask of shape (n, lanes): the entries of a that rhs did not write in the last step."""
         u, v = self._rows[0], self._rows[1]  # no method has to evaluate rhs at the end of a run
-        a, other = (self._evaluate(self.index - 1, u, v, filled) for filled in (np.nan, 0.0))
+        try:
+            a, other = (self._evaluate(self.index - 1, u, v, filled) for filled in (np.nan, 0.0))
+        except Exception:  # rhs may fail at a time at which the method does not evaluate it
+            return np.zeros(u.shape, dtype=bool)
         return np.isnan(a) & (other == 0)  # a value that rhs computes may be NaN too

@@ -14,6 +14,7 @@ MOST_DEGREES = 24  # with more degrees of freedom, a member alone is as fast as 
 _CACHE = 2**15  # bytes of the first-level cache for the rows of a block
 _MOST_LANES, _LEAST_LANES = 512, 32
 _FEW_LANES = 64  # enough for fast loops: blocks are not made smaller than this for the sake of more threads
+_FEWEST_LANES = 16  # the compiler cannot use vectors for fewer
 _BLOCKS = 2  # of a thread, at least
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
@@ -33,6 +34,8 @@ def layout_of(members: Members, method: Method, threads: int) -> Layout | None:
         lanes //= 2
     while lanes > _FEW_LANES and _BLOCKS * threads * lanes > len(members):
         lanes //= 2
+    while lanes > _FEWEST_LANES and lanes >= 2 * len(members):  # a lane without a member takes as long
+        lanes //= 2
     k = members.params.shape[-1]
     return Layout(members.form, members.n, lanes, k, not members.has_own_params, members.has_own_step)
 
@@ -43,5 +46,6 @@ def lanes_of(function: Any, callback: Callback, kind: str, layout: Layout) -> La
     key = kind, layout
     if key not in known or known[key][0] is not callback.compiled:  # the user may have compiled the function anew
         compile_it = compile_rhs if kind == "rhs" else compile_invariant
-        known[key] = callback.compiled, compile_it(function.py_func, layout)
+        is_checked = bool(function.targetoptions.get("boundscheck"))
+        known[key] = callback.compiled, compile_it(callback.function, layout, is_checked)
     return known[key][1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..callbacks import takes
 from ..checks import check_h, check_resolution, check_span, reals
 from ..integration import divide
 from ..kernels.protocol import SCALAR, VECTOR, Form
@@ -118,10 +118,9 @@ def check_members(
 def _form(rhs: Any) -> Form:
     """Return the form of a right-hand side, from the number of its arguments."""
     function = getattr(rhs, "py_func", rhs)
-    try:
-        return VECTOR if len(inspect.signature(function).parameters) == len(VECTOR.rhs.args) else SCALAR
-    except TypeError:
-        return SCALAR  # rhs is not a function; its check will say so
+    if not callable(function) or takes(function, len(SCALAR.rhs.args)):
+        return SCALAR  # if rhs is not a function, its check will say so
+    return VECTOR if takes(function, len(VECTOR.rhs.args)) else SCALAR
 
 
 def _count(given: dict[str, tuple[np.ndarray, int]], form: Form) -> int:
@@ -161,11 +160,16 @@ def _clash(first: str, one: np.ndarray, second: str, other: np.ndarray, rule: st
 
 def _divided(h: np.ndarray, t0: float, t1: float) -> tuple[Any, Any]:
     """Return steps that divide the span, and their numbers."""
-    wanted, place = np.unique(h, return_inverse=True)
-    pairs = [divide(t1 - t0, check_h(float(step))) for step in wanted]
-    for _, step in pairs:
-        check_resolution(step, t0, t1)
-    n_steps, steps = np.array([n for n, _ in pairs]), np.array([step for _, step in pairs])
-    if h.ndim == 0:
-        return float(steps[0]), int(n_steps[0])
-    return steps[place.ravel()], n_steps[place.ravel()]
+    valid = np.isfinite(h) & (h > 0)
+    if not valid.all():
+        check_h(float(h[~valid].flat[0]))
+    span = t1 - t0
+    divide(span, float(h.min()))  # which refuses steps that are too many to be counted
+    ratio = span / h
+    nearest = np.round(ratio)
+    is_whole = np.abs(ratio - nearest) <= 1e-12 * np.maximum(ratio, nearest)
+    n_steps = np.maximum(1, np.where(is_whole, nearest, np.ceil(ratio))).astype(np.int64)
+    check_resolution(float((span / n_steps).min()), t0, t1)
+    if h.size == 1:
+        return span / int(n_steps.flat[0]), int(n_steps.flat[0])
+    return span / n_steps, n_steps

@@ -189,7 +189,7 @@ class Run:
         self.save_every, self.invariants, self.threads = save_every, invariants, threads
         self.histories = Histories(members, save_every, list(invariants))
         self.notes: list[str] = []
-        self._alone = partial(alone, rhs, members, method)
+        self._alone = partial(alone, rhs, members, method, save_every=None)
         self.work = self._work(self._checked())
 
     def _checked(self) -> Stepper:

@@ -48,6 +48,8 @@ class EnsembleSolution:
         Time in the kernels, s, summed over the threads, without compilation.
     method : Method
         The method as it was requested.
+    integrals : dict of str to ndarray, shape (m, s)
+        Integrals over time that the problem follows, such as "work" in J.
     notes : tuple of str
         Sentences about what the user should know of the run, such as that rhs could not be vectorised.
     """
