@@ -66,7 +66,7 @@ SPEED_HEADER = [
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_problems(parser)
     add_repeats(parser, 5)
-    parser.add_argument("--members", type=count, default=1024, metavar="M", help="of the first table (1024)")
+    parser.add_argument("--members", type=count, default=4096, metavar="M", help="of the first table (4096)")
     parser.add_argument("--steps", type=count, default=10_000, metavar="N", help="of the first table (10000)")
     parser.add_argument(
         "--accurate", type=count, default=10_000, metavar="M", help="members of the second table (10000)"
@@ -93,7 +93,7 @@ def benchmark(
     *,
     only: Sequence[str] | None = None,
     repeats: int = 5,
-    members: int = 1024,
+    members: int = 4096,
     n_steps: int = 10_000,
     accurate: int = 10_000,
     write: Callable[[str], None] = print,
