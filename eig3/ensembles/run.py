@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
+from queue import Empty, SimpleQueue
 from threading import Event
 from typing import Any
 
@@ -259,17 +260,21 @@ class Run:
         return self.solution()
 
     def _march(self, interrupt: DeferredInterrupt, bar: Progress) -> None:
-        stop = Event()
+        stop, done = Event(), SimpleQueue[Future]()  # to wait for thousands of futures takes long
         with ThreadPoolExecutor(self.threads) as pool:
             running = {pool.submit(work.run, stop): len(work) for work in self.work}
             try:
-                while running:
-                    done, _ = wait(running, _POLL_SECONDS, FIRST_COMPLETED)
-                    for future in done:
-                        bar.add(running.pop(future))
-                        future.result()
-                    if interrupt.is_set():
-                        return
+                for future in running:
+                    future.add_done_callback(done.put)
+                left = len(running)
+                while left and not interrupt.is_set():
+                    try:
+                        future = done.get(timeout=_POLL_SECONDS)
+                    except Empty:
+                        continue
+                    left -= 1
+                    bar.add(running[future])
+                    future.result()
             finally:
                 stop.set()
                 for future in running:
