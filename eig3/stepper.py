@@ -23,7 +23,7 @@ from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR,
 from .memory import aligned, check_workspace
 from .methods import Method
 
-_NEVER = 2**62  # `every` of a run that writes no states
+NEVER = 2**62  # `every` of a run that writes no states
 _FLOAT64 = np.dtype(np.float64)
 _SLICE_SECONDS = 3e-4  # time in the kernel before it is asked whether to stop; steps may become much slower at any time
 _SLICE_GROWTH = 16  # largest factor from the steps of one slice to the steps of the next
@@ -187,7 +187,7 @@ class Stepper:
     def advance(
         self,
         count: int,
-        every: int = _NEVER,
+        every: int = NEVER,
         u_rows: np.ndarray | None = None,
         v_rows: np.ndarray | None = None,
         cancel: Cancel | None = None,

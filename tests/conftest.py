@@ -1,6 +1,7 @@
 import importlib
 import os
 import re
+import signal
 import sys
 from pathlib import Path
 
@@ -156,3 +157,11 @@ def symplectic_euler(users_folder, monkeypatch):
     monkeypatch.syspath_prepend(users_folder)
     yield importlib.import_module("symplectic_euler").SymplecticEuler
     del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]
+
+
+@pytest.fixture
+def python_handler():
+    """Python's own handler of SIGINT: a shell starts jobs in the background with the signal ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

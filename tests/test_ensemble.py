@@ -535,13 +535,6 @@ def test_an_entry_of_a_that_is_no_longer_written_is_an_error():
         eig3.ensemble(forgetful, (0, 10), np.ones((3, 2)), [0.0, 0.0], h=0.01)
 
 
-@pytest.fixture
-def python_handler():
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.usefixtures("python_handler")
 def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
     """The first 256 members, a block, are done when the signal comes; the last ones have not begun."""

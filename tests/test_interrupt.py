@@ -12,6 +12,8 @@ import pytest
 import eig3
 from eig3.kernels.interrupt import DeferredInterrupt
 
+pytestmark = pytest.mark.usefixtures("python_handler")
+
 STEP = 2.0**-10  # exact in binary, so that t = n STEP is exact too
 
 
@@ -36,14 +38,6 @@ def compiled():
     """The time until Ctrl-C is for the run, not for the compiler."""
     eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, invariants={"e": energy})
     eig3.integrate(oscillators, (0, 1), [1.0], [0.0], h=0.1)
-
-
-@pytest.fixture(autouse=True)
-def python_handler():
-    """Python's own handler of SIGINT: a shell starts jobs in the background with the signal ignored."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

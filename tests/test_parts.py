@@ -322,14 +322,6 @@ def test_an_exception_of_rhs_keeps_what_is_finished(executor):
     assert not solution.success[STIFFNESS[:, 0] > 3].any()
 
 
-@pytest.fixture
-def python_handler():
-    """Python's own handler of SIGINT: a shell starts jobs in the background with the signal ignored."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.usefixtures("python_handler")
 @pytest.mark.parametrize(("reduce", "has_executor"), [(None, True), (len, True), (len, False)])
 def test_ctrl_c_keeps_the_finished_parts(reduce, has_executor, monkeypatch):

@@ -15,6 +15,14 @@ def add_problem(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("problem", metavar="PROBLEM", help=f"one of {', '.join(problems.__all__)}")
 
 
+def add_method_and_end(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run other than its step."""
+    parser.add_argument("--method", default="eig3", metavar="NAME", help="the method (default: eig3)")
+    parser.add_argument(
+        "--t-end", dest="t_end", type=float, metavar="T", help="the duration, s (default: the problem's own)"
+    )
+
+
 def builder(name: str, command: str) -> Callable[..., Problem]:
     """Return the function of `eig3.problems` that builds the problem `name`; `command` is named in the error.
 

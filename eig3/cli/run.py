@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..options import add_out
-from .problem import add_problem, builder
+from .problem import add_method_and_end, add_problem, builder
 
 SUMMARY = "integrate a problem; report its energy balance, write its history and a picture"
 
@@ -15,10 +15,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--h", type=float, help="the step, s (default: the problem's own, or else at most a tenth of the critical step)"
     )
-    parser.add_argument("--method", default="eig3", metavar="NAME", help="the method (default: eig3)")
-    parser.add_argument(
-        "--t-end", dest="t_end", type=float, metavar="T", help="the duration, s (default: the problem's own)"
-    )
+    add_method_and_end(parser)
     add_out(parser, "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv")
     parser.set_defaults(run=run)
 

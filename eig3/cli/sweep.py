@@ -10,7 +10,7 @@ import argparse
 from importlib.util import find_spec
 
 from ..options import add_out, count
-from .problem import add_problem, builder
+from .problem import add_method_and_end, add_problem, builder
 
 SUMMARY = "run a problem for many values of its parameters, and draw what they change"
 
@@ -43,10 +43,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--h", type=float, help="the step, s (default: the shortest of `eig3 run` at the corners of the swept region)"
     )
-    parser.add_argument("--method", default="eig3", metavar="NAME", help="the method (default: eig3)")
-    parser.add_argument(
-        "--t-end", dest="t_end", type=float, metavar="T", help="the duration, s (default: the problem's own)"
-    )
+    add_method_and_end(parser)
     add_out(parser, "folder for sweep.csv, sweep.npz and sweep.png")
     parser.set_defaults(run=run)
 

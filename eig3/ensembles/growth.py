@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..stepper import Cancel
+from ..stepper import NEVER, Cancel
 from .lane_state import LaneState
 from .shared import Shared
 
 _STEPS = 4096  # of the kernel before it is asked whether to stop
-_NEVER = 2**62  # the kernel writes no states
 
 
 def sizes_with_half_the_step(shared: Shared, members: np.ndarray, stop: Cancel) -> np.ndarray:
@@ -32,5 +31,5 @@ def sizes_with_half_the_step(shared: Shared, members: np.ndarray, stop: Cancel) 
     halved = replace(shared, members=replace(everyone, h=everyone.h / 2, n_steps=2 * everyone.n_steps))
     state, end = LaneState(halved, members), int(halved.members.n_steps[members[0]])
     while state.index < end and not stop.is_set():
-        state.advance(min(end, state.index + _STEPS), _NEVER)
+        state.advance(min(end, state.index + _STEPS), NEVER)
     return np.array(state.sizes)

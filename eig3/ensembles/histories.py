@@ -11,10 +11,10 @@ from ..kernels.protocol import SCALAR
 from ..memory import check_members_history, n_rows
 from ..methods import Method
 from ..solution import Solution, Status
+from ..stepper import NEVER
 from .members import Members
 from .solution import EnsembleSolution
 
-_NEVER = 2**62  # `every` if only the first and the last state are saved
 REACHED = "The run reached the end of its span."
 _NOT_STARTED = "The run was interrupted before this member started."
 
@@ -38,7 +38,7 @@ class Histories:
     def __init__(self, members: Members, save_every: int | None, names: Sequence[str]) -> None:
         m, n = len(members), members.n
         self.members = members
-        self.every = _NEVER if save_every is None else save_every
+        self.every = NEVER if save_every is None else save_every
         rows = n_rows(int(members.n_steps.max()), self.every)
         check_members_history(m, rows, n)
         self.u, self.v = np.full((m, rows, n), np.nan), np.full((m, rows, n), np.nan)
@@ -52,9 +52,8 @@ class Histories:
 
     def save(self, chosen: np.ndarray, row: int, u: np.ndarray, v: np.ndarray) -> None:
         """Save states from a row on; u and v have the shape (states, n, members)."""
-        if len(u):
-            self.u[chosen, row : row + len(u)] = u.transpose(2, 0, 1)
-            self.v[chosen, row : row + len(v)] = v.transpose(2, 0, 1)
+        self.u[chosen, row : row + len(u)] = u.transpose(2, 0, 1)
+        self.v[chosen, row : row + len(v)] = v.transpose(2, 0, 1)
 
     def end(self, chosen: np.ndarray, index: int, u: np.ndarray, v: np.ndarray, n_rhs: int) -> None:
         """End members after `index` steps; u and v are their last states, shape (n, members)."""

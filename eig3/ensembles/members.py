@@ -100,8 +100,8 @@ def check_members(
     arrays = {name: array for name, (array, _) in given.items()}
     if form is VECTOR and arrays["u0"].shape[-1] != arrays["v0"].shape[-1]:
         raise _clash("u0", arrays["u0"], "v0", arrays["v0"], "their last axes are the degrees of freedom")
-    for name in ("u0", "v0", "params"):
-        if name != "params" and not np.isfinite(arrays[name]).all():
+    for name in ("u0", "v0"):
+        if not np.isfinite(arrays[name]).all():
             bad = int(np.argmin(np.isfinite(arrays[name]).reshape(len(np.atleast_1d(arrays[name])), -1).all(axis=1)))
             raise ValueError(f"{name} must be finite, but {name}[{bad}] is not.")
     n = 1 if form is SCALAR else arrays["u0"].shape[-1]
@@ -159,7 +159,7 @@ def _clash(first: str, one: np.ndarray, second: str, other: np.ndarray, rule: st
 
 
 def _divided(h: np.ndarray, t0: float, t1: float) -> tuple[Any, Any]:
-    """Return steps that divide the span, and their numbers."""
+    """Return steps that divide the span, and their numbers, as `divide` does for one step."""
     valid = np.isfinite(h) & (h > 0)
     if not valid.all():
         check_h(float(h[~valid].flat[0]))

@@ -111,7 +111,7 @@ class EnsembleSolution:
             kernel_seconds=self.kernel_seconds * float(self.n_steps[i] / max(1, self.n_steps.sum())),
             method=self.method,
             drift={name: float(values[i]) for name, values in self.drift.items()},
-            extremes={name: (float(low), float(high)) for name, (low, high) in _row(self.extremes, i)},
+            extremes={name: tuple(values[i].tolist()) for name, values in self.extremes.items()},
             notes=self.notes,
             integrals=dict(zip(self.integrals, integrals, strict=True)),
             reason=self._reason(i),
@@ -151,10 +151,6 @@ class EnsembleSolution:
     def _counts(self) -> str:
         counts = collections.Counter(self.status.tolist())
         return ", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status])
-
-
-def _row(arrays: dict[str, np.ndarray], i: int) -> Iterator[tuple[str, Any]]:
-    return ((name, values[i]) for name, values in arrays.items())
 
 
 def _extent(values: np.ndarray, form: str) -> str:
