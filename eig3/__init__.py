@@ -9,6 +9,7 @@ from .analysis.planner import Plan, plan
 from .callbacks import jit
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
+from .events import Event
 from .integration import IntegrationError, integrate
 from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, CentralDifference, Method
 from .problem import Problem
@@ -30,6 +31,7 @@ __all__ = [
     "CentralDifference",
     "CriticalStep",
     "EnsembleSolution",
+    "Event",
     "IntegrationError",
     "Method",
     "NoCriticalStepError",

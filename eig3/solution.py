@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .events import Occurrences
 from .methods import Method
 
 
@@ -27,12 +28,25 @@ class Status(enum.Enum):
         The solve of an implicit step did not converge.
     INTERRUPTED
         Ctrl-C, a cancellation, or an exception in a function of the user ended the run.
+    TERMINATED
+        A terminal event ended the run, as it should.
+    STEP_TOO_SMALL
+        The tolerances need a step below the resolution of t.
+    TOO_MANY_STEPS
+        The run took `max_steps` steps before the end of its span.
+    ZENO
+        Events with `apply` follow each other in times below the resolution of the run, as the impacts of a ball that
+        comes to rest do.
     """
 
     COMPLETED = "completed"
     DIVERGED = "diverged"
     NOT_CONVERGED = "not converged"
     INTERRUPTED = "interrupted"
+    TERMINATED = "ended by an event"
+    STEP_TOO_SMALL = "step too small"
+    TOO_MANY_STEPS = "too many steps"
+    ZENO = "events without end"
 
 
 @dataclass(repr=False, eq=False)
@@ -46,7 +60,8 @@ class Solution:
     u, v : ndarray, shape (m,) or (m, n)
         Displacements and velocities of the saved states.
     h : float
-        The step of the run. It is the requested step, or a shorter one if that does not divide the span.
+        The step of the run. It is the requested step, or a shorter one if that does not divide the span. With
+        tolerances, it is the mean of the steps.
     n_steps : int
         Number of steps taken.
     n_rhs : int
@@ -71,6 +86,15 @@ class Solution:
         of an implicit method was changed, or that the method has a short limit with a force that reads the velocity.
     integrals : dict of str to ndarray, shape (m,)
         Integrals over time that the problem follows, at the saved times, such as "work" in J.
+    events : dict of str to Occurrences
+        The occurrences of each event: `t`, `u`, `v`, and `u_after`, `v_after`.
+    outputs : dict of str to ndarray, shape (m,) or (m, k)
+        The values of each output at the saved states.
+    n_rejected : int
+        Number of steps that were repeated with a shorter step, because their error was beyond the tolerances.
+    steps : ndarray, shape (m,), or None
+        With tolerances, the length of the step that led to each saved state, or that contains its time. The first is
+        that of the first step. None for a fixed step.
     reason : callable or None
         The function that `explain` calls; None if nothing more can be found out.
     """
@@ -90,6 +114,10 @@ class Solution:
     extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     integrals: dict[str, np.ndarray] = field(default_factory=dict)
+    events: dict[str, Occurrences] = field(default_factory=dict)
+    outputs: dict[str, np.ndarray] = field(default_factory=dict)
+    n_rejected: int = 0
+    steps: np.ndarray | None = None
     reason: Callable[[], str] | None = None
     _explanation: str = ""
 
@@ -118,8 +146,8 @@ class Solution:
 
     @property
     def success(self) -> bool:
-        """Whether the status is COMPLETED: the run reached the end of its span and did not diverge."""
-        return self.status is Status.COMPLETED
+        """Whether the run did what it should: its status is COMPLETED or TERMINATED."""
+        return self.status in (Status.COMPLETED, Status.TERMINATED)
 
     def at(self, t: ArrayLike) -> tuple[Any, Any]:
         """Interpolate between the saved states by cubic Hermite polynomials.

@@ -1,0 +1,64 @@
+"""Events: zeros of a function of the state that a run finds, records and acts on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Event:
+    """A function g(t, u, v, p) whose zeros a run finds.
+
+    Parameters
+    ----------
+    g : jitted function
+        ``g(t, u, v, p) -> float``, with u and v as in the right-hand side. The event occurs where g changes its sign.
+    direction : {-1, 0, 1}
+        1 for changes from negative to positive only, -1 for changes from positive to negative only, 0 for both.
+    terminal : bool
+        Whether the run ends at the first occurrence. Its status is then TERMINATED.
+    apply : jitted function, optional
+        What happens to the state: an impact, a latch. For one degree of freedom ``apply(t, u, v, p) -> (u, v)`` returns
+        the new state. For n degrees of freedom ``apply(t, u, v, p)`` writes it to u and v.
+
+    Raises
+    ------
+    ValueError
+        If direction is not -1, 0 or 1.
+    """
+
+    g: Any
+    direction: int = 0
+    terminal: bool = False
+    apply: Any = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.direction, bool) or self.direction not in (-1, 0, 1):
+            raise ValueError(f"direction must be -1, 0 or 1, not {self.direction!r}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Occurrences:
+    """The occurrences of an event in a run.
+
+    Attributes
+    ----------
+    t : ndarray, shape (k,)
+        Their times.
+    u, v : ndarray, shape (k,) or (k, n)
+        The states there, before the event's `apply`.
+    u_after, v_after : ndarray, shape (k,) or (k, n)
+        The states after it; the same as u and v if the event has no `apply`.
+    """
+
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    u_after: np.ndarray
+    v_after: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.t)
