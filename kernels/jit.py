@@ -44,13 +44,22 @@ class _Element(CPUDispatcher):
 
 def element(function: Callable) -> Any:
     """Decorate a function that is inlined into a kernel."""
-    options = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **KERNEL_OPTIONS}
+    return _element(function, forceinline=True)
+
+
+def outlined(function: Callable) -> Any:
+    """Decorate a function of a kernel that is called rarely, and is not inlined: the kernel compiles in less time."""
+    return _element(function)
+
+
+def _element(function: Callable, **options: Any) -> Any:
+    options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **KERNEL_OPTIONS}
     compiled_later = numba.njit(**options)(function)
     compiled_later.__class__ = _Element
     return compiled_later
 
 
-#: The same for functions that are called from Python too, such as those of effects.
+#: Like `element`, for functions that are called from Python too, such as those of effects.
 callable_element = numba.njit(forceinline=True, **KERNEL_OPTIONS)
 
 

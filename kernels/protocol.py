@@ -13,6 +13,13 @@ from numba.types import Array, float64, int64, none
 #: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 
+#: Further entries for a run with events or tolerances: the time, the next step and the step before, the last estimate of
+#: the error, the number of rejected steps, the largest |u| and |v| so far, the next of `Watch.times`, the number of
+#: occurrences in the log, the index of the step at which a multistep method started anew, the time between the last
+#: two resets, and the event that ended the run. Two values follow for each event: the sign of g, where 0 means that it
+#: is looked at just after the start of the next step, and the time of its last reset.
+TIME, STEP, STEP_BEFORE, ERROR, REJECTED, U_SIZE, V_SIZE, NEXT, LOGGED, ANEW, GAP, ENDED_BY, EVENTS = range(4, 17)
+
 
 class Run(NamedTuple):
     """The steps to take: `count` steps from step index `first`. Every `every`-th state is written to the rows."""
@@ -25,6 +32,50 @@ class Run(NamedTuple):
     every: Any
     u_rows: Any
     v_rows: Any
+
+
+class Span(NamedTuple):
+    """The steps of variable length to take: at most `count` from step index `first`, to `t_end` at most.
+
+    Every `every`-th state is written to the rows, and `atol` has a row for u and one for v. If `is_relative` is 1, `rtol`
+    is relative to the largest value of all degrees of freedom so far. If `may_shorten` is 0, a last step that would have to
+    be shortened is not taken.
+    """
+
+    t_end: Any
+    p: Any
+    first: Any
+    count: Any
+    every: Any
+    h_first: Any
+    h_max: Any
+    rtol: Any
+    atol: Any
+    is_relative: Any
+    may_shorten: Any
+    t_rows: Any
+    h_rows: Any
+    u_rows: Any
+    v_rows: Any
+
+
+class Watch(NamedTuple):
+    """What a run looks for within its steps: events, and times at which the state is written.
+
+    A row of `events` contains the address of g, the address of apply or 0, the direction, and 1 for a terminal event.
+    A row of `log` is for an occurrence: the event, the time, and u and v before and after apply. Resets that follow
+    each other within `zeno` end the run. `times` are the times at which to write u, v and the step. `work` has rows of n
+    values for the search.
+    """
+
+    events: Any
+    log: Any
+    zeno: Any
+    times: Any
+    h_rows: Any
+    u_rows: Any
+    v_rows: Any
+    work: Any
 
 
 class At(NamedTuple):
@@ -49,6 +100,19 @@ vector_type, matrix_type = Array(float64, 1, "C"), Array(float64, 2, "C")
 _given = Array(float64, 1, "C", readonly=True)  # a callback that writes to such an array does not compile
 
 
+_integers = Array(int64, 2, "C")
+
+#: The types of `Watch` and `Span`. Both hold matrices in each form; for one degree of freedom, these have one column.
+WATCH = types.NamedTuple(
+    (_integers, matrix_type, float64, vector_type, vector_type, matrix_type, matrix_type, matrix_type), Watch
+)
+SPAN = types.NamedTuple(
+    (float64, vector_type, int64, int64, int64, float64, float64, float64, matrix_type, int64, int64)
+    + (vector_type, vector_type, matrix_type, matrix_type),
+    Span,
+)
+
+
 @dataclass(frozen=True, eq=False)  # each of the two forms is equal only to itself
 class Form:
     """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom."""
@@ -57,6 +121,7 @@ class Form:
     rhs: Any
     jacobian: Any
     invariant: Any
+    apply: Any
     state: Any
 
     def __reduce__(self) -> str:
@@ -73,6 +138,7 @@ SCALAR = Form(
     rhs=float64(float64, float64, float64, _given),
     jacobian=float64(float64, float64, float64, _given),
     invariant=float64(float64, float64, float64, _given),
+    apply=types.UniTuple(float64, 2)(float64, float64, float64, _given),
     state=vector_type,
 )
 VECTOR = Form(
@@ -80,6 +146,7 @@ VECTOR = Form(
     rhs=none(float64, _given, _given, _given, vector_type),
     jacobian=none(float64, _given, _given, _given, matrix_type),
     invariant=float64(float64, _given, _given, _given),
+    apply=none(float64, vector_type, vector_type, _given),
     state=matrix_type,
 )
 

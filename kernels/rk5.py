@@ -4,6 +4,7 @@ Ch. Tsitouras, Runge-Kutta pairs of order 5(4) satisfying only the first column 
 Mathematics with Applications 62 (2011), 770-775.
 """
 
+from .pair import Pair
 from .tableau import Tableau
 
 C = (0, 0.161, 0.327, 0.9, 0.9800255409045097, 1)
@@ -32,3 +33,4 @@ ERROR = (
 _tableau = Tableau(C, A, B)
 ROWS, EVALUATIONS = _tableau.rows, _tableau.evaluations
 constants, step_scalar, step_vector = _tableau.constants, _tableau.step_scalar, _tableau.step_vector
+variable = Pair(_tableau, 5, [ERROR])
