@@ -62,3 +62,10 @@ class Occurrences:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def jumps(self) -> Occurrences:
+        """The occurrences at which `apply` changed the state."""
+        changed = (self.u != self.u_after) | (self.v != self.v_after)
+        some = changed.reshape(len(self), -1).any(axis=1)
+        return Occurrences(*(x[some] for x in (self.t, self.u, self.v, self.u_after, self.v_after)))
