@@ -63,6 +63,10 @@ class Occurrences:
     def __len__(self) -> int:
         return len(self.t)
 
+    def of(self, degrees: slice) -> Occurrences:
+        """Return the occurrences with some of the n degrees of freedom."""
+        return Occurrences(self.t, *(x[:, degrees] for x in (self.u, self.v, self.u_after, self.v_after)))
+
     @property
     def jumps(self) -> Occurrences:
         """The occurrences at which `apply` changed the state."""

@@ -293,6 +293,8 @@ def _separated(result: Any, n: int, names: Sequence[str]) -> Any:
     result.u, result.v = result.u[..., :n], result.v[..., :n]
     if isinstance(result, EnsembleSolution):
         result._last = {i: (t, u[:n], v[:n], *v[n:]) for i, (t, u, v) in result._last.items()}
+    else:
+        result.events = {name: occurrences.of(slice(n)) for name, occurrences in result.events.items()}
     return result
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import frames
 from .events import Occurrences
 from .interpolation import Knots
 from .labels import Labels
@@ -271,7 +272,7 @@ class Solution:
         `explain` has found. Functions are not: the right-hand side, and the jacobian of the method. ``np.load`` reads
         the arrays without eig3.
         """
-        from .storage import save
+        from .storage import save  # which imports this class
 
         return save(self, path)
 
@@ -292,9 +293,7 @@ class Solution:
         ValueError
             If two columns have the same name.
         """
-        from .frames import to_pandas
-
-        return to_pandas(self)
+        return frames.to_pandas(self)
 
     def to_xarray(self) -> Any:
         """Return the saved states as an `xarray.Dataset`.
@@ -313,9 +312,7 @@ class Solution:
         ValueError
             If two variables have the same name.
         """
-        from .frames import to_xarray
-
-        return to_xarray(self)
+        return frames.to_xarray(self)
 
     def __getstate__(self) -> dict[str, Any]:
         # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.

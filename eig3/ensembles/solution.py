@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import frames
 from ..accelerations import accelerations
 from ..callbacks import check_callback
 from ..guard import guarded
@@ -128,6 +129,25 @@ class EnsembleSolution:
             reason=self._reason(i),
             _accelerations=None if self._rhs is None else partial(self._accelerations, self._rhs, self._params_of(i)),
         )
+
+    def to_xarray(self) -> Any:
+        """Return the saved states of all members as an `xarray.Dataset`.
+
+        Returns
+        -------
+        xarray.Dataset
+            As that of a `Solution`, with a first axis member, the number of the member in the whole ensemble. If the
+            members have different times, the second axis is row, and the coordinate t has the times. h, n_steps and
+            status are variables over member.
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed.
+        ValueError
+            If two variables have the same name.
+        """
+        return frames.ensemble_to_xarray(self)
 
     def _params_of(self, i: int) -> np.ndarray:
         return guarded(self.params[i] if self.params.ndim == 2 else self.params)

@@ -202,7 +202,8 @@ class Scene:
         -------
         Problem
             Its `energy`, J, is None if an effect has no potential and the work is not followed. Its `names` are x0, x1,
-            ..., then y0, ... and z0, ..., by the number of the mass. Its `note` lists what the scene contains. To read the code, use ``inspect.getsource(problem.rhs.py_func)``.
+            ..., then y0, ... and z0, ..., by the number of the mass. Its `note` lists what the scene contains. To read
+            the code, use ``inspect.getsource(problem.rhs.py_func)``.
 
         Raises
         ------
