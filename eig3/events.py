@@ -71,5 +71,5 @@ class Occurrences:
     def jumps(self) -> Occurrences:
         """The occurrences at which `apply` changed the state."""
         changed = (self.u != self.u_after) | (self.v != self.v_after)
-        some = changed.reshape(len(self), -1).any(axis=1)
+        some = changed if changed.ndim == 1 else changed.any(axis=1)
         return Occurrences(*(x[some] for x in (self.t, self.u, self.v, self.u_after, self.v_after)))

@@ -169,9 +169,8 @@ class Solution:
         those that were found when it was copied or saved. None if no right-hand side is known. An exception in the
         right-hand side is raised.
         """
-        if self._a is None and self._accelerations is not None:
-            self._a = self._accelerations(*self._states())
-        return None if self._a is None else self._a[: len(self.t)]
+        a = self._all_accelerations()
+        return None if a is None else a[: len(self.t)]
 
     def at(self, t: ArrayLike) -> tuple[Any, Any]:
         """Interpolate between the saved states, to the order of the method or better.
@@ -220,6 +219,12 @@ class Solution:
         v = np.concatenate([self.v, *(jump.v for jump in jumps), *(jump.v_after for jump in jumps)])
         return t, u, v
 
+    def _all_accelerations(self) -> np.ndarray | None:
+        """Return the accelerations of `_states`, if they are known."""
+        if self._a is None and self._accelerations is not None:
+            self._a = self._accelerations(*self._states())
+        return self._a
+
     def _all_knots(self) -> Knots:
         """Return the saved states with those before and after each jump, in the order of time."""
         t, u, v = self._states()
@@ -240,10 +245,16 @@ class Solution:
         self, t: np.ndarray, u: np.ndarray, v: np.ndarray, order: Any
     ) -> Callable[[np.ndarray], np.ndarray] | None:
         """Return the function of `Knots` for these states, which are `_states` in another order."""
-        evaluate = self._accelerations
         if self._a is not None:
             return self._a[order].__getitem__
-        return evaluate and (lambda rows: evaluate(t[rows], u[rows], v[rows]))
+        evaluate = self._accelerations
+        if evaluate is None:
+            return None
+
+        def accelerations(rows: np.ndarray) -> np.ndarray:
+            return evaluate(t[rows], u[rows], v[rows])
+
+        return accelerations
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the solution to a file of NumPy arrays, which `eig3.load` reads.
@@ -316,9 +327,10 @@ class Solution:
 
     def __getstate__(self) -> dict[str, Any]:
         # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
-        with contextlib.suppress(Exception):  # of rhs, at a state at which the method does not evaluate it
-            self.a  # noqa: B018
-        return {**vars(self), "reason": None, "_accelerations": None, "_knots": None}
+        state = {**vars(self), "reason": None, "_accelerations": None, "_knots": None}
+        with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
+            state["_a"] = self._all_accelerations()
+        return state
 
     def __repr__(self) -> str:
         per_step = 1e9 * self.kernel_seconds / self.n_steps if self.n_steps else 0.0

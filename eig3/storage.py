@@ -146,7 +146,7 @@ def _plain_method(method: Method, key: str, arrays: dict[str, np.ndarray]) -> An
     cls = type(method)
     if _method_class(method.name, cls.__qualname__) is not cls:
         raise TypeError(f"the method {method!r} is not in eig3.METHODS: give its class {cls.__qualname__} a name.")
-    options = _fields(method) if dataclasses.is_dataclass(method) else {}
+    options: dict[str, Any] = _fields(method) if dataclasses.is_dataclass(method) else {}
     options.pop("jacobian", None)
     origin = {"method": method.name, "class": cls.__qualname__, "module": cls.__module__}
     return {**origin, "options": _plain_all(options, key, arrays)}

@@ -34,7 +34,7 @@ def oscillate(method="rk4", **options):
 def full_solution():
     """A solution with a value in every field, also such values as no run gives."""
     run = oscillate(invariants={"energy": energy})
-    state = np.array([0.5]), np.array([-0.5])
+    before, after = np.array([[0.5], [-0.5]]), np.array([[0.5], [0.4]])
     return dataclasses.replace(
         run,
         status=eig3.Status.TERMINATED,
@@ -43,10 +43,7 @@ def full_solution():
         extremes={"energy": (-np.inf, np.inf)},
         notes=("One.", 'Two "quoted".'),
         integrals={"work": run.u**2},
-        events={
-            "no crossing": Occurrences(*5 * [np.empty(0)]),
-            "impact": Occurrences(np.array([1.05]), *state, *state),
-        },
+        events={"never": Occurrences(*5 * [np.empty(0)]), "impact": Occurrences(np.array([1.05]), *before, *after)},
         outputs={"reaction": 3 * run.u, "storey drift": np.stack([run.u, run.v], axis=1)},
         n_rejected=3,
         steps=np.where(run.t > 1, np.nan, 0.1),
@@ -153,9 +150,7 @@ def test_a_method_of_the_user_must_be_imported_first(symplectic_euler, tmp_path,
     assert eig3.load(path).method == symplectic_euler()
     with monkeypatch.context() as patch:
         patch.delitem(eig3.METHODS, "symplectic-euler")
-        with pytest.raises(
-            ValueError, match="import its class SymplecticEuler from the module symplectic_euler before"
-        ):
+        with pytest.raises(ValueError, match="import its class SymplecticEuler from the module symplectic_euler"):
             eig3.load(path)
 
 
@@ -163,7 +158,7 @@ def test_a_method_that_could_not_be_loaded_is_not_saved(tmp_path):
     class Variant(eig3.RK4):
         """It has no name of its own."""
 
-    with pytest.raises(TypeError, match="give its class .*Variant a name"):
+    with pytest.raises(TypeError, match=r"give its class .*Variant a name"):
         oscillate(Variant()).save(tmp_path / "run")
     assert not [*tmp_path.iterdir()]
 
@@ -187,15 +182,15 @@ def test_files_of_others_are_refused(tmp_path):
     (tmp_path / "array.npy").rename(tmp_path / "array.npz")
     np.savez(tmp_path / "pickled.npz", eig3=np.array([{}], dtype=object))
     for name in ("arrays", "text", "empty", "array", "pickled"):
-        with pytest.raises(ValueError, match="is not a file that Solution.save has written"):
+        with pytest.raises(ValueError, match=r"is not a file that Solution\.save has written"):
             eig3.load(tmp_path / name)
-    with pytest.raises(FileNotFoundError, match="nowhere.npz"):
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.npz"):
         eig3.load(tmp_path / "nowhere")
 
 
 def test_damaged_files_are_refused(tmp_path):
     path = full_solution().save(tmp_path / "run")
-    whole = path.read_bytes()
+    whole, sound = path.read_bytes(), eig3.load(path)
     message = "damaged|not a file that Solution.save has written"
     for size in (10, 100, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:size])
@@ -212,14 +207,9 @@ def test_damaged_files_are_refused(tmp_path):
         try:
             loaded = eig3.load(path)  # the place may be one of the file that nothing reads, such as a date
         except ValueError as error:
-            assert str(error).count("damaged") == 1  # noqa: PT017
+            assert "damaged: " in str(error)  # noqa: PT017
         else:
-            assert_same(loaded, full_solution_of(whole, tmp_path))
-
-
-def full_solution_of(content, folder):
-    (folder / "sound.npz").write_bytes(content)
-    return eig3.load(folder / "sound")
+            assert_same(loaded, sound)
 
 
 def rewritten(path, change):
@@ -271,11 +261,9 @@ def test_a_file_is_complete_or_not_there(tmp_path):
 def test_a_file_is_read_in_a_new_process_and_by_numpy_alone(tmp_path):
     run = full_solution()
     path = run.save(tmp_path / "run")
-    code = (
-        f"import eig3; s = eig3.load({str(path)!r}); print(repr(float(s.at(1.23)[0])), s.outputs['storey drift'].shape)"
-    )
+    code = f"import eig3; s = eig3.load({str(path)!r}); print(repr(float(s.at(1.23)[0])), len(s.outputs))"
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert printed == f"{float(run.at(1.23)[0])!r} {run.outputs['storey drift'].shape}\n"
+    assert printed == f"{float(run.at(1.23)[0])!r} {len(run.outputs)}\n"
     with np.load(path, allow_pickle=False) as arrays:
         for name in ("t", "u", "v", "a", "steps"):
             np.testing.assert_array_equal(arrays[name], getattr(run, name))
