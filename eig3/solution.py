@@ -130,7 +130,8 @@ class Solution:
     reason: Callable[[], str] | None = None
     _accelerations: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
     _explanation: str = ""
-    _a: np.ndarray | None = field(default=None, init=False)  # the accelerations of `_states`
+    _a: np.ndarray | None = field(default=None, init=False)
+    _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
     _knots: Knots | None = field(default=None, init=False)
 
     def explain(self) -> str:
@@ -169,8 +170,9 @@ class Solution:
         those that were found when it was copied or saved. None if no right-hand side is known. An exception in the
         right-hand side is raised.
         """
-        a = self._all_accelerations()
-        return None if a is None else a[: len(self.t)]
+        if self._a is None and self._accelerations is not None:
+            self._a, self._a_jumps = np.split(self._accelerations(*self._states()), [len(self.t)])
+        return self._a
 
     def at(self, t: ArrayLike) -> tuple[Any, Any]:
         """Interpolate between the saved states, to the order of the method or better.
@@ -219,18 +221,12 @@ class Solution:
         v = np.concatenate([self.v, *(jump.v for jump in jumps), *(jump.v_after for jump in jumps)])
         return t, u, v
 
-    def _all_accelerations(self) -> np.ndarray | None:
-        """Return the accelerations of `_states`, if they are known."""
-        if self._a is None and self._accelerations is not None:
-            self._a = self._accelerations(*self._states())
-        return self._a
-
     def _all_knots(self) -> Knots:
         """Return the saved states with those before and after each jump, in the order of time."""
         t, u, v = self._states()
         m = len(self.t)
         if len(t) == m:
-            return Knots(t, u, v, self._known_accelerations(t, u, v, slice(None)))
+            return Knots(t, u, v, self._known_accelerations(t, u, v, None))
         jumps = t[m : (m + len(t)) // 2]
         saved = np.searchsorted(self.t, jumps, side="right") - np.searchsorted(self.t, jumps, side="left")
         # A jump replaces the state that was saved at its time. If there are two such states, they are the jump.
@@ -242,11 +238,12 @@ class Solution:
         return Knots(t, u, v, self._known_accelerations(t, u, v, order))
 
     def _known_accelerations(
-        self, t: np.ndarray, u: np.ndarray, v: np.ndarray, order: Any
+        self, t: np.ndarray, u: np.ndarray, v: np.ndarray, order: np.ndarray | None
     ) -> Callable[[np.ndarray], np.ndarray] | None:
-        """Return the function of `Knots` for these states, which are `_states` in another order."""
+        """Return the function of `Knots` for these states, which are `_states` in another order, if there is one."""
         if self._a is not None:
-            return self._a[order].__getitem__
+            a = self._a if order is None else np.concatenate([self._a, self._a_jumps])[order]
+            return a.__getitem__
         evaluate = self._accelerations
         if evaluate is None:
             return None
@@ -329,7 +326,7 @@ class Solution:
         # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
         state = {**vars(self), "reason": None, "_accelerations": None, "_knots": None}
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
-            state["_a"] = self._all_accelerations()
+            state |= {"_a": self.a, "_a_jumps": self._a_jumps}
         return state
 
     def __repr__(self) -> str:
