@@ -15,6 +15,7 @@ from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8,
 from .problem import Problem
 from .solution import Solution, Status
 from .stepper import Stepper
+from .storage import load
 
 __all__ = [
     "AB2",
@@ -46,6 +47,7 @@ __all__ = [
     "ensemble",
     "integrate",
     "jit",
+    "load",
     "math",
     "plan",
     "problems",

@@ -62,3 +62,14 @@ class Occurrences:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def of(self, degrees: slice) -> Occurrences:
+        """Return the occurrences with some of the n degrees of freedom."""
+        return Occurrences(self.t, *(x[:, degrees] for x in (self.u, self.v, self.u_after, self.v_after)))
+
+    @property
+    def jumps(self) -> Occurrences:
+        """The occurrences at which `apply` changed the state."""
+        changed = (self.u != self.u_after) | (self.v != self.v_after)
+        some = changed if changed.ndim == 1 else changed.any(axis=1)
+        return Occurrences(*(x[some] for x in (self.t, self.u, self.v, self.u_after, self.v_after)))

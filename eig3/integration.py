@@ -309,6 +309,7 @@ class _Run:
             extremes={watch.name: watch.extremes for watch in self.watches},
             notes=(*self._notes(), *stepper.notes),
             reason=self.reason,
+            _accelerations=stepper.accelerations,
         )
 
     def _notes(self) -> Iterator[str]:

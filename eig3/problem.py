@@ -16,6 +16,7 @@ from .checks import check_params, check_span, check_state, reals
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
 from .integration import integrate
+from .labels import Labels
 from .methods import Method
 from .solution import Solution
 from .stepper import Stepper
@@ -45,6 +46,8 @@ class Problem:
         Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     units : str or tuple of str
         Unit of the displacements, or of each of them; "-" for a number without a unit.
+    names : tuple of str
+        The name of each degree of freedom, such as "x0"; empty if they have no names.
     exact : callable, optional
         ``exact(t) -> (u, v)`` for an array of times.
     continuum : callable, optional
@@ -79,6 +82,7 @@ class Problem:
     draw: Callable[[Any, Solution], None] | None = None
     energy_unit: str = "J"
     units: str | tuple[str, ...] = "m"
+    names: tuple[str, ...] = ()
     integrals: tuple[str, ...] = ()
 
     def with_(self, **changes: Any) -> Problem:
@@ -138,10 +142,10 @@ class Problem:
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         options |= {"h": h, "params": self.params, "method": method}
         span = (self.t_span[0], self.t_span[1] if t_end is None else t_end)
-        if not self.integrals:
-            return integrate(self.rhs, span, self.u0, self.v0, **options)
-        u0, v0 = (_with_integrals(x, len(self.integrals)) for x in (self.u0, self.v0))
-        return self._following(integrate, self.rhs, span, u0, v0, **options)
+        start: Any = self.u0, self.v0
+        if self.integrals:
+            start = [_with_integrals(x, len(self.integrals)) for x in start]
+        return self._run(integrate, self.rhs, span, *start, **options)
 
     def ensemble(
         self,
@@ -179,7 +183,7 @@ class Problem:
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         options |= {"h": h, "params": shared if params is None else params, "method": method}
         if not self.integrals:
-            return ensemble(self.rhs, span, *start, **options)
+            return self._run(ensemble, self.rhs, span, *start, **options)
         n = np.size(self.u0)
         for name, x in zip(("u0", "v0"), start, strict=True):
             if np.shape(x)[-1:] != (n,):
@@ -187,7 +191,7 @@ class Problem:
         start = [_with_integrals(x, len(self.integrals)) for x in start]
         if callable(options.get("reduce")):
             options["reduce"] = partial(_reduced, options["reduce"], n, self.integrals)
-        return self._following(ensemble, self.rhs, span, *start, **options)
+        return self._run(ensemble, self.rhs, span, *start, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
         """Return a `Stepper` at the start of the problem, which does not follow `integrals`."""
@@ -242,8 +246,12 @@ class Problem:
 
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""
-        unit = self.units if isinstance(self.units, str) else self.units[i]
-        return unit if letter == "u" else f"{unit.replace('-', '1')}/s"
+        return self.labels.unit(letter, i)
+
+    @property
+    def labels(self) -> Labels:
+        """The names and units of the degrees of freedom."""
+        return Labels(self.names, self.units)
 
     @property
     def uses_velocity(self) -> bool:
@@ -262,26 +270,31 @@ class Problem:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
         return new
 
-    def _following(self, run: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """Run with the integrals as further degrees of freedom, and separate them from the result."""
-        n, names = np.size(self.u0), self.integrals
+    def _run(self, run: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Run with the integrals as further degrees of freedom; separate them from the result, and label it."""
         try:
-            return _separated(run(*arguments, **options), n, names)
+            return self._described(run(*arguments, **options))
         except BaseException as error:
-            _separated(getattr(error, "solution", None), n, names)
+            self._described(getattr(error, "solution", None))
             raise
+
+    def _described(self, result: Any) -> Any:
+        """What `reduce` returned for the parts of an ensemble stays as it is."""
+        if isinstance(result, Solution | EnsembleSolution):
+            result.labels = self.labels
+            if self.integrals:
+                _separated(result, np.size(self.u0), self.integrals)
+        return result
 
 
 def _separated(result: Any, n: int, names: Sequence[str]) -> Any:
-    """Move the integrals from the last columns of u and v, where they are velocities, to `integrals` of the result.
-
-    What `reduce` returned for the parts of an ensemble stays as it is.
-    """
-    if isinstance(result, Solution | EnsembleSolution):
-        result.integrals = {name: result.v[..., n + k].copy() for k, name in enumerate(names)}
-        result.u, result.v = result.u[..., :n], result.v[..., :n]
+    """Move the integrals from the last columns of u and v, where they are velocities, to `integrals` of the result."""
+    result.integrals = {name: result.v[..., n + k].copy() for k, name in enumerate(names)}
+    result.u, result.v = result.u[..., :n], result.v[..., :n]
     if isinstance(result, EnsembleSolution):
         result._last = {i: (t, u[:n], v[:n], *v[n:]) for i, (t, u, v) in result._last.items()}
+    else:
+        result.events = {name: occurrences.of(slice(n)) for name, occurrences in result.events.items()}
     return result
 
 

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import frames
 from .events import Occurrences
+from .interpolation import Knots
+from .labels import Labels
 from .methods import Method
 
 
@@ -95,6 +101,8 @@ class Solution:
     steps : ndarray, shape (m,), or None
         With tolerances, the length of the step that led to each saved state, or that contains its time. The first is
         that of the first step. None for a fixed step.
+    labels : Labels or None
+        Names and units of the degrees of freedom, in a run of a problem.
     reason : callable or None
         The function that `explain` calls; None if nothing more can be found out.
     """
@@ -118,8 +126,13 @@ class Solution:
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
     n_rejected: int = 0
     steps: np.ndarray | None = None
+    labels: Labels | None = None
     reason: Callable[[], str] | None = None
+    _accelerations: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
     _explanation: str = ""
+    _a: np.ndarray | None = field(default=None, init=False)
+    _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
+    _knots: Knots | None = field(default=None, init=False)
 
     def explain(self) -> str:
         """Find out why a run diverged.
@@ -149,8 +162,20 @@ class Solution:
         """Whether the run did what it should: its status is COMPLETED or TERMINATED."""
         return self.status in (Status.COMPLETED, Status.TERMINATED)
 
+    @property
+    def a(self) -> np.ndarray | None:
+        """The accelerations f(t, u, v) at the saved states, in an array of the shape of u.
+
+        They are evaluated on first access, and `n_rhs` does not count this. A copied, unpickled or loaded solution has
+        those that were found when it was copied or saved. None if no right-hand side is known. An exception in the
+        right-hand side is raised.
+        """
+        if self._a is None and self._accelerations is not None:
+            self._a, self._a_jumps = np.split(self._accelerations(*self._states()), [len(self.t)])
+        return self._a
+
     def at(self, t: ArrayLike) -> tuple[Any, Any]:
-        """Interpolate between the saved states by cubic Hermite polynomials.
+        """Interpolate between the saved states, to the order of the method or better.
 
         Parameters
         ----------
@@ -161,34 +186,148 @@ class Solution:
         -------
         u, v : float or ndarray
             Displacement and velocity, of shape ``t.shape`` or ``t.shape + (n,)``. v is the derivative of the polynomial
-            for u. The interpolation error is of fourth order for u, and of third order for v, in the time between saved
-            states.
+            for u. At the time of a jump of the state, such as an impact, they are those after the jump.
 
         Raises
         ------
         ValueError
             If a time is outside the span, or is NaN.
+
+        Notes
+        -----
+        The Hermite polynomial of an interval goes through u, v and the accelerations at its two ends: its errors are of
+        the orders 6 in u and 5 in v, in the time between saved states. For a method of an order above 5, it also goes
+        through those at the next one to three saved states, so that neither u nor v loses an order. No polynomial
+        reaches across a jump.
+
+        The accelerations are `a`. Where they are not known or not finite, a cubic polynomial goes through u and v: its
+        errors are of the orders 4 and 3.
         """
         times = np.asarray(t, dtype=np.float64)
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
             raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
-        if len(self.t) == 1:
-            shape = times.shape + self.u.shape[1:]
-            return np.broadcast_to(self.u[0], shape).copy(), np.broadcast_to(self.v[0], shape).copy()
-        left = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
-        length = self.t[left + 1] - self.t[left]
-        s = (times - self.t[left]) / length
-        if self.u.ndim > 1:
-            s, length = s[..., None], length[..., None]
-        u0, u1 = self.u[left], self.u[left + 1]
-        v0, v1 = self.v[left], self.v[left + 1]
-        rise = u1 - u0
-        u = u0 + s * (length * v0 + s * (3 * rise - length * (2 * v0 + v1) + s * (length * (v0 + v1) - 2 * rise)))
-        v = v0 + s * (2 * (3 * rise / length - 2 * v0 - v1) + s * 3 * (v0 + v1 - 2 * rise / length))
-        return u, v
+        if self._knots is None:
+            self._knots = self._all_knots()
+        # n knots give u to the order 3 n, and v to the order 3 n - 1.
+        return self._knots.at(times, max(2, -(-(self.method.order + 1) // 3)))
+
+    def _states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return t, u and v of the saved states, then of those before the jumps, then of those after the jumps."""
+        jumps = [jumps for jumps in (o.jumps for o in self.events.values()) if len(jumps)]
+        if not jumps:
+            return self.t, self.u, self.v
+        t = np.concatenate([self.t] + 2 * [jump.t for jump in jumps])
+        u = np.concatenate([self.u, *(jump.u for jump in jumps), *(jump.u_after for jump in jumps)])
+        v = np.concatenate([self.v, *(jump.v for jump in jumps), *(jump.v_after for jump in jumps)])
+        return t, u, v
+
+    def _all_knots(self) -> Knots:
+        """Return the saved states with those before and after each jump, in the order of time."""
+        t, u, v = self._states()
+        m = len(self.t)
+        if len(t) == m:
+            return Knots(t, u, v, self._known_accelerations(t, u, v, None))
+        jumps = t[m : (m + len(t)) // 2]
+        saved = np.searchsorted(self.t, jumps, side="right") - np.searchsorted(self.t, jumps, side="left")
+        # A jump replaces the state that was saved at its time. If there are two such states, they are the jump.
+        is_knot = ~np.isin(t, jumps[saved == 1])
+        is_knot[m:] = np.tile((saved < 2) & (self.t[0] <= jumps) & (jumps <= self.t[-1]), 2)
+        order = np.argsort(t, kind="stable")
+        order = order[is_knot[order]]
+        t, u, v = t[order], u[order], v[order]
+        return Knots(t, u, v, self._known_accelerations(t, u, v, order))
+
+    def _known_accelerations(
+        self, t: np.ndarray, u: np.ndarray, v: np.ndarray, order: np.ndarray | None
+    ) -> Callable[[np.ndarray], np.ndarray] | None:
+        """Return the function of `Knots` for these states, which are `_states` in another order, if there is one."""
+        if self._a is not None:
+            a = self._a if order is None else np.concatenate([self._a, self._a_jumps])[order]
+            return a.__getitem__
+        evaluate = self._accelerations
+        if evaluate is None:
+            return None
+
+        def accelerations(rows: np.ndarray) -> np.ndarray:
+            return evaluate(t[rows], u[rows], v[rows])
+
+        return accelerations
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the solution to a file of NumPy arrays, which `eig3.load` reads.
+
+        Parameters
+        ----------
+        path : str or path
+            The file. ".npz" is added if it does not end with this. A file of this name is replaced at the moment when
+            the new one is complete.
+
+        Returns
+        -------
+        Path
+            The path of the file.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written. What was there before is still there.
+        TypeError
+            If a value is neither a number, a text nor an array of them.
+
+        Notes
+        -----
+        The accelerations `a` are saved too, unless the right-hand side raises an exception there, and so is what
+        `explain` has found. Functions are not: the right-hand side, and the jacobian of the method. ``np.load`` reads
+        the arrays without eig3.
+        """
+        from .storage import save  # which imports this class
+
+        return save(self, path)
+
+    def to_pandas(self) -> Any:
+        """Return the saved states as a `pandas.DataFrame`, with a row for each of them.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The index is t. The columns are the displacements u0, u1, ... and the velocities v0, v1, ..., or x0 and v_x0
+            where the degree of freedom has the name x0, then the outputs and the integrals. ``attrs["units"]`` has the
+            units by column, where they are known. Other `attrs` are status, message, method and h.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        ValueError
+            If two columns have the same name.
+        """
+        return frames.to_pandas(self)
+
+    def to_xarray(self) -> Any:
+        """Return the saved states as an `xarray.Dataset`.
+
+        Returns
+        -------
+        xarray.Dataset
+            With the variables u and v, over the coordinate t and, in the vector form, the names of the degrees of
+            freedom in the coordinate dof; then the outputs and the integrals. u and v have the attribute units, one or
+            a list, where they are known. The attributes of the dataset are status, message, method and h.
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed.
+        ValueError
+            If two variables have the same name.
+        """
+        return frames.to_xarray(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "reason": None}  # `reason` refers to compiled code, which cannot be pickled
+        # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
+        state = {**vars(self), "reason": None, "_accelerations": None, "_knots": None}
+        with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
+            state |= {"_a": self.a, "_a_jumps": self._a_jumps}
+        return state
 
     def __repr__(self) -> str:
         per_step = 1e9 * self.kernel_seconds / self.n_steps if self.n_steps else 0.0

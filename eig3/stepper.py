@@ -8,12 +8,14 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .accelerations import accelerations
 from .callbacks import Callback, check_callback, compile_for_own_arrays
 from .checks import check_cancel, check_h, check_method, check_params, check_state, check_time, velocity_refused
 from .guard import first_acceleration, guarded
@@ -313,6 +315,11 @@ class Stepper:
         a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
         self._callback.call(t, u, v, self.params, a)
         return a
+
+    @property
+    def accelerations(self) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+        """A function that evaluates f(t_i, u_i, v_i) at rows of states, and does not keep this stepper."""
+        return partial(accelerations, self._callback, self.params)
 
     def find_unwritten(self) -> int | None:
         """Return an index j such that rhs, in the vector form, did not write a[j] in the last step, if any.

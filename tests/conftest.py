@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import eig3
+from eig3.kernels.accelerations import acceleration_kernel
 from eig3.kernels.fixed import pointer_kernel
 from eig3.kernels.invariant import invariant_kernel
 from eig3.kernels.protocol import SCALAR, VECTOR
@@ -54,6 +55,7 @@ def compile_kernels(shift=0.0):
         pointer_kernel(*kernel)
     for form in (SCALAR, VECTOR):
         invariant_kernel(form)
+        acceleration_kernel(form)
 
 
 def pytest_sessionstart(session):

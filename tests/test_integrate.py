@@ -326,7 +326,7 @@ def test_without_tqdm_progress_says_what_to_install(monkeypatch):
 # The solution --------------------------------------------------------------------------------------------------------
 
 
-def test_interpolation_is_of_fourth_and_third_order():
+def test_interpolation_is_of_sixth_and_fifth_order():
     problem = eig3.problems.single_dof(omega=2.0, t_end=10.0)
 
     def errors(save_every):
@@ -336,7 +336,7 @@ def test_interpolation_is_of_fourth_and_third_order():
         return np.array([np.abs(run.at(t)[0] - u).max(), np.abs(run.at(t)[1] - v).max()])
 
     order = np.log2(errors(256) / errors(128))
-    np.testing.assert_allclose(order, [4, 3], atol=0.15)
+    np.testing.assert_allclose(order, [6, 5], atol=0.15)
 
 
 def test_interpolation_meets_the_saved_states_and_keeps_shapes():

@@ -19,8 +19,9 @@ def texts(readme, wanted):
 
 
 @pytest.mark.parametrize("readme", README_FILES)
-def test_examples_print_what_they_show(readme, symplectic_euler):
+def test_examples_print_what_they_show(readme, symplectic_euler, tmp_path, monkeypatch):
     """The blocks of one file share a namespace, and a block without a text block after it prints nothing."""
+    monkeypatch.chdir(tmp_path)
     namespace = {}
     for (language, code), (next_language, next_text) in zip(
         BLOCKS[readme], [*BLOCKS[readme][1:], ("", "")], strict=True

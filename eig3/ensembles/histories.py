@@ -102,7 +102,13 @@ class Histories:
         self.last |= {part.first + i: state for i, state in part._last.items()}
 
     def solution(
-        self, method: Method, first: int, seconds: float, notes: Sequence[str], repeat: Callable[[int], Solution]
+        self,
+        rhs: Any,
+        method: Method,
+        first: int,
+        seconds: float,
+        notes: Sequence[str],
+        repeat: Callable[[int], Solution],
     ) -> EnsembleSolution:
         """Return the result of the ensemble, or of its part that begins with member `first`."""
         return EnsembleSolution(
@@ -123,6 +129,7 @@ class Histories:
             kernel_seconds=seconds,
             notes=tuple(notes),
             _last=self.last,
+            _rhs=rhs,
             _repeat=repeat,
         )
 

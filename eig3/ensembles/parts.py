@@ -111,13 +111,14 @@ class Joined:
     ----------
     histories : Histories
         Those of the whole ensemble.
+    rhs : jitted function
     method : Method
     repeat : callable
         ``repeat(i)`` runs member i again, alone.
     """
 
-    def __init__(self, histories: Histories, method: Method, repeat: Callable[[int], Solution]) -> None:
-        self.histories, self.method, self.repeat = histories, method, repeat
+    def __init__(self, histories: Histories, rhs: Any, method: Method, repeat: Callable[[int], Solution]) -> None:
+        self.histories, self.rhs, self.method, self.repeat = histories, rhs, method, repeat
         self.seconds, self.notes = 0.0, dict[str, None]()  # a dict keeps the order, and each note once
         histories.message[:] = _NOT_BACK
 
@@ -136,4 +137,4 @@ class Joined:
 
     def whole(self, note: str) -> EnsembleSolution:
         notes = *self.notes, *([note] if note else [])
-        return self.histories.solution(self.method, 0, self.seconds, notes, self.repeat)
+        return self.histories.solution(self.rhs, self.method, 0, self.seconds, notes, self.repeat)

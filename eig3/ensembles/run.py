@@ -149,7 +149,7 @@ def _in_parts(
     results: Results
     if reduce is None:
         histories = Histories(members, save_every, list(invariants))
-        results = Joined(histories, method, partial(alone, rhs, members, method))
+        results = Joined(histories, rhs, method, partial(alone, rhs, members, method))
     else:
         results = Listed(len(parts))
     recipe = Recipe(partial(_march, rhs, method, save_every, invariants), reduce)
@@ -283,4 +283,4 @@ class Run:
     def solution(self) -> EnsembleSolution:
         """Return the results up to now."""
         seconds = sum(work.seconds for work in self.work)
-        return self.histories.solution(self.method, self.first, seconds, self.notes, self._alone)
+        return self.histories.solution(self.rhs, self.method, self.first, seconds, self.notes, self._alone)

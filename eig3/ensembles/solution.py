@@ -5,10 +5,17 @@ from __future__ import annotations
 import collections
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from .. import frames
+from ..accelerations import accelerations
+from ..callbacks import check_callback
+from ..guard import guarded
+from ..kernels.protocol import SCALAR, VECTOR
+from ..labels import Labels
 from ..methods import Method
 from ..solution import Solution, Status
 
@@ -52,6 +59,8 @@ class EnsembleSolution:
         Integrals over time that the problem follows, such as "work" in J.
     notes : tuple of str
         Sentences about what the user should know of the run, such as that rhs could not be vectorised.
+    labels : Labels or None
+        Names and units of the degrees of freedom, in an ensemble of a problem.
     """
 
     t: np.ndarray
@@ -71,7 +80,9 @@ class EnsembleSolution:
     kernel_seconds: float = 0.0
     notes: tuple[str, ...] = ()
     integrals: dict[str, np.ndarray] = field(default_factory=dict)
+    labels: Labels | None = None
     _last: dict[int, tuple] = field(default_factory=dict)  # t, u, v and integrals, by member
+    _rhs: Any = None  # the jitted function
     _repeat: Callable[[int], Solution] | None = None
 
     @property
@@ -114,8 +125,37 @@ class EnsembleSolution:
             extremes={name: tuple(values[i].tolist()) for name, values in self.extremes.items()},
             notes=self.notes,
             integrals=dict(zip(self.integrals, integrals, strict=True)),
+            labels=self.labels,
             reason=self._reason(i),
+            _accelerations=None if self._rhs is None else partial(self._accelerations, self._rhs, self._params_of(i)),
         )
+
+    def to_xarray(self) -> Any:
+        """Return the saved states of all members as an `xarray.Dataset`.
+
+        Returns
+        -------
+        xarray.Dataset
+            As that of a `Solution`, with a first axis member, the number of the member in the whole ensemble. If the
+            members have different times, the second axis is row, and the coordinate t has the times. h, n_steps and
+            status are variables over member.
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed.
+        ValueError
+            If two variables have the same name.
+        """
+        return frames.ensemble_to_xarray(self)
+
+    def _params_of(self, i: int) -> np.ndarray:
+        return guarded(self.params[i] if self.params.ndim == 2 else self.params)
+
+    @staticmethod
+    def _accelerations(rhs: Any, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Evaluate the accelerations of a member. After a run on other machines, rhs is compiled only here."""
+        return accelerations(check_callback(rhs, "rhs", SCALAR if u.ndim == 1 else VECTOR), params, t, u, v)
 
     def _reason(self, i: int) -> Callable[[], str] | None:
         """Return the function that explains why member i diverged: it repeats the member alone."""
@@ -125,8 +165,8 @@ class EnsembleSolution:
         return lambda: repeat(i).explain()
 
     def __getstate__(self) -> dict[str, Any]:
-        # `_repeat` refers to compiled code. Members with the same times need them only once.
-        return {**vars(self), "_repeat": None, "t": self.t if self.t.strides[0] else self.t[:1]}
+        # `_rhs` and `_repeat` refer to compiled code. Members with the same times need them only once.
+        return {**vars(self), "_rhs": None, "_repeat": None, "t": self.t if self.t.strides[0] else self.t[:1]}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)

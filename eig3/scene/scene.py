@@ -201,8 +201,9 @@ class Scene:
         Returns
         -------
         Problem
-            Its `energy`, J, is None if an effect has no potential and the work is not followed. Its `note` lists what
-            the scene contains. To read the code, use ``inspect.getsource(problem.rhs.py_func)``.
+            Its `energy`, J, is None if an effect has no potential and the work is not followed. Its `names` are x0, x1,
+            ..., then y0, ... and z0, ..., by the number of the mass. Its `note` lists what the scene contains. To read
+            the code, use ``inspect.getsource(problem.rhs.py_func)``.
 
         Raises
         ------
@@ -223,6 +224,7 @@ class Scene:
             energy=energy,
             source=sources(assembly),
             note=note(assembly),
+            names=tuple(f"{axis}{j}" for axis in "xyz"[: self.dimension] for j in range(assembly.n)),
             integrals=("work",) if assembly.follows_work else (),
         )
 

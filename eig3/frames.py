@@ -1,0 +1,121 @@
+"""Solutions as tables of pandas and as datasets of xarray."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from .labels import Labels
+
+_PLAIN = Labels()  # of degrees of freedom without names
+
+
+def to_pandas(solution: Any) -> Any:
+    """Return a `Solution` as a DataFrame, as `Solution.to_pandas` describes it."""
+    pandas = _module("pandas")
+    frame = pandas.DataFrame(_distinct(_columns(solution)), index=pandas.Index(solution.t, name="t"))
+    frame.attrs.update(_attributes(solution), units=_units(solution))
+    return frame
+
+
+def to_xarray(solution: Any) -> Any:
+    """Return a `Solution` as a Dataset, as `Solution.to_xarray` describes it."""
+    return _dataset(solution, ("t",), {"t": solution.t}, {}, _attributes(solution))
+
+
+def ensemble_to_xarray(solution: Any) -> Any:
+    """Return an `EnsembleSolution` as a Dataset, as `EnsembleSolution.to_xarray` describes it."""
+    has_one_time = not solution.t.strides[0]
+    axes = ("member", "t" if has_one_time else "row")
+    coordinates = {
+        "member": solution.first + np.arange(len(solution)),
+        "t": solution.t[0] if has_one_time else (axes, solution.t),
+    }
+    status = np.array([status.value for status in solution.status])
+    further = {"h": ("member", solution.h), "n_steps": ("member", solution.n_steps), "status": ("member", status)}
+    return _dataset(solution, axes, coordinates, further, {"method": repr(solution.method)})
+
+
+def _module(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise ImportError(f"to_{name} needs {name}: pip install 'eig3[{name}]'.") from None
+
+
+def _labels(solution: Any, n: int) -> Labels:
+    labels = solution.labels or _PLAIN
+    for what, given in (("names", labels.names), ("units", labels.units)):
+        if given and not isinstance(given, str) and len(given) != n:
+            raise ValueError(f"{what} of the problem must have one entry for each of the {n} degrees of freedom.")
+    return labels
+
+
+def _attributes(solution: Any) -> dict[str, Any]:
+    method, status = repr(solution.method), solution.status.value
+    return {"status": status, "message": solution.message, "method": method, "h": solution.h}
+
+
+def _columns(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name and the values of each column."""
+    for letter in "uv":
+        values = getattr(solution, letter).reshape(len(solution.t), -1)
+        labels = _labels(solution, values.shape[1])
+        for i, column in enumerate(values.T):
+            yield labels.name(letter, i), column
+    for name, values in (*solution.outputs.items(), *solution.integrals.items()):
+        if values.ndim == 1:
+            yield name, values
+        else:
+            yield from ((f"{name}[{i}]", column) for i, column in enumerate(values.T))
+
+
+def _units(solution: Any) -> dict[str, str]:
+    """Return the unit of each displacement and velocity; nothing if they are not known."""
+    if solution.labels is None:
+        return {}
+    degrees = range(solution.u[:1].size)
+    return {solution.labels.name(letter, i): solution.labels.unit(letter, i) for letter in "uv" for i in degrees}
+
+
+def _dataset(
+    solution: Any,
+    axes: tuple[str, ...],
+    coordinates: dict[str, Any],
+    further: dict[str, Any],
+    attributes: dict[str, Any],
+) -> Any:
+    """Return u, v, outputs and integrals over `axes`, and in the vector form over "dof", with `further` variables."""
+    xarray = _module("xarray")
+    has_degrees = solution.u.ndim > len(axes)
+    n = solution.u.shape[-1] if has_degrees else 1
+    labels = _labels(solution, n)
+    if has_degrees:
+        coordinates["dof"] = list(labels.names) or np.arange(n)
+    variables = [*_states(solution, (*axes, "dof") if has_degrees else axes, n), *further.items()]
+    for name, values in (*getattr(solution, "outputs", {}).items(), *solution.integrals.items()):
+        variables.append((name, (axes if values.ndim == len(axes) else (*axes, f"{name} component"), values)))
+    dataset = xarray.Dataset(_distinct([*coordinates.items(), *variables]), attrs=attributes)
+    return dataset.set_coords([*coordinates])
+
+
+def _states(solution: Any, dims: tuple[str, ...], n: int) -> Iterator[tuple[str, Any]]:
+    for letter in "uv":
+        attributes: dict[str, Any] = {}
+        if solution.labels is not None:
+            units = [solution.labels.unit(letter, i) for i in range(n)]
+            attributes["units"] = units[0] if len({*units}) == 1 else units
+        yield letter, (dims, getattr(solution, letter), attributes)
+
+
+def _distinct(values: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the values by name. An output may have any name, and two values of one name would become one."""
+    found: dict[str, Any] = {}
+    for name, value in values:
+        if name in found:
+            raise ValueError(f"{name} is the name of two columns: rename the output, integral or degree of freedom.")
+        found[name] = value
+    return found

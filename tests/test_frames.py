@@ -1,0 +1,130 @@
+"""Solutions as tables of pandas and as datasets of xarray."""
+
+import dataclasses
+import sys
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3.effects import Gravity, LinearDamper, LinearSpring
+from eig3.scene import Scene
+
+from .conftest import coupled, oscillator
+
+
+def scene_run():
+    """Two masses in a plane with a damper, so that the work is followed."""
+    scene = Scene(dimension=2)
+    pivot = scene.fixed((0, 0))
+    masses = scene.mass([1.0, 2.0], [(1, 0), (2, 0)])
+    scene.add(LinearSpring(stiffness=100.0, length=1.0), pivot, masses[0])
+    scene.add(LinearSpring(stiffness=100.0, length=1.0), masses[0], masses[1])
+    scene.add(LinearDamper(1.0), masses[0], masses[1])
+    scene.add(Gravity((0, -9.81)))
+    return scene.problem((0, 0.1), work=True).integrate(h=1e-2)
+
+
+def with_outputs(run, **outputs):
+    return dataclasses.replace(run, outputs=outputs)
+
+
+def test_a_table_has_the_names_and_units_of_a_scene():
+    run = scene_run()
+    run = with_outputs(run, peak=run.u[:, 0] ** 2, reaction=run.u[:, :2])
+    table = run.to_pandas()
+    names = ["x0", "x1", "y0", "y1"]
+    velocities = ["v_x0", "v_x1", "v_y0", "v_y1"]
+    assert list(table.columns) == [*names, *velocities, "peak", "reaction[0]", "reaction[1]", "work"]
+    assert table.index.name == "t"
+    np.testing.assert_array_equal(table.index, run.t)
+    np.testing.assert_array_equal(table[names], run.u)
+    np.testing.assert_array_equal(table[velocities], run.v)
+    np.testing.assert_array_equal(table["reaction[1]"], run.u[:, 1])
+    np.testing.assert_array_equal(table["work"], run.integrals["work"])
+    assert table.attrs["units"] == dict.fromkeys(names, "m") | dict.fromkeys(velocities, "m/s")
+    assert table.attrs["status"] == "completed"
+    assert table.attrs["method"] == repr(run.method)
+    assert table.attrs["h"] == run.h
+
+
+def test_a_dataset_has_the_names_and_units_of_a_scene():
+    run = scene_run()
+    run = with_outputs(run, peak=run.u[:, 0] ** 2, reaction=run.u[:, :2])
+    data = run.to_xarray()
+    assert data.u.dims == data.v.dims == ("t", "dof")
+    np.testing.assert_array_equal(data.t, run.t)
+    np.testing.assert_array_equal(data.u.sel(dof="y1"), run.u[:, 3])
+    np.testing.assert_array_equal(data.v, run.v)
+    np.testing.assert_array_equal(data.work, run.integrals["work"])
+    assert data.peak.dims == data.work.dims == ("t",)
+    assert data.reaction.dims == ("t", "reaction component")
+    assert (data.u.attrs["units"], data.v.attrs["units"]) == ("m", "m/s")
+    expected = {"status": "completed", "message": run.message, "method": repr(run.method), "h": run.h}
+    assert data.attrs == expected
+
+
+def test_units_of_each_degree_of_freedom():
+    run = eig3.problems.spring_pendulum().integrate(h=1e-2, t_end=0.1)
+    assert run.to_pandas().attrs["units"] == {"u0": "m", "u1": "rad", "v0": "m/s", "v1": "rad/s"}
+    data = run.to_xarray()
+    assert (data.u.attrs["units"], data.v.attrs["units"]) == (["m", "rad"], ["m/s", "rad/s"])
+    np.testing.assert_array_equal(data.dof, [0, 1])
+
+
+def test_a_run_without_a_problem_has_plain_names_and_no_units():
+    scalar = eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, params=(2.0, 0.1))
+    vector = eig3.integrate(coupled, (0, 1), [1.0, 2.0, 3.0], [0.0] * 3, h=0.1, params=(1, 2, 3))
+    assert list(scalar.to_pandas().columns) == ["u0", "v0"]
+    assert list(vector.to_pandas().columns) == ["u0", "u1", "u2", "v0", "v1", "v2"]
+    assert scalar.to_pandas().attrs["units"] == {}
+    assert scalar.to_xarray().u.dims == ("t",)
+    assert vector.to_xarray().u.dims == ("t", "dof")
+    assert vector.to_xarray().u.attrs == {}
+
+
+def test_an_ensemble_is_a_dataset_over_its_members():
+    problem = eig3.problems.spring_pendulum()
+    u0 = np.array([[1.0, 0.1], [1.1, 0.2], [1.2, 0.3]])
+    together = problem.ensemble(h=1e-2, u0=u0, t_end=0.5, save_every=5)
+    data = together.to_xarray()
+    assert data.u.dims == ("member", "t", "dof")
+    np.testing.assert_array_equal(data.v.sel(member=1), together[1].v)
+    np.testing.assert_array_equal(data.t, together[0].t)
+    assert data.u.attrs["units"] == ["m", "rad"]
+    assert data.status.values.tolist() == ["completed"] * 3
+    assert together[1].to_pandas().attrs["units"]["v1"] == "rad/s"
+
+    steps = problem.ensemble(h=[1e-2, 2e-2, 5e-2], u0=u0, t_end=0.5, save_every=5)
+    data = steps.to_xarray()
+    assert data.u.dims == ("member", "row", "dof")
+    np.testing.assert_array_equal(data.t.sel(member=1), steps.t[1])
+    np.testing.assert_array_equal(data.n_steps, [50, 25, 10])
+
+
+def test_names_that_clash_are_refused():
+    run = eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, params=(2.0, 0.1))
+    with pytest.raises(ValueError, match="u0 is the name of two columns"):
+        with_outputs(run, u0=run.u).to_pandas()
+    for name in ("u", "t"):
+        with pytest.raises(ValueError, match=f"{name} is the name of two columns"):
+            with_outputs(run, **{name: run.u}).to_xarray()
+
+
+def test_names_and_units_must_be_as_many_as_the_degrees_of_freedom():
+    problem = eig3.problems.spring_pendulum()
+    for changes in ({"names": ("r",)}, {"units": ("m", "rad", "m")}):
+        run = problem.with_(**changes).integrate(h=1e-2, t_end=0.1)
+        for convert in (run.to_pandas, run.to_xarray):
+            with pytest.raises(ValueError, match="of the problem must have one entry for each of the 2 degrees"):
+                convert()
+    named = problem.with_(names=("r", "theta")).integrate(h=1e-2, t_end=0.1)
+    assert list(named.to_pandas().columns) == ["r", "theta", "v_r", "v_theta"]
+
+
+@pytest.mark.parametrize("module", ["pandas", "xarray"])
+def test_without_the_extra_the_error_says_what_to_install(module, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    run = eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, params=(2.0, 0.1))
+    with pytest.raises(ImportError, match=rf"pip install 'eig3\[{module}\]'"):
+        getattr(run, f"to_{module}")()

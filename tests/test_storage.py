@@ -1,0 +1,272 @@
+"""Solutions that are saved to files and loaded again."""
+
+import dataclasses
+import json
+import resource
+import subprocess
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import storage
+from eig3.events import Occurrences
+
+from .conftest import coupled, oscillator, structure
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return u * u + v * v
+
+
+@eig3.jit
+def derivative(t, u, v, p):
+    return -2 * p[1] * p[0]
+
+
+def oscillate(method="rk4", **options):
+    return eig3.integrate(oscillator, (0, 3), 1.0, 0.0, h=0.1, params=(2.0, 0.1), method=method, **options)
+
+
+def full_solution():
+    """A solution with a value in every field, also such values as no run gives."""
+    run = oscillate(invariants={"energy": energy})
+    before, after = np.array([[0.5], [-0.5]]), np.array([[0.5], [0.4]])
+    return dataclasses.replace(
+        run,
+        status=eig3.Status.TERMINATED,
+        message="An event ended the run: größer.",
+        drift={"energy": np.nan, "a/../b": 0.1},
+        extremes={"energy": (-np.inf, np.inf)},
+        notes=("One.", 'Two "quoted".'),
+        integrals={"work": run.u**2},
+        events={"never": Occurrences(*5 * [np.empty(0)]), "impact": Occurrences(np.array([1.05]), *before, *after)},
+        outputs={"reaction": 3 * run.u, "storey drift": np.stack([run.u, run.v], axis=1)},
+        n_rejected=3,
+        steps=np.where(run.t > 1, np.nan, 0.1),
+        labels=eig3.problems.spring_pendulum().labels,
+    )
+
+
+def assert_same(one, other):
+    """Every field is the same to the last bit, with the same type."""
+    for field in dataclasses.fields(one):
+        if field.name == "_a":
+            assert_equal(one.a, other.a)
+        elif field.name not in ("reason", "_accelerations", "_knots"):
+            assert_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def assert_equal(one, other):
+    assert type(one) is type(other)
+    if isinstance(one, dict):
+        assert list(one) == list(other)
+        for name in one:
+            assert_equal(one[name], other[name])
+    elif isinstance(one, tuple | list):
+        for pair in zip(one, other, strict=True):
+            assert_equal(*pair)
+    elif isinstance(one, Occurrences):
+        assert_equal(vars(one), vars(other))
+    elif isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other)
+    else:
+        np.testing.assert_equal(one, other)
+
+
+def test_a_loaded_solution_has_every_field(tmp_path):
+    solution = full_solution()
+    loaded = eig3.load(solution.save(tmp_path / "run.npz"))
+    assert loaded.a is not None
+    assert_same(loaded, solution)
+    fine = np.linspace(0, 3, 100)
+    assert np.array_equal(loaded.at(fine), solution.at(fine))
+    assert loaded.explain() == solution.message
+    assert repr(loaded) == repr(solution)
+    again = eig3.load(loaded.save(tmp_path / "again"))
+    assert_same(again, solution)
+
+
+def test_runs_of_problems_and_of_ensembles_are_saved(tmp_path):
+    runs = [
+        eig3.problems.shear_building(work=True).integrate(h=1e-3, t_end=0.1),
+        eig3.integrate(coupled, (0, 1), [1.0, 2.0, 3.0], [0.0] * 3, h=0.1, params=(1, 2, 3)),
+        eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[[2.0, 0.1]])[1],
+    ]
+    for run in runs:
+        assert_same(eig3.load(run.save(tmp_path / "run")), run)
+
+
+def test_the_explanation_is_kept(tmp_path):
+    run = eig3.integrate(oscillator, (0, 100), 1.0, 0.0, h=1.5, params=(2.0, 0.0), method="eig3")
+    assert run.status is eig3.Status.DIVERGED
+    assert eig3.load(run.save(tmp_path / "unexplained")).explain() == run.message
+    explanation = run.explain()
+    assert explanation != run.message
+    assert eig3.load(run.save(tmp_path / "explained")).explain() == explanation
+
+
+@pytest.mark.parametrize("path", ["run", "run.npz", "run.1", ".npz.d/run"])
+def test_the_ending_is_added_where_it_is_missing(path, tmp_path):
+    target = tmp_path / path
+    target.parent.mkdir(exist_ok=True)
+    run = oscillate()
+    written = run.save(str(target))
+    assert written.name == (target.name if path == "run.npz" else f"{target.name}.npz")
+    assert [file.name for file in target.parent.iterdir()] == [written.name]
+    for other in (target, str(written)):
+        assert np.array_equal(eig3.load(other).u, run.u)
+
+
+METHODS = [
+    eig3.EIG3(alpha=1.2, beta=np.float64(0.5)),
+    eig3.EIG3(velocity="explicit"),
+    eig3.EIG(3),
+    eig3.EIG(np.int64(5)),
+    eig3.CentralDifference(solver="newton", tol=1e-9, max_iterations=20),
+    eig3.RK8(),
+]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=repr)
+def test_the_record_of_the_method_comes_back(method, tmp_path):
+    loaded = eig3.load(oscillate(method).save(tmp_path / "run"))
+    assert loaded.method == method
+    assert type(loaded.method) is type(method)
+
+
+def test_a_jacobian_is_left_out_with_a_note(tmp_path):
+    run = oscillate(eig3.CentralDifference(jacobian=derivative, tol=1e-10))
+    loaded = eig3.load(run.save(tmp_path / "run"))
+    assert loaded.method == eig3.CentralDifference(tol=1e-10)
+    assert len(loaded.notes) == len(run.notes) + 1
+    assert "jacobian" in loaded.notes[-1]
+
+
+def test_a_method_of_the_user_must_be_imported_first(symplectic_euler, tmp_path, monkeypatch):
+    path = oscillate(symplectic_euler()).save(tmp_path / "run")
+    assert eig3.load(path).method == symplectic_euler()
+    with monkeypatch.context() as patch:
+        patch.delitem(eig3.METHODS, "symplectic-euler")
+        with pytest.raises(ValueError, match="import its class SymplecticEuler from the module symplectic_euler"):
+            eig3.load(path)
+
+
+def test_a_method_that_could_not_be_loaded_is_not_saved(tmp_path):
+    class Variant(eig3.RK4):
+        """It has no name of its own."""
+
+    with pytest.raises(TypeError, match=r"give its class .*Variant a name"):
+        oscillate(Variant()).save(tmp_path / "run")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_other_values_are_refused_by_name(tmp_path):
+    for outputs in ({"f": object()}, {"f": np.array([None])}):
+        run = dataclasses.replace(oscillate(), outputs=outputs)
+        with pytest.raises(TypeError, match=r"outputs\.0 of the solution is of the type"):
+            run.save(tmp_path / "run")
+    assert not [*tmp_path.iterdir()]
+
+
+# Other files ---------------------------------------------------------------------------------------------------------
+
+
+def test_files_of_others_are_refused(tmp_path):
+    np.savez(tmp_path / "arrays.npz", t=np.zeros(3), u=np.zeros(3))
+    (tmp_path / "text.npz").write_text("t,u,v\n")
+    (tmp_path / "empty.npz").write_bytes(b"")
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    (tmp_path / "array.npy").rename(tmp_path / "array.npz")
+    np.savez(tmp_path / "pickled.npz", eig3=np.array([{}], dtype=object))
+    for name in ("arrays", "text", "empty", "array", "pickled"):
+        with pytest.raises(ValueError, match=r"is not a file that Solution\.save has written"):
+            eig3.load(tmp_path / name)
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.npz"):
+        eig3.load(tmp_path / "nowhere")
+
+
+def test_damaged_files_are_refused(tmp_path):
+    path = full_solution().save(tmp_path / "run")
+    whole, sound = path.read_bytes(), eig3.load(path)
+    message = "damaged|not a file that Solution.save has written"
+    for size in (10, 100, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        with pytest.raises(ValueError, match=message):
+            eig3.load(path)
+    with zipfile.ZipFile(path.with_name("whole.npz"), "w") as file:
+        file.writestr("eig3.npy", b"")
+    with pytest.raises(ValueError, match=message):
+        eig3.load(tmp_path / "whole")
+    for place in range(0, len(whole), len(whole) // 40):
+        flipped = bytearray(whole)
+        flipped[place] ^= 0x10
+        path.write_bytes(flipped)
+        try:
+            loaded = eig3.load(path)  # the place may be one of the file that nothing reads, such as a date
+        except ValueError as error:
+            assert "damaged: " in str(error)  # noqa: PT017
+        else:
+            assert_same(loaded, sound)
+
+
+def rewritten(path, change):
+    """Change the record of a file."""
+    arrays = dict(np.load(path))
+    record = json.loads(str(arrays["eig3"]))
+    change(record, arrays)
+    np.savez(path, **{**arrays, "eig3": np.array(json.dumps(record))})
+
+
+def test_newer_files_and_broken_records_are_refused(tmp_path):
+    path = oscillate().save(tmp_path / "run")
+    rewritten(path, lambda record, arrays: record.update(version=storage._VERSION + 1, solution="of another form"))
+    with pytest.raises(ValueError, match=r"was written by a newer eig3, in version 2 .*update eig3"):
+        eig3.load(path)
+    changes = [
+        lambda record, arrays: record.pop("version"),
+        lambda record, arrays: record["solution"].pop("t"),
+        lambda record, arrays: arrays.pop("u"),
+        lambda record, arrays: record["solution"].update(status={"status": "FINE"}),
+        lambda record, arrays: record["solution"].update(colour="red"),
+        lambda record, arrays: record["solution"]["method"].update(options={"alpha": 1}),
+        lambda record, arrays: record["solution"].update(labels={"part": "os", "fields": {}}),
+    ]
+    for change in changes:
+        oscillate().save(path)
+        rewritten(path, change)
+        with pytest.raises(ValueError, match="is damaged: take a copy of it"):
+            eig3.load(path)
+
+
+def test_a_file_is_complete_or_not_there(tmp_path):
+    """A limit of the system to the size of files stands for a full disk."""
+    old = oscillate().save(tmp_path / "run").read_bytes()
+    big = eig3.integrate(structure, (0, 1), np.ones(20), np.zeros(20), h=1e-3, params=np.ones(800))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for name in ("run", "other"):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+        try:
+            with pytest.raises(OSError, match="File too large"):
+                big.save(tmp_path / name)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == {"run.npz": old}
+    with pytest.raises(OSError, match="No such file or directory"):
+        big.save(tmp_path / "no folder" / "run")
+
+
+def test_a_file_is_read_in_a_new_process_and_by_numpy_alone(tmp_path):
+    run = full_solution()
+    path = run.save(tmp_path / "run")
+    code = f"import eig3; s = eig3.load({str(path)!r}); print(repr(float(s.at(1.23)[0])), len(s.outputs))"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert printed == f"{float(run.at(1.23)[0])!r} {len(run.outputs)}\n"
+    with np.load(path, allow_pickle=False) as arrays:
+        for name in ("t", "u", "v", "a", "steps"):
+            np.testing.assert_array_equal(arrays[name], getattr(run, name))
+        np.testing.assert_array_equal(arrays["events.1.t"], [1.05])
