@@ -94,6 +94,8 @@ _ARGUMENTS = {
     ("rhs", VECTOR): "(t, u, v, p, a), writing a",
     ("jacobian", SCALAR): "(t, u, v, p) -> df/dv",
     ("jacobian", VECTOR): "(t, u, v, p, J), writing J",
+    ("apply", SCALAR): "(t, u, v, p) -> (u, v)",
+    ("apply", VECTOR): "(t, u, v, p), writing u and v",
 }
 _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
@@ -108,7 +110,7 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     ----------
     function
         The argument that the user passed.
-    kind : {"rhs", "jacobian", "invariant"}
+    kind : {"rhs", "jacobian", "invariant", "event", "apply"}
     form : Form
     name : str, optional
         The name of the argument in error messages; the default is `kind`.
@@ -159,7 +161,8 @@ def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
         result = compiled(function, signature.args)
     except Exception as error:  # Numba raises its own errors and plain Python errors
         if "readonly array" in str(error):
-            raise TypeError(f"{name} must not write to u, v or p; it may only read them.") from error
+            read = "p; it may only read it" if kind == "apply" else "u, v or p; it may only read them"
+            raise TypeError(f"{name} must not write to {read}.") from error
         raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
     returned = result.signature.return_type
     if returned != signature.return_type:

@@ -39,6 +39,8 @@ class Method:
         The name of the module that holds the formulas. `eig3.kernels` describes what such a module contains.
     member : tuple
         For a family of methods, the arguments of the module's function `member`, which returns the formulas of one.
+    variable : str
+        The name of the file of kernels with the formulas for steps of variable length; empty if there are none.
     ignores_velocity : bool
         Whether the method is valid only for a right-hand side that does not depend on the velocity.
     jacobian : jitted function or None
@@ -56,6 +58,7 @@ class Method:
     evaluations: ClassVar[int | None] = 1
     kernel: ClassVar[str]
     member: ClassVar[tuple] = ()
+    variable: ClassVar[str] = ""
     ignores_velocity: ClassVar[bool] = False
     jacobian: Callable | None = None
 
@@ -156,6 +159,10 @@ class EIG3(_MayIgnoreVelocity):
     def kernel(self) -> str:  # type: ignore[override]
         staggered = self.ignores_velocity and self.settings == (1.0, 0.5)
         return "eig3.kernels.eig3_staggered" if staggered else "eig3.kernels.eig3"
+
+    @property
+    def variable(self) -> str:  # type: ignore[override]
+        return "eig3_variable" if self.settings == (1.0, 0.5) else ""
 
     @property
     def order(self) -> int:  # type: ignore[override]
@@ -331,6 +338,7 @@ class RK5(Method):
     name: ClassVar[str] = "rk5"
     label: ClassVar[str] = "RK5"
     kernel: ClassVar[str] = "eig3.kernels.rk5"
+    variable: ClassVar[str] = "rk5"
     order: ClassVar[int] = 5
     evaluations: ClassVar[int] = 6
 
@@ -342,6 +350,7 @@ class RK8(Method):
     name: ClassVar[str] = "rk8"
     label: ClassVar[str] = "RK8"
     kernel: ClassVar[str] = "eig3.kernels.rk8"
+    variable: ClassVar[str] = "rk8"
     order: ClassVar[int] = 8
     evaluations: ClassVar[int] = 12
 

@@ -47,7 +47,6 @@ class Span(NamedTuple):
     first: Any
     count: Any
     every: Any
-    h_first: Any
     h_max: Any
     rtol: Any
     atol: Any
@@ -107,7 +106,7 @@ WATCH = types.NamedTuple(
     (_integers, matrix_type, float64, vector_type, vector_type, matrix_type, matrix_type, matrix_type), Watch
 )
 SPAN = types.NamedTuple(
-    (float64, vector_type, int64, int64, int64, float64, float64, float64, matrix_type, int64, int64)
+    (float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64)
     + (vector_type, vector_type, matrix_type, matrix_type),
     Span,
 )
@@ -123,6 +122,11 @@ class Form:
     invariant: Any
     apply: Any
     state: Any
+
+    @property
+    def event(self) -> Any:
+        """The signature of the function g of an event."""
+        return self.invariant
 
     def __reduce__(self) -> str:
         return self.name.upper()  # pickle then takes the form of this module that has this name

@@ -15,7 +15,7 @@ from typing import Any
 from numba.types import Tuple, UniTuple, int64
 
 from .dense import COEFFICIENTS, evaluate
-from .events import EPSILON, PASSED, RESET, functions
+from .events import EPSILON, NOT_A_NUMBER, PASSED, RESET, TERMINAL, functions
 from .jit import bound, compile_kernel, element, outlined
 from .pair import A_END, U_END, V_END, A, U, V
 from .protocol import (
@@ -111,6 +111,9 @@ def variable(callbacks, state, tally, span, watch):
             DENSE(f, t, step, p, n, y, coefficients)
             is_known = True
             outcome, s = LOOK_WITHIN(watch, tally, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
+            if outcome == NOT_A_NUMBER:
+                taken, ended = taken - 1, outcome
+                break
         t_stop = t + s * step if s < 1.0 else t_end
         if has_times:
             while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
@@ -127,7 +130,7 @@ def variable(callbacks, state, tally, span, watch):
         else:
             if s < 1.0:
                 evaluate(coefficients, s, n, u_end, v_end)
-            if not has_times:
+            if not has_times and span.every == 1:
                 row = write_row(span, row, t_stop, s * step, n, u_end, v_end)
             for j in range(n):
                 u[j], v[j] = u_there[j], v_there[j]
@@ -137,8 +140,8 @@ def variable(callbacks, state, tally, span, watch):
             tally[STEP_BEFORE], tally[ERROR] = h, 1.0
             if outcome == RESET:
                 h = min(h, _LATER * tally[GAP])
-                if not has_times:
-                    row = write_row(span, row, t_stop, s * step, n, u, v)
+            if outcome != TERMINAL and not has_times and (span.first + taken) % span.every == 0:
+                row = write_row(span, row, t_stop, s * step, n, u, v)
         t = t_stop
         if span.is_relative == 1:
             for j in range(n):

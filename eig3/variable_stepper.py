@@ -1,0 +1,188 @@
+"""A run with tolerances that advances in compiled code."""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .accelerations import accelerations
+from .callbacks import check_callback, compile_for_own_arrays
+from .checks import check_params, check_state
+from .guard import first_acceleration, guarded
+from .kernels.fixed import STACKED_DEGREES
+from .kernels.pair import A, U, V
+from .kernels.protocol import ENDED_BY, ERROR, EVALUATIONS, EVENTS, REJECTED, SCALAR, STEP, TIME, Span
+from .kernels.variable import GOING, inline_variable_kernel, variable_kernel
+from .memory import aligned
+from .methods import Method
+from .tolerances import Tolerances
+from .watching import Watching
+
+
+class Rows(NamedTuple):
+    """States that the kernel wrote: times, steps, and u and v of shape (rows, n)."""
+
+    t: np.ndarray
+    h: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+
+    def first(self, count: int) -> Rows:
+        return Rows(*(x[:count] for x in self))
+
+
+class VariableStepper:
+    """Advance u'' = f(t, u, v) with steps that follow from tolerances.
+
+    Attributes
+    ----------
+    index : int
+        Number of steps taken.
+    ended : int
+        How the last call of the kernel ended: an outcome of `eig3.kernels.events` or `eig3.kernels.variable`.
+    """
+
+    def __init__(
+        self,
+        rhs: Any,
+        t_span: tuple[float, float],
+        u0: ArrayLike,
+        v0: ArrayLike,
+        *,
+        params: ArrayLike,
+        method: Method,
+        tolerances: Tolerances,
+        inline: bool,
+        events: Any,
+        t_eval: ArrayLike | None,
+    ) -> None:
+        u, v, self.form = check_state(u0, v0)
+        self.params = guarded(check_params(params))
+        self.method, self.tolerances = method, tolerances
+        self.t0, self.t_end = t_span
+        self.n = n = 1 if self.form is SCALAR else u.size
+        self._callback = check_callback(rhs, "rhs", self.form)
+        a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
+        self.watching = Watching(events, t_eval, self.form, (u, v), t_span, self.params)
+        self._prepare(rhs, inline)
+        formulas = importlib.import_module(f"eig3.kernels.{method.variable}").variable
+        self._state = aligned((formulas.rows, n))
+        for row, values in ((U, u), (V, v), (A, a), *(((-1, a),) if method.variable == "eig3_variable" else ())):
+            self._state[row] = values
+        self._tally = np.zeros(EVENTS + 2 * len(self.watching.events))
+        self._tally[TIME], self._tally[ERROR], self._tally[STEP] = self.t0, 1.0, min(tolerances.h_first, tolerances.h_max)
+        self.watching.begin(self._tally, self.t0, u, v)
+        self.index, self.ended, self.seconds = 0, GOING, 0.0
+        self._may_shorten = False
+
+    def _prepare(self, rhs: Any, inline: bool) -> None:
+        n = self.n
+        self._pace_key = self.method.variable, n, inline
+        if inline:
+            compile_for_own_arrays(rhs, "rhs", self.form)
+            literal = n if n <= STACKED_DEGREES else 0
+            self._callbacks: tuple = ()
+            self._kernel = inline_variable_kernel(self.method.variable, self.form, literal, rhs)
+        else:
+            self._callbacks = (self._callback.address,)
+            self._kernel = variable_kernel(self.method.variable, self.form, n if n <= 2 else 0)
+
+    @property
+    def t(self) -> float:
+        """The time reached."""
+        return float(self._tally[TIME])
+
+    @property
+    def u(self) -> Any:
+        """The displacement: a float, or a new array of shape (n,)."""
+        return self._component(U)
+
+    @property
+    def v(self) -> Any:
+        """The velocity: a float, or a new array of shape (n,)."""
+        return self._component(V)
+
+    @property
+    def n_rhs(self) -> int:
+        """Number of evaluations of the right-hand side, including the one at the start."""
+        return 1 + int(self._tally[EVALUATIONS])
+
+    @property
+    def n_rejected(self) -> int:
+        """Number of steps that were repeated with a shorter step."""
+        return int(self._tally[REJECTED])
+
+    @property
+    def h_next(self) -> float:
+        """The length of the next step."""
+        return float(self._tally[STEP])
+
+    @property
+    def ended_by(self) -> str:
+        """The name of the event that ended the run."""
+        return self.watching.name(int(self._tally[ENDED_BY]))
+
+    def accelerations(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Evaluate f at each row of u and v."""
+        return accelerations(self._callback, self.params, t, u, v)
+
+    @property
+    def pace(self) -> float | None:
+        """Seconds per step of the last run with this right-hand side and kernel; None before the first run."""
+        return self._callback.pace.get(self._pace_key)
+
+    def note_pace(self) -> None:
+        """Store the measured time per step for later runs."""
+        if self.index:
+            self._callback.pace[self._pace_key] = self.seconds / self.index
+
+    def advance(self, count: int, every: int, rows: Rows) -> Rows:
+        """Take at most `count` steps, and return the rows with every `every`-th state.
+
+        After an exception from rhs, the stepper is at its state before the call.
+        """
+        tolerances = self.tolerances
+        span = Span(
+            self.t_end,
+            self.params,
+            self.index,
+            count,
+            every,
+            tolerances.h_max,
+            tolerances.rtol,
+            tolerances.atol,
+            int(tolerances.is_relative),
+            int(self._may_shorten),
+            *rows,
+        )
+        before = self._state.copy(), self._tally.copy()
+        begin = time.perf_counter()
+        try:
+            taken, written, self.ended = self._kernel(self._callbacks, self._state, self._tally, span, self.watching.watch)
+        except BaseException:
+            self._state[:], self._tally[:] = before
+            raise
+        self.seconds += time.perf_counter() - begin
+        self.index += taken
+        self.watching.collect(self._tally)
+        return rows.first(written)
+
+    def shorten(self) -> None:
+        """Allow the last step to be shortened, so that it ends at the end of the span."""
+        self._may_shorten = True
+
+    def fork(self) -> VariableStepper:
+        """Return an independent stepper at the same state."""
+        other = copy.copy(self)
+        other._state, other._tally = aligned(self._state.shape), self._tally.copy()
+        np.copyto(other._state, self._state)
+        other.watching = self.watching.fork()
+        return other
+
+    def _component(self, row: int) -> Any:
+        return float(self._state[row, 0]) if self.form is SCALAR else self._state[row].copy()

@@ -1,0 +1,138 @@
+"""What a run looks for within its steps: events, and times at which the state is wanted."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .callbacks import check_callback
+from .checks import reals
+from .events import Event, Occurrences
+from .kernels.protocol import EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
+from .kernels.variable import WORK
+
+_LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
+_ZENO = 1e-12  # resets that follow each other within this part of the span do not end
+
+
+def check_events(events: Any) -> Mapping[str, Event]:
+    """Return the events by name."""
+    if events is None:
+        return {}
+    if not isinstance(events, Mapping) or not all(isinstance(event, Event) for event in events.values()):
+        raise TypeError("events must be a dictionary of names and events, such as {'impact': eig3.Event(g)}.")
+    return events
+
+
+def check_times(t_eval: ArrayLike | None, t0: float, t1: float) -> np.ndarray | None:
+    """Return the times at which the state is wanted, or None."""
+    if t_eval is None:
+        return None
+    times = reals(t_eval, "t_eval")
+    if times.ndim != 1 or not times.size:
+        raise ValueError(f"t_eval must be a 1-D array of at least one time, not of the shape {times.shape}.")
+    if not (t0 <= times[0] and times[-1] <= t1 and (np.diff(times) > 0).all()):
+        raise ValueError(f"t_eval must increase and lie within t_span, from {t0:g} to {t1:g}.")
+    return times
+
+
+class Watching:
+    """The events of a run and the times at which its state is wanted, as the kernel needs them.
+
+    Attributes
+    ----------
+    watch : Watch
+    times : ndarray or None
+        The times at which the state is wanted.
+    """
+
+    def __init__(
+        self, events: Any, t_eval: ArrayLike | None, form: Form, start: tuple, t_span: tuple[float, float], params: Any
+    ) -> None:
+        t0, t1 = t_span
+        self.events = check_events(events)
+        self.times = check_times(t_eval, t0, t1)
+        self._is_scalar = form is SCALAR
+        self._n = n = 1 if self._is_scalar else len(start[0])
+        self._callbacks = [_compiled(name, event, form) for name, event in self.events.items()]
+        table = [
+            (g.address, apply.address if apply else 0, event.direction, event.terminal)
+            for (g, apply), event in zip(self._callbacks, self.events.values(), strict=True)
+        ]
+        count, rows = len(table), 0 if self.times is None else len(self.times)
+        log = np.empty((max(count, _LOG_VALUES // (2 + 4 * n)) if count else 0, 2 + 4 * n))
+        zeno = _ZENO * (t1 - t0) + 16 * np.spacing(max(abs(t0), abs(t1)))
+        times = np.empty(0) if self.times is None else self.times
+        self.watch = Watch(
+            np.array(table, dtype=np.int64).reshape(count, 4),
+            log,
+            zeno,
+            times,
+            np.empty(rows),
+            np.empty((rows, n)),
+            np.empty((rows, n)),
+            np.empty((WORK, max(n, count))),
+        )
+        self._found: list[np.ndarray] = []
+        self._signs = [self._callbacks[k][0].call(t0, *start, params) for k in range(count)]
+
+    def entries(self) -> np.ndarray:
+        """Return the entries of the tally for the events at the start: the values of g, and no reset before."""
+        entries = np.empty(2 * len(self.events))
+        entries[::2], entries[1::2] = self._signs, -np.inf
+        return entries
+
+    def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any) -> None:
+        """Write the state at the start, if it is wanted."""
+        tally[EVENTS:] = self.entries()
+        if self.times is not None and self.times[0] == t0:
+            self.watch.u_rows[0], self.watch.v_rows[0] = u, v
+            tally[NEXT] = 1
+
+    def fork(self) -> Watching:
+        """Return a copy whose occurrences and rows are independent."""
+        other = copy.copy(self)
+        watch = self.watch
+        rows = {name: getattr(watch, name).copy() for name in ("log", "h_rows", "u_rows", "v_rows", "work")}
+        other.watch, other._found = watch._replace(**rows), list(self._found)
+        return other
+
+    def collect(self, tally: np.ndarray) -> None:
+        """Take the occurrences out of the log."""
+        logged = int(tally[LOGGED])
+        if logged:
+            self._found.append(self.watch.log[:logged].copy())
+            tally[LOGGED] = 0
+
+    def occurrences(self) -> dict[str, Occurrences]:
+        """Return the occurrences of each event so far."""
+        n = self._n
+        rows = np.concatenate([self.watch.log[:0], *self._found])
+        result = {}
+        for k, name in enumerate(self.events):
+            mine = rows[rows[:, 0] == k]
+            states = [mine[:, 2 + i * n : 2 + (i + 1) * n] for i in range(4)]
+            states = [np.ascontiguousarray(x[:, 0] if self._is_scalar else x) for x in states]
+            result[name] = Occurrences(mine[:, 1].copy(), *states)
+        return result
+
+    def rows(self, tally: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return t, u, v and the steps at the wanted times that the run has reached."""
+        count = int(tally[NEXT])
+        watch = self.watch
+        u, v = (x[:count, 0] if self._is_scalar else x[:count] for x in (watch.u_rows, watch.v_rows))
+        return watch.times[:count], u, v, watch.h_rows[:count]
+
+    def name(self, k: int) -> str:
+        """Return the name of the event k."""
+        return list(self.events)[k]
+
+
+def _compiled(name: str, event: Event, form: Form) -> tuple[Any, Any]:
+    g = check_callback(event.g, "event", form, f"g of events[{name!r}]")
+    apply = event.apply and check_callback(event.apply, "apply", form, f"apply of events[{name!r}]")
+    return g, apply
