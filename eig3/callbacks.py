@@ -94,6 +94,8 @@ _ARGUMENTS = {
     ("rhs", VECTOR): "(t, u, v, p, a), writing a",
     ("jacobian", SCALAR): "(t, u, v, p) -> df/dv",
     ("jacobian", VECTOR): "(t, u, v, p, J), writing J",
+    ("output", SCALAR): "(t, u, v, p, out), writing out",
+    ("output", VECTOR): "(t, u, v, p, out), writing out",
 }
 _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
@@ -108,7 +110,8 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     ----------
     function
         The argument that the user passed.
-    kind : {"rhs", "jacobian", "invariant"}
+    kind : {"rhs", "jacobian", "invariant", "output"}
+        The signature: an attribute of `Form`.
     form : Form
     name : str, optional
         The name of the argument in error messages; the default is `kind`.

@@ -91,13 +91,6 @@ def check_cancel(cancel: Any) -> Any:
     return cancel
 
 
-def check_invariants(invariants: Any) -> Mapping[str, Any]:
-    """Return the functions that are evaluated at every step, by name."""
-    if invariants is not None and not isinstance(invariants, Mapping):
-        raise TypeError("invariants must be a dictionary of names and jitted functions, such as {'energy': energy}.")
-    return invariants or {}
-
-
 def check_method(method: str | Method) -> Method:
     """Return the record of a method, which is given by its name, as a record, or as a record's class."""
     if isinstance(method, str) and method.lower() in METHODS:

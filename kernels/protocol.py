@@ -51,12 +51,16 @@ _given = Array(float64, 1, "C", readonly=True)  # a callback that writes to such
 
 @dataclass(frozen=True, eq=False)  # each of the two forms is equal only to itself
 class Form:
-    """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom."""
+    """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom.
+
+    An `invariant` returns its only value, as an output with one value does; an `output` writes its values.
+    """
 
     name: str
     rhs: Any
     jacobian: Any
     invariant: Any
+    output: Any
     state: Any
 
     def __reduce__(self) -> str:
@@ -73,6 +77,7 @@ SCALAR = Form(
     rhs=float64(float64, float64, float64, _given),
     jacobian=float64(float64, float64, float64, _given),
     invariant=float64(float64, float64, float64, _given),
+    output=none(float64, float64, float64, _given, vector_type),
     state=vector_type,
 )
 VECTOR = Form(
@@ -80,6 +85,7 @@ VECTOR = Form(
     rhs=none(float64, _given, _given, _given, vector_type),
     jacobian=none(float64, _given, _given, _given, matrix_type),
     invariant=float64(float64, _given, _given, _given),
+    output=none(float64, _given, _given, _given, vector_type),
     state=matrix_type,
 )
 

@@ -12,7 +12,7 @@ import pytest
 
 import eig3
 from eig3.kernels.fixed import pointer_kernel
-from eig3.kernels.invariant import invariant_kernel
+from eig3.kernels.quantity import extent_kernel
 from eig3.kernels.protocol import SCALAR, VECTOR
 
 ROOT = Path(__file__).parent.parent
@@ -53,7 +53,8 @@ def compile_kernels(shift=0.0):
     for kernel in kernels[first:] + kernels[:first]:
         pointer_kernel(*kernel)
     for form in (SCALAR, VECTOR):
-        invariant_kernel(form)
+        extent_kernel(form, writes=False)
+        extent_kernel(form, writes=True)
 
 
 def pytest_sessionstart(session):
