@@ -17,32 +17,36 @@ LOW, HIGH, T_LOW, T_HIGH = range(4)
 def extent(address, p, t, u_rows, v_rows, out, values, extremes):
     function = FUNCTION(address)
     for i in range(len(t)):
-        EVALUATE(function, t[i], u_rows[i], v_rows[i], p, out)
-        for j in range(out.size):
-            values[i, j] = out[j]
-            widen(extremes, j, out[j], t[i])
+        EVALUATE(function, t[i], u_rows[i], v_rows[i], p, out, values, i)
+    for j in range(out.size):
+        widen(values, j, t, extremes)
 
 
 @element
-def widen(extremes, j, e, t):
-    # Every comparison with NaN is false. So a NaN, once it is stored, stays, with its time.
-    is_first_nan = e != e and extremes[LOW, j] == extremes[LOW, j]
-    if e < extremes[LOW, j] or is_first_nan:
-        extremes[LOW, j], extremes[T_LOW, j] = e, t
-    if e > extremes[HIGH, j] or is_first_nan:
-        extremes[HIGH, j], extremes[T_HIGH, j] = e, t
+def widen(values, j, t, extremes):
+    low, high, t_low, t_high = extremes[LOW, j], extremes[HIGH, j], extremes[T_LOW, j], extremes[T_HIGH, j]
+    for i in range(len(t)):
+        e = values[i, j]
+        if not low <= e <= high:  # so too if one of them is NaN, which the first NaN makes low and high for good
+            if low == low and not e >= low:
+                low, t_low = e, t[i]
+            if high == high and not e <= high:
+                high, t_high = e, t[i]
+    extremes[LOW, j], extremes[HIGH, j], extremes[T_LOW, j], extremes[T_HIGH, j] = low, high, t_low, t_high
 
 
 @element
-def returned(function, t, u, v, p, out):
-    out[0] = function(t, u, v, p)
+def returned(function, t, u, v, p, out, values, i):
+    values[i, 0] = function(t, u, v, p)
 
 
 @element
-def written(function, t, u, v, p, out):
+def written(function, t, u, v, p, out, values, i):
     for j in range(out.size):
         out[j] = np.nan  # a value that the function does not write stays NaN
     function(t, u, v, p, out)
+    for j in range(out.size):
+        values[i, j] = out[j]
 
 
 @functools.cache

@@ -400,7 +400,7 @@ def test_notes_say_why_a_function_is_not_vectorised():
 
 def test_a_function_is_compiled_once_for_a_shape(monkeypatch):
     compiled = []
-    monkeypatch.setattr(lanewise, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
+    monkeypatch.setattr(run, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
 
     @eig3.jit
     def rhs(t, u, v, p):

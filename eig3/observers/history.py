@@ -8,7 +8,7 @@ from ..memory import n_rows
 from ..stepper import Cancel, Stepper
 from .chunk import Chunk
 
-_SCRATCH_VALUES = 2**16  # values in an array of a chunk that others see too: 512 kB, so that it stays in the cache
+_SCRATCH_VALUES = 2**15  # values in an array of a chunk that others see too: 256 kB, so that t, u, v and e stay in L2
 
 
 class History:
