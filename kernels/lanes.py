@@ -82,18 +82,20 @@ def vector_own_step(t, u, v, p, a):
             a[j * lanes + lane] *= h[lane] * h[lane]
 
 
-def returned(first, h, t0, p, u_rows, v_rows, out, values, low, high, at_low, at_high):
+def returned(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high):
     """Evaluate a function that returns its only value, in the states from step index `first` on."""
+    row = 0
     for i in range(len(u_rows)):
         u, v = u_rows[i], v_rows[i]
         for lane in range(h.size):
             out[lane] = FUNCTION(t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
         widen(out, float(first + i), low, high, at_low, at_high)
-        keep(out, values, i)
+        row = keep(out, first + i, every, values, row)
 
 
-def written(first, h, t0, p, u_rows, v_rows, out, values, low, high, at_low, at_high):
+def written(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high):
     """Do the same for a function that writes its values."""
+    row = 0
     for i in range(len(u_rows)):
         u, v = u_rows[i], v_rows[i]
         for j in range(out.size):
@@ -103,12 +105,17 @@ def written(first, h, t0, p, u_rows, v_rows, out, values, low, high, at_low, at_
                 t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane), VALUES(out, lane)
             )
         widen(out, float(first + i), low, high, at_low, at_high)
-        keep(out, values, i)
+        row = keep(out, first + i, every, values, row)
 
 
 @element
 def widen(values, index, low, high, at_low, at_high):
     """Widen extremes, and note the step index at which they occur."""
+    are_within = True
+    for j in range(values.size):
+        are_within &= low[j] <= values[j] <= high[j]
+    if are_within:  # as in most steps
+        return
     for j in range(values.size):
         e = values[j]
         # Every comparison with NaN is false. So a NaN, once it is stored, stays, with its index.
@@ -119,11 +126,13 @@ def widen(values, index, low, high, at_low, at_high):
 
 
 @element
-def keep(values, rows, i):
-    if len(rows):
-        row = rows[i]
-        for j in range(values.size):
-            row[j] = values[j]
+def keep(values, index, every, rows, row):
+    """Copy the values of every `every`-th step to the next row, and return the row after it."""
+    if index % every != 0 or row == len(rows):
+        return row
+    for j in range(values.size):
+        rows[row, j] = values[j]
+    return row + 1
 
 
 @dataclass(frozen=True)
@@ -217,11 +226,12 @@ def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) ->
 def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...], is_checked: bool = False) -> Lanes:
     """Compile the evaluation of an invariant or an output, whose value has the shape () or (k,).
 
-    It is called as ``f(first, h, t0, p, u_rows, v_rows, out, values, low, high, at_low, at_high)``. The arrays `out` and
-    the last four have k rows of lanes. They take the last value, and the extremes so far with the step indices at which
-    they occurred. `values` has a row for each state, or no rows if the values are not wanted.
+    It is called as ``f(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high)``. The arrays
+    `out` and the last four have k rows of lanes. They take the last value, and the extremes so far with the step indices
+    at which they occurred. `values` has a row for each state whose step index is a multiple of `every`, or no rows if
+    the values are not wanted.
     """
-    arguments = int64, vector_type, float64, vector_type, *[matrix_type] * 2, vector_type, matrix_type
+    arguments = int64, vector_type, float64, vector_type, *[matrix_type] * 2, int64, vector_type, matrix_type
     arguments += (vector_type,) * 4
     names = {"VALUES": _view(shape[0], layout.lanes)} if shape else {}
     return _compile(written if shape else returned, function, layout, arguments, is_checked, names)

@@ -78,8 +78,9 @@ class Block:
         self._state = state = LaneState(shared, self._members)
         self._runs = runs
         self._set_natural()
-        outputs = shared.histories.outputs
-        self._tracks = {name: Track(*both, name in outputs, state) for name, both in shared.quantities.items()}
+        outputs, every = shared.histories.outputs, shared.histories.every
+        for name, both in shared.quantities.items():
+            self._tracks[name] = Track(*both, every if name in outputs else None, state)
         self._save(0, *(x[None] for x in state.values), {name: self._tracks[name].latest[None] for name in outputs})
         self._end_broken(state.first_acceleration)
 
@@ -160,8 +161,7 @@ class Block:
             self._check_written()
         values = {name: track.see(state, first + 1, u, v) for name, track in self._tracks.items()}
         rows = slice(-(first + 1) % kept, None, kept) if self._every < kept else slice(None)
-        outputs = {name: values[name][rows] for name in shared.histories.outputs}
-        self._save(first // kept + 1, u[rows], v[rows], outputs)
+        self._save(first // kept + 1, u[rows], v[rows], {name: values[name] for name in shared.histories.outputs})
         half = self._half == state.index
         if half.any():
             u_size, v_size = state.sizes

@@ -7,6 +7,7 @@ import numpy as np
 from ..guard import guarded
 from ..kernels.lanes import Lanes
 from ..quantities import Quantity
+from ..stepper import NEVER
 from .lane_state import LaneState
 
 _GUARD_ROWS = 4  # of NaN on each side of the values
@@ -20,8 +21,8 @@ class Track:
     quantity : Quantity
     function : Lanes
         It, compiled for lanes.
-    is_saved : bool
-        Whether its values are wanted, and not only their extremes.
+    every : int or None
+        The values are wanted in the states whose step index is a multiple of this; None if only the extremes are.
     state : LaneState
         The members at the start.
 
@@ -33,8 +34,8 @@ class Track:
         The minimum, the maximum, and the step indices at which they first occurred.
     """
 
-    def __init__(self, quantity: Quantity, function: Lanes, is_saved: bool, state: LaneState) -> None:
-        self._quantity, self._function, self._is_saved = quantity, function, is_saved
+    def __init__(self, quantity: Quantity, function: Lanes, every: int | None, state: LaneState) -> None:
+        self._quantity, self._function, self._every = quantity, function, every
         shape = quantity.width, state.layout.lanes
         self._out = guarded(np.full(shape[0] * shape[1], np.nan), count=_GUARD_ROWS * state.layout.lanes)
         self._values = np.empty((0, self._out.size))
@@ -49,18 +50,19 @@ class Track:
         Returns
         -------
         ndarray, shape (states, k, lanes)
-            The values, if they are wanted. The next call overwrites them.
+            The values that are wanted. The next call overwrites them.
 
         Raises
         ------
         ValueError
             If the function writes beyond its k values.
         """
-        states = len(u) if self._is_saved else 0
+        every = self._every or NEVER
+        states = (first + len(u) - 1) // every - (first - 1) // every if self._every else 0
         if len(self._values) < states:
             self._values = np.empty((states, self._out.size))
         values, extremes = self._values[:states], self.extremes.copy()
-        state.evaluate(self._function, first, u, v, self._out, values, *extremes.reshape(4, -1))
+        state.evaluate(self._function, first, u, v, every, self._out, values, *extremes.reshape(4, -1))
         self._quantity.check_within(self._out)
         shape = self.extremes.shape[1:]
         self.latest, self.extremes = self._out.reshape(shape).copy(), extremes
