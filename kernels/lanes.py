@@ -101,9 +101,7 @@ def written(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_l
         for j in range(out.size):
             out[j] = np.nan  # a value that the function does not write stays NaN
         for lane in range(h.size):
-            FUNCTION(
-                t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane), VALUES(out, lane)
-            )
+            FUNCTION(t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane), VALUES(out, lane))
         widen(out, float(first + i), low, high, at_low, at_high)
         row = keep(out, first + i, every, values, row)
 

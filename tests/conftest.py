@@ -12,8 +12,8 @@ import pytest
 
 import eig3
 from eig3.kernels.fixed import pointer_kernel
-from eig3.kernels.quantity import extent_kernel
 from eig3.kernels.protocol import SCALAR, VECTOR
+from eig3.kernels.quantity import extent_kernel
 
 ROOT = Path(__file__).parent.parent
 README_FILES = ("README.md", "bench/README.md", "eig3/analysis/README.md", "eig3/ensembles/README.md")

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.protocol import SCALAR
 from ..extremes import Extremes
+from ..kernels.protocol import SCALAR
 from ..memory import check_members_history, n_rows
 from ..methods import Method
 from ..quantities import Functions
