@@ -33,7 +33,9 @@ def guarded(values: np.ndarray, cells: float = np.nan, count: int = _CELLS) -> n
 
 def beyond(inside: np.ndarray) -> bool:
     """Return whether a function has written to the cells around an array from `guarded`."""
-    cells, count = inside.base, (inside.base.size - inside.size) // 2
+    cells = inside.base
+    assert cells is not None
+    count = (cells.size - inside.size) // 2
     return not (np.isnan(cells[:count]).all() and np.isnan(cells[-count:]).all())
 
 

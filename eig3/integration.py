@@ -316,6 +316,7 @@ class _Run:
             elif error and (stepper.index < self.n_steps or self.growth.suspect):
                 self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
         t, u, v = self.history.close(stepper)
+        followed: list[Watch | Output] = [*self.watches, *self.outputs]
         return Solution(
             t=t,
             u=u,
@@ -329,7 +330,7 @@ class _Run:
             kernel_seconds=stepper.seconds,
             method=stepper.method,
             drift={watch.name: watch.drift for watch in self.watches},
-            extremes={each.name: each.extremes for each in (*self.watches, *self.outputs)},
+            extremes={each.name: each.extremes for each in followed},
             outputs={output.name: output.close(stepper.index, len(t)) for output in self.outputs},
             notes=(*self._notes(), *stepper.notes),
             reason=self.reason,

@@ -225,9 +225,9 @@ def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...],
     """Compile the evaluation of an invariant or an output, whose value has the shape () or (k,).
 
     It is called as ``f(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high)``. The arrays
-    `out` and the last four have k rows of lanes. They take the last value, and the extremes so far with the step indices
-    at which they occurred. `values` has a row for each state whose step index is a multiple of `every`, or no rows if
-    the values are not wanted.
+    `out` and the last four have k rows of lanes. They take the last values, and the extremes so far with the step
+    indices at which they occurred. `values` has a row for each state whose step index is a multiple of `every`, or no
+    rows if the values are not wanted.
     """
     arguments = int64, vector_type, float64, vector_type, *[matrix_type] * 2, int64, vector_type, matrix_type
     arguments += (vector_type,) * 4

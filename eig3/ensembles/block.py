@@ -81,7 +81,8 @@ class Block:
         outputs, every = shared.histories.outputs, shared.histories.every
         for name, both in shared.quantities.items():
             self._tracks[name] = Track(*both, every if name in outputs else None, state)
-        self._save(0, *(x[None] for x in state.values), {name: self._tracks[name].latest[None] for name in outputs})
+        u, v = state.values
+        self._save(0, u[None], v[None], {name: self._tracks[name].latest[None] for name in outputs})
         self._end_broken(state.first_acceleration)
 
     def _set_natural(self) -> None:

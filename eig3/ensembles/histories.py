@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,7 @@ class Histories:
         self, chosen: np.ndarray, row: int, u: np.ndarray, v: np.ndarray, outputs: Mapping[str, np.ndarray]
     ) -> None:
         """Save states from a row on; u, v and the outputs have the shape (states, n or k, members)."""
-        for whole, values in ((self.u, u), (self.v, v), *((self.outputs[name], x) for name, x in outputs.items())):
+        for whole, values in self._beside(u, v, outputs):
             whole[chosen, row : row + len(u)] = values.transpose(2, 0, 1)
 
     def end(
@@ -77,14 +77,23 @@ class Histories:
         complete = self.members.n_steps[chosen] == index
         self.status[chosen[complete]], self.message[chosen[complete]] = Status.COMPLETED, REACHED
         row = n_rows(index, self.every) - 1
-        for whole, values in ((self.u, u), (self.v, v), *((self.outputs[name], x) for name, x in outputs.items())):
+        for whole, values in self._beside(u, v, outputs):
             whole[chosen[complete], row] = values.T[complete]
         if index % self.every:
             for place in np.flatnonzero(~complete):
                 member = int(chosen[place])
                 t = self.members.t_span[0] + index * float(self.members.steps[member])
-                values = (self._valued(name, x[:, place].copy()) for name, x in outputs.items())
-                self.last[member] = t, *(self.shaped(x[:, place].copy()) for x in (u, v)), *values
+                state = (self.shaped(x[:, place].copy()) for x in (u, v))
+                self.last[member] = t, *state, *(self._valued(name, x[:, place].copy()) for name, x in outputs.items())
+
+    def _beside(
+        self, u: np.ndarray, v: np.ndarray, outputs: Mapping[str, np.ndarray]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield the arrays of the histories, each with its new values."""
+        yield self.u, u
+        yield self.v, v
+        for name, values in outputs.items():
+            yield self.outputs[name], values
 
     def bound(self, name: str, chosen: np.ndarray, start: np.ndarray, extremes: np.ndarray) -> None:
         """Store the extremes of a quantity, and the drift of an invariant from its values at the start.

@@ -103,8 +103,8 @@ class EnsembleSolution:
         rows = [values[i, :count] for values in histories]
         if i in self._last:  # the last finite state is not one of the states to save
             rows = [np.append(x, [y], axis=0) for x, y in zip(rows, self._last[i], strict=True)]
-        t, u, v, *others = rows
-        others = iter(others)
+        t, u, v = rows[:3]
+        others = iter(rows[3:])
         return Solution(
             t=t,
             u=u,
