@@ -238,6 +238,17 @@ def test_members_that_run_alone_have_outputs_too():
             np.testing.assert_array_equal(members[i].extremes[name], alone.extremes[name])
 
 
+def test_an_output_that_raises_ends_the_ensemble():
+    with pytest.raises(ValueError, match="too late") as caught:
+        ensemble(save_every=1, outputs={"f": raises_later})
+    solution = caught.value.solution
+    assert (solution.status == eig3.Status.INTERRUPTED).all()
+    for member in (solution[0], solution[39]):
+        np.testing.assert_array_equal(member.outputs["f"], member.u)
+        assert member.t[-1] < 1.0 + H
+        assert member.extremes["f"].low == member.u.min()
+
+
 def peaks(part):
     return part.outputs["all"][:, -1].copy(), part.extremes["all"]
 

@@ -8,7 +8,9 @@ from ..memory import n_rows
 from ..stepper import Cancel, Stepper
 from .chunk import Chunk
 
-_SCRATCH_VALUES = 2**15  # values in an array of a chunk that others see too: 256 kB, so that t, u, v and e stay in L2
+# Values in an array of a chunk with every state: 512 kB, so that it stays in the second-level cache. With fewer,
+# the steps of a large system would take no longer than the calls around them.
+_SCRATCH_VALUES = 2**16
 
 
 class History:
