@@ -96,6 +96,8 @@ _ARGUMENTS = {
     ("jacobian", VECTOR): "(t, u, v, p, J), writing J",
     ("apply", SCALAR): "(t, u, v, p) -> (u, v)",
     ("apply", VECTOR): "(t, u, v, p), writing u and v",
+    ("output", SCALAR): "(t, u, v, p, out), writing out",
+    ("output", VECTOR): "(t, u, v, p, out), writing out",
 }
 _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
@@ -110,7 +112,8 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     ----------
     function
         The argument that the user passed.
-    kind : {"rhs", "jacobian", "invariant", "event", "apply"}
+    kind : {"rhs", "jacobian", "invariant", "output", "event", "apply"}
+        The signature: an attribute of `Form`.
     form : Form
     name : str, optional
         The name of the argument in error messages; the default is `kind`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -89,13 +89,6 @@ def check_cancel(cancel: Any) -> Any:
     if cancel is not None and not callable(getattr(cancel, "is_set", None)):
         raise TypeError(f"cancel must be a threading.Event, not {shown(cancel)}.")
     return cancel
-
-
-def check_invariants(invariants: Any) -> Mapping[str, Any]:
-    """Return the functions that are evaluated at every step, by name."""
-    if invariants is not None and not isinstance(invariants, Mapping):
-        raise TypeError("invariants must be a dictionary of names and jitted functions, such as {'energy': energy}.")
-    return invariants or {}
 
 
 def check_method(method: str | Method) -> Method:

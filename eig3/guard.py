@@ -1,4 +1,4 @@
-"""The first evaluation of a right-hand side, which checks that it stays within its arrays.
+"""Arrays between guard cells, and the first evaluation of a right-hand side, which stays within its arrays.
 
 Numba does not check indices. Each array therefore has cells with the value NaN before and after it. A value that is
 read there makes the result NaN, and a value that is written there is found after the evaluation.
@@ -22,13 +22,21 @@ class NotFiniteAtStartError(ValueError):
     """The right-hand side is not finite at the start."""
 
 
-def guarded(values: np.ndarray, cells: float = np.nan) -> np.ndarray:
-    """Return a copy of a 1-D array, with cells of the given value before and after it in memory."""
-    buffer = np.empty(values.size + 2 * _CELLS)
+def guarded(values: np.ndarray, cells: float = np.nan, count: int = _CELLS) -> np.ndarray:
+    """Return a copy of a 1-D array, with `count` cells of the given value before and after it in memory."""
+    buffer = np.empty(values.size + 2 * count)
     buffer.fill(cells)  # np.full takes four times as long for so few values
-    inside = buffer[_CELLS : _CELLS + values.size]
+    inside = buffer[count : count + values.size]
     inside[:] = values
     return inside
+
+
+def beyond(inside: np.ndarray) -> bool:
+    """Return whether a function has written to the cells around an array from `guarded`."""
+    cells = inside.base
+    assert cells is not None
+    count = (cells.size - inside.size) // 2
+    return not (np.isnan(cells[:count]).all() and np.isnan(cells[-count:]).all())
 
 
 def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> Any:

@@ -13,22 +13,24 @@ from .analysis.divergence import Divergence, find_blow_up, find_divergence
 from .checks import check_cancel, check_count, check_h, check_resolution, check_span
 from .kernels.interrupt import DeferredInterrupt
 from .kernels.protocol import VECTOR
-from .memory import check_history
+from .memory import check_history, n_rows
 from .methods import EIG, Method
 from .observers.chunk import Chunk, Observer
 from .observers.growth import Growth
 from .observers.history import History
-from .observers.invariants import Watch, watches_of
+from .observers.invariants import Watch
+from .observers.outputs import Output
 from .observers.progress import Progress, check_progress
 from .observers.written import Written
+from .quantities import check_functions
 from .solution import Solution, Status
 from .stability import alternating_limit
 from .stepper import Cancel, Stepper
 
 _CHUNK_SECONDS = 0.1  # duration of a chunk, after which its observers see it
-_CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next, if there are invariants
+_CHUNK_GROWTH = 16  # largest factor from the steps of a watched chunk to the steps of the next
 _LARGEST_GRADE = 7  # of EIG for a force that reads the velocity, before a note advises against it
-_FIRST_WATCHED = 4096  # steps of the first chunk, if there are invariants
+_FIRST_WATCHED = 4096  # steps of the first chunk, if there are invariants or outputs
 
 
 class IntegrationError(RuntimeError):
@@ -59,6 +61,7 @@ def integrate(
     method: str | Method = "eig3",
     save_every: int | None = 1,
     invariants: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, Any] | None = None,
     inline: bool = False,
     progress: bool = False,
     raise_on_failure: bool = False,
@@ -86,7 +89,12 @@ def integrate(
         Save every `save_every`-th state, the first and the last. None saves only the first and the last.
     invariants : dict of str to jitted function, optional
         Functions ``e(t, u, v, p) -> float`` by name. Compiled code evaluates them at every step, including steps that
-        are not saved.
+        are not saved. The solution has their `drift` and their `extremes`.
+    outputs : dict of str to jitted function, or to (jitted function, k), optional
+        Functions ``f(t, u, v, p) -> float`` by name, such as a spring force or a storey drift. For k values, give the
+        pair (f, k) with ``f(t, u, v, p, out)``, which writes every out[j]. They are evaluated as invariants are:
+        `solution.outputs` has their values at the saved states, and `solution.extremes` their extremes over every step,
+        with their times.
     inline : bool
         Compile the loop again, with rhs inlined. This makes long runs faster. It takes about a second of compilation in
         each process.
@@ -138,9 +146,18 @@ def integrate(
             check_progress(progress)
             stop = _Stop(interrupt, check_cancel(cancel))
             stepper = Stepper(rhs, u0, v0, h=h, t0=t0, params=params, method=method, inline=inline)
-            check_history(n_steps, every, stepper.n)
-            watches = watches_of(invariants, stepper, n_steps)
-            run = _Run(stepper, n_steps, t1, History(n_steps, every, stepper, bool(watches)), watches, progress)
+            functions = check_functions(invariants, outputs)
+            check_history(n_steps, every, stepper.n, functions.n_outputs)
+            watched, shown = functions.quantities(stepper.form)
+            width = max([stepper.n, *(q.width for q in shown.values())]) if watched or shown else 0
+            run = _Run(
+                stepper,
+                n_steps,
+                History(n_steps, every, stepper, t1, width),
+                [Watch(name, quantity, stepper, t1) for name, quantity in watched.items()],
+                [Output(name, quantity, stepper, n_rows(n_steps, every)) for name, quantity in shown.items()],
+                progress,
+            )
             run.march(stop)
         run.judge_growth()
         solution = run.result()
@@ -191,15 +208,24 @@ class _Run:
     """A run in chunks of steps, with its observers."""
 
     def __init__(
-        self, stepper: Stepper, n_steps: int, t_end: float, history: History, watches: list[Watch], progress: bool
+        self,
+        stepper: Stepper,
+        n_steps: int,
+        history: History,
+        watches: list[Watch],
+        outputs: list[Output],
+        progress: bool,
     ) -> None:
-        self.stepper, self.n_steps, self.t_end = stepper, n_steps, t_end
-        self.history, self.watches, self.growth = history, watches, Growth(stepper, n_steps)
+        self.stepper, self.n_steps, self.history = stepper, n_steps, history
+        self.watches, self.outputs, self.growth = watches, outputs, Growth(stepper, n_steps)
         self.bar = Progress(n_steps, "step") if progress else None
-        self.observers: list[Observer] = [history, *watches, self.growth, *([self.bar] if self.bar else [])]
+        self.observers: list[Observer] = [history, *watches, *outputs, self.growth]
+        if self.bar:
+            self.observers.append(self.bar)
         if stepper.form is VECTOR:
             self.observers.append(Written(n_steps))
-        self.most_watched = _FIRST_WATCHED if watches else n_steps  # steps of a chunk whose observers take its duration
+        # Steps of a chunk whose observers take its duration.
+        self.most_watched = _FIRST_WATCHED if watches or outputs else n_steps
         self.status = Status.COMPLETED
         self.message = "The run reached the end of its span."
         self.reason: Callable[[], str] | None = None
@@ -242,7 +268,7 @@ class _Run:
             begin = time.perf_counter()
             for observer in self.observers:
                 observer.see(chunk)
-            if self.watches:
+            if self.watches or self.outputs:
                 seconds = time.perf_counter() - begin + 1e-9
                 steps = stepper.index - chunk.first
                 self.most_watched = max(1, int(steps * min(_CHUNK_GROWTH, _CHUNK_SECONDS / seconds)))
@@ -257,8 +283,7 @@ class _Run:
         divergence = find_divergence(self.stepper)
         self.stepper = divergence.last
         self._end(Status.DIVERGED, divergence.message, divergence.explain)
-        finite = self.stepper.index // chunk.every - chunk.first // chunk.every
-        return chunk._replace(u=chunk.u[:finite], v=chunk.v[:finite], stepper=self.stepper)
+        return chunk.until(self.stepper)
 
     def _end_unsolved(self) -> None:
         stepper = self.stepper
@@ -291,8 +316,7 @@ class _Run:
             elif error and (stepper.index < self.n_steps or self.growth.suspect):
                 self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
         t, u, v = self.history.close(stepper)
-        if stepper.index == self.n_steps:
-            t[-1] = self.t_end  # t0 + n h may differ from it by round-off
+        followed: list[Watch | Output] = [*self.watches, *self.outputs]
         return Solution(
             t=t,
             u=u,
@@ -306,7 +330,8 @@ class _Run:
             kernel_seconds=stepper.seconds,
             method=stepper.method,
             drift={watch.name: watch.drift for watch in self.watches},
-            extremes={watch.name: watch.extremes for watch in self.watches},
+            extremes={each.name: each.extremes for each in followed},
+            outputs={output.name: output.close(stepper.index, len(t)) for output in self.outputs},
             notes=(*self._notes(), *stepper.notes),
             reason=self.reason,
             _accelerations=stepper.accelerations,

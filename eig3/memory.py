@@ -21,9 +21,12 @@ def n_rows(n_steps: int, every: int) -> int:
     return n_steps // every + 1 + (n_steps % every > 0)
 
 
-def check_history(n_steps: int, every: int, n: int) -> None:
-    """Raise a MemoryError if the history of n degrees of freedom does not fit; it names a `save_every` that fits."""
-    row = 8 * (2 * n + 1)  # u, v and t
+def check_history(n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
+    """Raise a MemoryError if the history of n degrees of freedom does not fit; it names a `save_every` that fits.
+
+    `n_outputs` is the number of values of all outputs in a state.
+    """
+    row = 8 * (2 * n + 1 + n_outputs)  # u, v and t
     needed = row * n_rows(n_steps, every)
     if needed <= _NOT_WORTH_A_LOOK or needed <= (free := available_memory()):
         return
@@ -32,9 +35,9 @@ def check_history(n_steps: int, every: int, n: int) -> None:
     raise MemoryError(f"the history needs {needed:.3g} bytes and {free:.3g} are free; {remedy} would fit.")
 
 
-def check_members_history(m: int, rows: int, n: int) -> None:
+def check_members_history(m: int, rows: int, n: int, n_outputs: int = 0) -> None:
     """Raise a MemoryError if the histories of m members, with `rows` states each, do not fit."""
-    needed = 16 * m * rows * n
+    needed = 8 * m * rows * (2 * n + n_outputs)
     if needed > _NOT_WORTH_A_LOOK and needed > (free := available_memory()):
         raise MemoryError(
             f"the histories of {m} members need {needed:.3g} bytes and {free:.3g} are free; take a larger save_every, "

@@ -130,8 +130,8 @@ class Problem:
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
-            Other options of `eig3.integrate`. `invariants` replaces the energy; these functions get u and v with one
-            more degree of freedom for each of `integrals`.
+            Other options of `eig3.integrate`. `invariants` replaces the energy. Functions in `invariants` and `outputs`
+            get u and v with one more degree of freedom for each of `integrals`.
 
         Returns
         -------
@@ -292,7 +292,7 @@ def _separated(result: Any, n: int, names: Sequence[str]) -> Any:
     result.integrals = {name: result.v[..., n + k].copy() for k, name in enumerate(names)}
     result.u, result.v = result.u[..., :n], result.v[..., :n]
     if isinstance(result, EnsembleSolution):
-        result._last = {i: (t, u[:n], v[:n], *v[n:]) for i, (t, u, v) in result._last.items()}
+        result._last = {i: (t, u[:n], v[:n], *outputs, *v[n:]) for i, (t, u, v, *outputs) in result._last.items()}
     else:
         result.events = {name: occurrences.of(slice(n)) for name, occurrences in result.events.items()}
     return result

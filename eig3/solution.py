@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from . import frames
 from .events import Occurrences
+from .extremes import Extremes
 from .interpolation import Knots
 from .labels import Labels
 from .methods import Method
@@ -81,10 +82,11 @@ class Solution:
     drift : dict of str to float
         For each invariant e, the maximum of |e_n - e_0| over all steps, not only over the saved states; NaN if e became
         NaN.
-    extremes : dict of str to (float, float)
-        For each invariant e, its minimum and its maximum over all steps; NaN if e became NaN.
+    extremes : dict of str to Extremes
+        For each invariant and each output, its minimum `low` and its maximum `high` over all steps, and their times
+        `t_low` and `t_high`; NaN, and the time of the first NaN, if it became NaN.
     kernel_seconds : float
-        Time in the kernel, s, without compilation and without the evaluation of invariants.
+        Time in the kernel, s, without compilation and without the evaluation of invariants and outputs.
     method : Method
         The method as it was requested.
     notes : tuple of str
@@ -119,7 +121,7 @@ class Solution:
     kernel_seconds: float
     method: Method
     drift: dict[str, float] = field(default_factory=dict)
-    extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
+    extremes: dict[str, Extremes] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     integrals: dict[str, np.ndarray] = field(default_factory=dict)
     events: dict[str, Occurrences] = field(default_factory=dict)

@@ -1,5 +1,5 @@
 # ruff: noqa: F821
-"""Right-hand sides and invariants of many trajectories at once, in the lanes of SIMD registers.
+"""Right-hand sides, invariants and outputs of many trajectories at once, in the lanes of SIMD registers.
 
 A block is a system of n times `lanes` degrees of freedom: value j of the trajectory in a lane is at index
 j * lanes + lane. So the kernel of a method computes a block as it computes any system. Only the right-hand side is
@@ -14,12 +14,14 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numba
+import numpy as np
 from numba.core import cgutils
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
@@ -80,15 +82,55 @@ def vector_own_step(t, u, v, p, a):
             a[j * lanes + lane] *= h[lane] * h[lane]
 
 
-def extent(first, h, t0, p, u_rows, v_rows, low, high):
-    """Widen the extremes of an invariant by its values in the states from step index `first` on."""
+def returned(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high):
+    """Evaluate a function that returns its only value, in the states from step index `first` on."""
+    row = 0
     for i in range(len(u_rows)):
         u, v = u_rows[i], v_rows[i]
-        for lane in range(low.size):
-            e = FUNCTION(t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
-            # A comparison with NaN is false: `e != e` stores a NaN, and no later e replaces it.
-            low[lane] = e if e < low[lane] or e != e else low[lane]
-            high[lane] = e if e > high[lane] or e != e else high[lane]
+        for lane in range(h.size):
+            out[lane] = FUNCTION(t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
+        widen(out, float(first + i), low, high, at_low, at_high)
+        row = keep(out, first + i, every, values, row)
+
+
+def written(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high):
+    """Do the same for a function that writes its values."""
+    row = 0
+    for i in range(len(u_rows)):
+        u, v = u_rows[i], v_rows[i]
+        for j in range(out.size):
+            out[j] = np.nan  # a value that the function does not write stays NaN
+        for lane in range(h.size):
+            FUNCTION(t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane), VALUES(out, lane))
+        widen(out, float(first + i), low, high, at_low, at_high)
+        row = keep(out, first + i, every, values, row)
+
+
+@element
+def widen(values, index, low, high, at_low, at_high):
+    """Widen extremes, and note the step index at which they occur."""
+    are_within = True
+    for j in range(values.size):
+        are_within &= low[j] <= values[j] <= high[j]
+    if are_within:  # as in most steps
+        return
+    for j in range(values.size):
+        e = values[j]
+        # Every comparison with NaN is false. So a NaN, once it is stored, stays, with its index.
+        is_first_nan = e != e and low[j] == low[j]
+        is_low, is_high = e < low[j] or is_first_nan, e > high[j] or is_first_nan
+        low[j], at_low[j] = e if is_low else low[j], index if is_low else at_low[j]
+        high[j], at_high[j] = e if is_high else high[j], index if is_high else at_high[j]
+
+
+@element
+def keep(values, index, every, rows, row):
+    """Copy the values of every `every`-th step to the next row, and return the row after it."""
+    if index % every != 0 or row == len(rows):
+        return row
+    for j in range(values.size):
+        rows[row, j] = values[j]
+    return row + 1
 
 
 @dataclass(frozen=True)
@@ -179,16 +221,31 @@ def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) ->
     return _compile(templates[layout.form is not SCALAR], function, layout, VECTOR.rhs.args, is_checked)
 
 
-def compile_invariant(function: Callable, layout: Layout, is_checked: bool = False) -> Lanes:
-    """Compile the function ``extent(first, h, t0, p, u_rows, v_rows, low, high)`` for an invariant."""
-    arguments = int64, vector_type, float64, vector_type, matrix_type, matrix_type, vector_type, vector_type
-    return _compile(extent, function, layout, arguments, is_checked)
+def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...], is_checked: bool = False) -> Lanes:
+    """Compile the evaluation of an invariant or an output, whose value has the shape () or (k,).
+
+    It is called as ``f(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high)``. The arrays
+    `out` and the last four have k rows of lanes. They take the last values, and the extremes so far with the step
+    indices at which they occurred. `values` has a row for each state whose step index is a multiple of `every`, or no
+    rows if the values are not wanted.
+    """
+    arguments = int64, vector_type, float64, vector_type, *[matrix_type] * 2, int64, vector_type, matrix_type
+    arguments += (vector_type,) * 4
+    names = {"VALUES": _view(shape[0], layout.lanes)} if shape else {}
+    return _compile(written if shape else returned, function, layout, arguments, is_checked, names)
 
 
-def _compile(template: Callable, function: Callable, layout: Layout, arguments: tuple, is_checked: bool) -> Lanes:
+def _compile(
+    template: Callable,
+    function: Callable,
+    layout: Layout,
+    arguments: tuple,
+    is_checked: bool,
+    names: Mapping[str, Any] = MappingProxyType({}),
+) -> Lanes:
     options = {**KERNEL_OPTIONS, "boundscheck": True} if is_checked else KERNEL_OPTIONS
     inlined = numba.njit(inline="always", **options)(function)
-    function = bound(template, {**layout.names(), "FUNCTION": inlined})
+    function = bound(template, {**layout.names(), **names, "FUNCTION": inlined})
     with warnings.catch_warnings(), wide_vectors(), _addresses_of_arrays():
         warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
         result = compiled(_without_overlap(numba.njit(**options)(function)), arguments)

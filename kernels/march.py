@@ -56,10 +56,9 @@ def march_vector(step, complete, f, y, c, n, run, first, last, row):
 @element
 def write(complete, y, c, n, run, row):
     complete(y, c, run.h, n)
-    u, v = y[0], y[1]
-    for j in range(n):
-        run.u_rows[row, j] = u[j]
-        run.v_rows[row, j] = v[j]
+    for values, rows in ((y[0], run.u_rows), (y[1], run.v_rows)):  # LLVM does not vectorise one loop for both
+        for j in range(n):
+            rows[row, j] = values[j]
 
 
 @element

@@ -114,13 +114,17 @@ SPAN = types.NamedTuple(
 
 @dataclass(frozen=True, eq=False)  # each of the two forms is equal only to itself
 class Form:
-    """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom."""
+    """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom.
+
+    An `invariant` returns its only value, as an output with one value does; an `output` writes its values.
+    """
 
     name: str
     rhs: Any
     jacobian: Any
     invariant: Any
     apply: Any
+    output: Any
     state: Any
 
     @property
@@ -143,6 +147,7 @@ SCALAR = Form(
     jacobian=float64(float64, float64, float64, _given),
     invariant=float64(float64, float64, float64, _given),
     apply=types.UniTuple(float64, 2)(float64, float64, float64, _given),
+    output=none(float64, float64, float64, _given, vector_type),
     state=vector_type,
 )
 VECTOR = Form(
@@ -151,6 +156,7 @@ VECTOR = Form(
     jacobian=none(float64, _given, _given, _given, matrix_type),
     invariant=float64(float64, _given, _given, _given),
     apply=none(float64, vector_type, vector_type, _given),
+    output=none(float64, _given, _given, _given, vector_type),
     state=matrix_type,
 )
 

@@ -13,8 +13,8 @@ import pytest
 import eig3
 from eig3.kernels.accelerations import acceleration_kernel
 from eig3.kernels.fixed import pointer_kernel
-from eig3.kernels.invariant import invariant_kernel
 from eig3.kernels.protocol import SCALAR, VECTOR
+from eig3.kernels.quantity import extent_kernel
 
 ROOT = Path(__file__).parent.parent
 README_FILES = ("README.md", "bench/README.md", "eig3/analysis/README.md", "eig3/ensembles/README.md")
@@ -54,8 +54,9 @@ def compile_kernels(shift=0.0):
     for kernel in kernels[first:] + kernels[:first]:
         pointer_kernel(*kernel)
     for form in (SCALAR, VECTOR):
-        invariant_kernel(form)
         acceleration_kernel(form)
+        extent_kernel(form, writes=False)
+        extent_kernel(form, writes=True)
 
 
 def pytest_sessionstart(session):

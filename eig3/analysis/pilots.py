@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..callbacks import check_callback
 from ..checks import check_params, check_state
-from ..kernels.invariant import invariant_kernel
 from ..methods import Method
 from ..problem import Problem
+from ..quantities import Quantity, as_extremes
 from ..stepper import Stepper
 
 FEWEST = 61  # fewest steps of a run. A prime number: states at multiples of a period would hide an error of phase
@@ -84,7 +83,7 @@ class Pilots:
         self._states = FEWEST * 2 ** int(math.log2(most / FEWEST))
         self._energy = None
         if metric == "energy":
-            self._energy = check_callback(problem.energy, "invariant", self._form, "energy")
+            self._energy = Quantity("energy", problem.energy, form=self._form)
 
     @property
     def spent(self) -> float:
@@ -183,8 +182,11 @@ class Pilots:
         """The largest relative change of the energy over states with this spacing."""
         assert self._energy is not None
         t0, params = self.problem.t_span[0], check_params(self.problem.params)
-        start = self._energy.call(t0, self._u0, self._v0, params)
-        low, high = invariant_kernel(self._form)(self._energy.address, t0, spacing, params, first, u, v)
+        extremes = self._energy.no_extremes()
+        start = self._energy.at_start(t0, self._u0, self._v0, params, extremes)
+        t = t0 + spacing * np.arange(first, first + len(u))
+        self._energy.evaluate(t, u, v, params, extremes)
+        low, high, *_ = as_extremes(extremes, self._energy.shape)
         return max(start - low, high - start) / abs(start)
 
     def _trajectory_error(self, u: np.ndarray) -> tuple[float, float]:

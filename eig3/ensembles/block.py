@@ -16,6 +16,7 @@ from ..stepper import Cancel
 from .growth import sizes_with_half_the_step
 from .lane_state import LaneState
 from .shared import Shared
+from .track import Track
 
 _SCRATCH_VALUES = 2**16  # values in an array of states that are not saved: 512 kB, so that it stays in the cache
 _CHECKED_STEPS = 1000  # between two looks whether rhs writes every entry of a
@@ -41,8 +42,7 @@ class Block:
         self.seconds = 0.0  # in the kernel
         self._state: Any = None
         self._runs = np.zeros(shared.layout.lanes, dtype=bool)  # the lanes whose member has not ended
-        self._extremes: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        self._start: dict[str, np.ndarray] = {}  # the values of the invariants at the start
+        self._tracks: dict[str, Track] = {}  # the invariants and the outputs
         self._checked = 0  # the step index at which rhs was last seen to write every entry
 
     def __len__(self) -> int:
@@ -67,7 +67,7 @@ class Block:
         """Free the memory of the states: many blocks may wait for the others."""
         if self._state:
             self.seconds = self._state.seconds
-        self._state, self._extremes, self._start = None, {}, {}
+        self._state, self._tracks = None, {}
 
     def _begin(self) -> None:
         shared, lanes = self.shared, np.arange(self.shared.layout.lanes)
@@ -78,12 +78,11 @@ class Block:
         self._state = state = LaneState(shared, self._members)
         self._runs = runs
         self._set_natural()
-        u, v = (x[None].copy() for x in state.values)
-        for name, invariant in shared.invariants.items():
-            self._extremes[name] = np.full(lanes.size, np.inf), np.full(lanes.size, -np.inf)
-            state.widen(self._extremes[name], invariant, 0, u, v)
-        self._start = {name: low.copy() for name, (low, _) in self._extremes.items()}
-        self._save(0, u, v)
+        outputs, every = shared.histories.outputs, shared.histories.every
+        for name, both in shared.quantities.items():
+            self._tracks[name] = Track(*both, every if name in outputs else None, state)
+        u, v = state.values
+        self._save(0, u[None], v[None], {name: self._tracks[name].latest[None] for name in outputs})
         self._end_broken(state.first_acceleration)
 
     def _set_natural(self) -> None:
@@ -105,11 +104,12 @@ class Block:
     @property
     def _every(self) -> int:
         """The kernel writes the states whose step index is a multiple of this."""
-        return 1 if self.shared.invariants else self.shared.histories.every
+        return 1 if self.shared.quantities else self.shared.histories.every
 
     @property
     def _most_states(self) -> int:
-        return max(1, _SCRATCH_VALUES // self._state.values[0].size)
+        width = max([self.shared.layout.n, *(quantity.width for quantity, _ in self.shared.quantities.values())])
+        return max(1, _SCRATCH_VALUES // (width * self.shared.layout.lanes))
 
     def _target(self) -> int:
         """Return the step index of the end of the next chunk, before which no member ends."""
@@ -156,14 +156,13 @@ class Block:
             lanes = lanes[good.all(axis=0)]
 
     def _observe(self, first: int, u: np.ndarray, v: np.ndarray) -> None:
-        """Process the states of a chunk: the extremes, and the states to save."""
+        """Process the states of a chunk: the invariants and outputs, and the states to save."""
         shared, state, kept = self.shared, self._state, self.shared.histories.every
         if shared.layout.form is VECTOR and (state.index - self._checked >= _CHECKED_STEPS or self._is_end()):
             self._check_written()
-        for name, invariant in shared.invariants.items():
-            state.widen(self._extremes[name], invariant, first + 1, u, v)
+        values = {name: track.see(state, first + 1, u, v) for name, track in self._tracks.items()}
         rows = slice(-(first + 1) % kept, None, kept) if self._every < kept else slice(None)
-        self._save(first // kept + 1, u[rows], v[rows])
+        self._save(first // kept + 1, u[rows], v[rows], {name: values[name] for name in shared.histories.outputs})
         half = self._half == state.index
         if half.any():
             u_size, v_size = state.sizes
@@ -182,9 +181,11 @@ class Block:
         """Return whether a member ends here."""
         return bool((self._runs & (self._ends == self._state.index)).any())
 
-    def _save(self, row: int, u: np.ndarray, v: np.ndarray) -> None:
+    def _save(self, row: int, u: np.ndarray, v: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
         if len(u):
-            self.shared.histories.save(self._members[self._runs], row, u[..., self._runs], v[..., self._runs])
+            runs = self._runs
+            chosen = {name: values[..., runs] for name, values in outputs.items()}
+            self.shared.histories.save(self._members[runs], row, u[..., runs], v[..., runs], chosen)
 
     def _interrupt(self, what: str) -> None:
         """End all members that still run."""
@@ -199,9 +200,10 @@ class Block:
             return
         histories, members, state = self.shared.histories, self._members, self._state
         u, v = state.values
-        histories.end(members[ended], state.index, u[:, ended], v[:, ended], state.n_rhs)
-        for name, (low, high) in self._extremes.items():
-            histories.bound(name, members[ended], self._start[name][ended], low[ended], high[ended])
+        outputs = {name: self._tracks[name].latest[:, ended] for name in histories.outputs}
+        histories.end(members[ended], state.index, u[:, ended], v[:, ended], outputs, state.n_rhs)
+        for name, track in self._tracks.items():
+            histories.bound(name, members[ended], track.start[:, ended], track.extremes[..., ended])
         for lane in np.flatnonzero(ended).tolist():
             if lane in self._failed:
                 histories.judge(int(members[lane]), failure, self._failed[lane])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 
@@ -156,12 +157,10 @@ class LaneState:
         p = self._p[layout.begin_of_steps if layout.shares_params else 0 :].reshape(-1, layout.lanes)
         p[:, lanes] = p[:, model, None]
 
-    def widen(
-        self, extremes: tuple[np.ndarray, np.ndarray], invariant: Lanes, first: int, u: np.ndarray, v: np.ndarray
-    ) -> None:
-        """Widen the extremes of an invariant by its values in the states from step index `first` on."""
+    def evaluate(self, quantity: Lanes, first: int, u: np.ndarray, v: np.ndarray, *others: Any) -> None:
+        """Evaluate a quantity in the states from step index `first` on, as `compile_quantity` describes it."""
         flat = len(u), self._state.shape[1]
-        invariant.call(first, self.h, self.t0, self._p, u.reshape(flat), v.reshape(flat), *extremes)
+        quantity.call(first, self.h, self.t0, self._p, u.reshape(flat), v.reshape(flat), *others)
 
     def unwritten(self) -> np.ndarray:
         """Return a mask of shape (n, lanes): the entries of a that rhs did not write in the last step."""

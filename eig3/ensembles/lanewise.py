@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 from weakref import WeakKeyDictionary
 
 from ..callbacks import Callback
-from ..kernels.lanes import Lanes, Layout, compile_invariant, compile_rhs
+from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
 from .members import Members
 
@@ -40,12 +41,13 @@ def layout_of(members: Members, method: Method, threads: int) -> Layout | None:
     return Layout(members.form, members.n, lanes, k, not members.has_own_params, members.has_own_step)
 
 
-def lanes_of(function: Any, callback: Callback, kind: str, layout: Layout) -> Lanes:
-    """Compile a checked function for a layout, at the first call only."""
+def lanes_of(
+    function: Any, callback: Callback, layout: Layout, compile_it: Callable[..., Lanes], *arguments: Any
+) -> Lanes:
+    """Call ``compile_it(function, layout, *arguments)`` for a checked function, at the first call only."""
     known = _known.setdefault(function, {})
-    key = kind, layout
+    key = compile_it, layout, arguments
     if key not in known or known[key][0] is not callback.compiled:  # the user may have compiled the function anew
-        compile_it = compile_rhs if kind == "rhs" else compile_invariant
         is_checked = bool(function.targetoptions.get("boundscheck"))
-        known[key] = callback.compiled, compile_it(callback.function, layout, is_checked)
+        known[key] = callback.compiled, compile_it(callback.function, layout, *arguments, is_checked)
     return known[key][1]

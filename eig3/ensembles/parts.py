@@ -43,11 +43,14 @@ class Part:
         return len(self.members)
 
 
-def parts_of(members: Members, save_every: int | None) -> list[Part]:
-    """Divide an ensemble. The parts depend on the ensemble only, so that `reduce` gets the same ones everywhere."""
+def parts_of(members: Members, save_every: int | None, n_outputs: int = 0) -> list[Part]:
+    """Divide an ensemble. The parts depend on the ensemble only, so that `reduce` gets the same ones everywhere.
+
+    `n_outputs` is the number of values of all outputs in a state.
+    """
     rows = 2 if save_every is None else n_rows(int(members.n_steps.max()), save_every)
     given = 2 * members.n + members.params.shape[-1] * members.has_own_params
-    most = min(_MOST_MEMBERS, _MOST_SAVED // (16 * members.n * rows), _MOST_GIVEN // (8 * given))
+    most = min(_MOST_MEMBERS, _MOST_SAVED // (8 * (2 * members.n + n_outputs) * rows), _MOST_GIVEN // (8 * given))
     count = _UNIT * max(1, min(-(-len(members) // (_PARTS * _UNIT)), most // _UNIT))
     firsts = range(0, len(members), count)
     return [Part(number, first, members.part(slice(first, first + count))) for number, first in enumerate(firsts)]

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..callbacks import check_callback, gist
-from ..checks import check_count, check_invariants, check_method
+from ..checks import check_count, check_method
 from ..kernels.fixed import wide_kernel
 from ..kernels.interrupt import DeferredInterrupt
+from ..kernels.lanes import compile_quantity, compile_rhs
 from ..methods import Method
 from ..observers.progress import Progress, check_progress
+from ..quantities import Functions, check_functions
 from ..stepper import Stepper
 from .alone import Alone, alone
 from .block import Block
@@ -45,6 +47,7 @@ def ensemble(
     method: str | Method = "eig3",
     save_every: int | None = None,
     invariants: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, Any] | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
     reduce: Callable[[EnsembleSolution], Any] | None = None,
@@ -73,7 +76,10 @@ def ensemble(
         Save every `save_every`-th state, the first and the last. None saves only the first and the last.
     invariants : dict of str to jitted function, optional
         Functions ``e(t, u, v, p) -> float`` by name, which are evaluated at every step. The result has their drifts and
-        their extremes. They need not be invariant: use them for the peak of any response.
+        their extremes.
+    outputs : dict of str to jitted function, or to (jitted function, k), optional
+        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` that write k values, by name, as for
+        `eig3.integrate`. The result has their values at the saved states, and their extremes over every step.
     threads : int, optional
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor, optional
@@ -127,7 +133,7 @@ def ensemble(
     members = check_members(rhs, t_span, u0, v0, params, h)
     every = save_every if save_every is None else check_count(save_every, "save_every")
     cores = _cores() if threads is None else check_count(threads, "threads")
-    given = rhs, members, check_method(method), every, check_invariants(invariants)
+    given = rhs, members, check_method(method), every, check_functions(invariants, outputs)
     if executor is None and reduce is None:
         return Run(*given, cores).march(progress)
     return _in_parts(*given, reduce, executor, (cores, threads or 1), progress)
@@ -138,21 +144,21 @@ def _in_parts(
     members: Members,
     method: Method,
     save_every: int | None,
-    invariants: Mapping[str, Any],
+    functions: Functions,
     reduce: Callable[[EnsembleSolution], Any] | None,
     executor: Executor | None,
     threads: tuple[int, int],
     progress: bool,
 ) -> Any:
     """Run an ensemble in parts; `threads` are the numbers of threads of a part in this process, and on a worker."""
-    parts = parts_of(members, save_every)
+    parts = parts_of(members, save_every, functions.n_outputs)
     results: Results
     if reduce is None:
-        histories = Histories(members, save_every, list(invariants))
+        histories = Histories(members, save_every, functions)
         results = Joined(histories, rhs, method, partial(alone, rhs, members, method))
     else:
         results = Listed(len(parts))
-    recipe = Recipe(partial(_march, rhs, method, save_every, invariants), reduce)
+    recipe = Recipe(partial(_march, rhs, method, save_every, functions), reduce)
     return march_parts(parts, recipe, results, executor, threads, progress)
 
 
@@ -160,12 +166,12 @@ def _march(
     rhs: Any,
     method: Method,
     save_every: int | None,
-    invariants: Mapping[str, Any],
+    functions: Functions,
     members: Members,
     first: int,
     threads: int,
 ) -> EnsembleSolution:
-    return Run(rhs, members, method, save_every, invariants, threads, first).march()
+    return Run(rhs, members, method, save_every, functions, threads, first).march()
 
 
 def _cores() -> int:
@@ -182,13 +188,13 @@ class Run:
         members: Members,
         method: Method,
         save_every: int | None,
-        invariants: Mapping[str, Any],
+        functions: Functions,
         threads: int,
         first: int = 0,
     ) -> None:
         self.rhs, self.members, self.method, self.first = rhs, members, method, first
-        self.save_every, self.invariants, self.threads = save_every, invariants, threads
-        self.histories = Histories(members, save_every, list(invariants))
+        self.save_every, self.functions, self.threads = save_every, functions, threads
+        self.histories = Histories(members, save_every, functions)
         self.notes: list[str] = []
         self._alone = partial(alone, rhs, members, method, save_every=None)
         self.work = self._work(self._checked())
@@ -219,22 +225,24 @@ class Run:
         if shared:
             lanes = shared.layout.lanes
             return [Block(shared, order[i : i + lanes]) for i in range(0, len(order), lanes)]
-        integrate = partial(self._alone, save_every=self.save_every, invariants=self.invariants)
+        integrate = partial(self._alone, save_every=self.save_every, **self.functions._asdict())
         return [Alone(order[i : i + _ALONE], self.histories, integrate) for i in range(0, len(order), _ALONE)]
 
     def _shared(self, stepper: Stepper) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
         form, method = stepper.form, stepper.running
         layout = layout_of(self.members, method, self.threads)
+        invariants, outputs = self.functions.quantities(form)
+        for quantity in outputs.values():
+            quantity.at_start(stepper.t0, *stepper.start, stepper.params, quantity.no_extremes())
         if layout is None:
             return None
-        functions = {
-            name: (e, check_callback(e, "invariant", form, f"invariants[{name!r}]"))
-            for name, e in self.invariants.items()
-        }
         try:
-            rhs = lanes_of(self.rhs, check_callback(self.rhs, "rhs", form), "rhs", layout)
-            invariants = {name: lanes_of(*both, "invariant", layout) for name, both in functions.items()}
+            rhs = lanes_of(self.rhs, check_callback(self.rhs, "rhs", form), layout, compile_rhs)
+            quantities = {
+                name: (q, lanes_of(q.function, q.callback, layout, compile_quantity, q.shape))
+                for name, q in (invariants | outputs).items()
+            }
         except Exception as error:
             self.notes.append(
                 f"The members run one at a time, because a function does not compile for lanes: {gist(error)}; write "
@@ -244,7 +252,7 @@ class Run:
         if rhs.obstacle:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
         kernel = wide_kernel(method.formulas)
-        return Shared(self.members, layout, method, kernel, rhs, invariants, self.histories, self._alone)
+        return Shared(self.members, layout, method, kernel, rhs, quantities, self.histories, self._alone)
 
     def march(self, progress: bool = False) -> EnsembleSolution:
         """Run the members to their ends."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
+from ..quantities import Quantity
 from ..solution import Solution
 from ..stepper import Cancel
 from .histories import Histories
@@ -41,7 +42,8 @@ class Shared:
     kernel : callable
         The kernel of the method.
     rhs : Lanes
-    invariants : dict of str to Lanes
+    quantities : dict of str to (Quantity, Lanes)
+        The invariants and the outputs.
     histories : Histories
     alone : callable
         ``alone(member, cancel)`` returns the `Solution` of a member from a run of its own.
@@ -53,7 +55,7 @@ class Shared:
     method: Method
     kernel: Callable
     rhs: Lanes
-    invariants: dict[str, Lanes]
+    quantities: dict[str, tuple[Quantity, Lanes]]
     histories: Histories
     alone: Callable[[int, Cancel], Solution]
     pace: Pace = field(default_factory=Pace)

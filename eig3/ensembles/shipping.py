@@ -110,7 +110,7 @@ class Shipment:
         self.waiting, self.running = deque(parts), dict[Future, Part]()
         self.losses: Counter[int] = Counter()
         self.is_broken = False
-        march = _packed(recipe.march, "rhs and the invariants")
+        march = _packed(recipe.march, "rhs, the invariants and the outputs")
         self.recipe = march, _packed(recipe.reduce, "reduce")
 
     def run(self, end: Callable[[Part, Any], None]) -> list[Part]:

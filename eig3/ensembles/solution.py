@@ -13,6 +13,7 @@ import numpy as np
 from .. import frames
 from ..accelerations import accelerations
 from ..callbacks import check_callback
+from ..extremes import Extremes
 from ..guard import guarded
 from ..kernels.protocol import SCALAR, VECTOR
 from ..labels import Labels
@@ -45,8 +46,11 @@ class EnsembleSolution:
         A sentence about how each member ended.
     drift : dict of str to ndarray, shape (m,)
         For each invariant e, the maximum of |e_n - e_0| over all steps; NaN if e became NaN.
-    extremes : dict of str to ndarray, shape (m, 2)
-        For each invariant e, its minimum and its maximum over all steps.
+    extremes : dict of str to Extremes
+        For each invariant and each output, its minimum `low` and its maximum `high` over all steps, and their times
+        `t_low` and `t_high`: arrays of shape (m,), or (m, k) for an output with k values.
+    outputs : dict of str to ndarray, shape (m, s) or (m, s, k)
+        The values of each output at the saved states.
     params : ndarray, shape (m, k) or (k,)
         The parameters of each member, or of all of them.
     first : int
@@ -75,13 +79,14 @@ class EnsembleSolution:
     params: np.ndarray
     method: Method
     drift: dict[str, np.ndarray] = field(default_factory=dict)
-    extremes: dict[str, np.ndarray] = field(default_factory=dict)
+    extremes: dict[str, Extremes] = field(default_factory=dict)
+    outputs: dict[str, np.ndarray] = field(default_factory=dict)
     first: int = 0
     kernel_seconds: float = 0.0
     notes: tuple[str, ...] = ()
     integrals: dict[str, np.ndarray] = field(default_factory=dict)
     labels: Labels | None = None
-    _last: dict[int, tuple] = field(default_factory=dict)  # t, u, v and integrals, by member
+    _last: dict[int, tuple] = field(default_factory=dict)  # t, u, v, outputs and integrals, by member
     _rhs: Any = None  # the jitted function
     _repeat: Callable[[int], Solution] | None = None
 
@@ -105,10 +110,12 @@ class EnsembleSolution:
         i = int(i) % len(self)
         finite = np.isfinite(self.u[i]) & np.isfinite(self.v[i])
         count = int(np.sum(finite if finite.ndim == 1 else finite.all(axis=1)))
-        rows = [values[i, :count] for values in (self.t, self.u, self.v, *self.integrals.values())]
+        histories = self.t, self.u, self.v, *self.outputs.values(), *self.integrals.values()
+        rows = [values[i, :count] for values in histories]
         if i in self._last:  # the last finite state is not one of the states to save
             rows = [np.append(x, [y], axis=0) for x, y in zip(rows, self._last[i], strict=True)]
-        t, u, v, *integrals = rows
+        t, u, v = rows[:3]
+        others = iter(rows[3:])
         return Solution(
             t=t,
             u=u,
@@ -122,9 +129,10 @@ class EnsembleSolution:
             kernel_seconds=self.kernel_seconds * float(self.n_steps[i] / max(1, self.n_steps.sum())),
             method=self.method,
             drift={name: float(values[i]) for name, values in self.drift.items()},
-            extremes={name: tuple(values[i].tolist()) for name, values in self.extremes.items()},
+            extremes={name: extremes.of_member(i) for name, extremes in self.extremes.items()},
             notes=self.notes,
-            integrals=dict(zip(self.integrals, integrals, strict=True)),
+            outputs={name: next(others) for name in self.outputs},
+            integrals={name: next(others) for name in self.integrals},
             labels=self.labels,
             reason=self._reason(i),
             _accelerations=None if self._rhs is None else partial(self._accelerations, self._rhs, self._params_of(i)),

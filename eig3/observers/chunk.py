@@ -17,18 +17,29 @@ class Chunk(NamedTuple):
     first : int
         The step index at which the chunk begins.
     every : int
-        `u` and `v` contain the states whose step index is a multiple of this.
+        The rows contain the states whose step index is a multiple of this.
+    t : ndarray, shape (k,)
+        The times of these states. The state at `first` belongs to the chunk before.
     u, v : ndarray, shape (k,) or (k, n)
-        These states. The state at `first` belongs to the chunk before.
+        The states.
+    saved : slice
+        The rows that the run saves.
     stepper : Stepper
         The stepper at the end of the chunk.
     """
 
     first: int
     every: int
+    t: np.ndarray
     u: np.ndarray
     v: np.ndarray
+    saved: slice
     stepper: Stepper
+
+    def until(self, stepper: Stepper) -> Chunk:
+        """Return the part of the chunk up to an earlier state."""
+        rows = stepper.index // self.every - self.first // self.every
+        return self._replace(t=self.t[:rows], u=self.u[:rows], v=self.v[:rows], stepper=stepper)
 
 
 class Observer(Protocol):

@@ -1,15 +1,13 @@
 """Invariants: compiled functions that are evaluated at every step of a run."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from ..callbacks import check_callback
-from ..checks import check_invariants
-from ..kernels.invariant import invariant_kernel
+from ..extremes import Extremes
+from ..kernels.quantity import HIGH, LOW
 from ..methods import Method
+from ..quantities import Quantity
 from ..stepper import Stepper
 from .chunk import Chunk
 
@@ -22,48 +20,49 @@ _FAST = 1e3  # a growth above this is not called slow
 class Watch:
     """An invariant e along a run.
 
-    Attributes
+    Parameters
     ----------
     name : str
-    drift : float
-        The maximum of |e_n - e_0| over the steps so far; NaN if e became NaN.
+    quantity : Quantity
+    stepper : Stepper
+        The stepper at the start of the run.
+    t_end : float
+        The end of the run.
     """
 
-    def __init__(self, name: str, function: Any, stepper: Stepper, n_steps: int) -> None:
-        self.name = name
-        self.drift = 0.0
-        self._function = check_callback(function, "invariant", stepper.form, f"invariants[{name!r}]")
-        self._kernel = invariant_kernel(stepper.form)
-        self._start = self._function.call(stepper.t0, stepper.u, stepper.v, stepper.params)
-        self._context = (stepper.t0, stepper.h, stepper.params)
+    def __init__(self, name: str, quantity: Quantity, stepper: Stepper, t_end: float) -> None:
+        self.name, self._quantity, self._params = name, quantity, stepper.params
         # The parts have unequal lengths, so that they do not all end in the same phase of a periodic motion.
-        self._ends = np.ceil(n_steps * (np.arange(1, _PARTS + 1) / _PARTS) ** 1.1).astype(int)
-        self._low, self._high = np.full(_PARTS, np.inf), np.full(_PARTS, -np.inf)
-        self._forward = np.atleast_1d(stepper.v) > 0
-        self._turns = np.zeros(self._forward.size, dtype=np.int8)
-        self._next = 1  # index of the next step to evaluate
+        self._ends = stepper.t0 + (t_end - stepper.t0) * (np.arange(1, _PARTS + 1) / _PARTS) ** 1.1
+        self._ends[-1] = np.inf
+        # Row 0 of these arrays is the start, and each further row one of the parts.
+        self._extremes = np.array([quantity.no_extremes()] * (_PARTS + 1))
+        self._forward = np.array([np.atleast_1d(stepper.v) > 0] * (_PARTS + 1))  # the signs of v at the end
+        self._start = float(quantity.at_start(stepper.t0, *stepper.start, stepper.params, self._extremes[0]))
 
     def see(self, chunk: Chunk) -> None:
         """Evaluate the invariant at every state of a chunk."""
-        u_rows, v_rows = chunk.u, chunk.v
-        while len(u_rows):
-            part = int(np.searchsorted(self._ends, self._next))
-            count = min(len(u_rows), int(self._ends[part]) - self._next + 1)
-            low, high = self._kernel(self._function.address, *self._context, self._next, u_rows[:count], v_rows[:count])
-            # np.minimum and np.maximum return NaN if one of their arguments is NaN.
-            self._low[part], self._high[part] = np.minimum(self._low[part], low), np.maximum(self._high[part], high)
-            self.drift = float(np.maximum(self.drift, np.maximum(self._start - low, high - self._start)))
-            self._next += count
-            if self._next > self._ends[part]:
-                forward = np.atleast_1d(v_rows[count - 1]) > 0
-                self._turns += forward != self._forward
-                self._forward = forward
-            u_rows, v_rows = u_rows[count:], v_rows[count:]
+        t, u, v = chunk.t, chunk.u, chunk.v
+        while len(t):
+            part = int(np.searchsorted(self._ends, t[0]))
+            count = int(np.searchsorted(t, self._ends[part], side="right"))
+            self._quantity.evaluate(t[:count], u[:count], v[:count], self._params, self._extremes[part + 1])
+            self._forward[part + 1] = v[count - 1] > 0
+            t, u, v = t[count:], u[count:], v[count:]
 
     @property
-    def extremes(self) -> tuple[float, float]:
-        """The minimum and the maximum of e over the steps so far; NaN if e became NaN."""
-        return float(np.minimum(self._start, self._low.min())), float(np.maximum(self._start, self._high.max()))
+    def extremes(self) -> Extremes:
+        """The extremes of e over the steps so far."""
+        # np.argmin and np.argmax return the place of the first NaN, if there is one.
+        low, high, t_low, t_high = self._extremes[:, :, 0].T
+        lowest, highest = np.argmin(low), np.argmax(high)
+        return Extremes(*(float(x) for x in (low[lowest], high[highest], t_low[lowest], t_high[highest])))
+
+    @property
+    def drift(self) -> float:
+        """The maximum of |e_n - e_0| over the steps so far; NaN if e became NaN."""
+        low, high, *_ = self.extremes
+        return float(np.maximum(self._start - low, high - self._start))
 
     @property
     def growth(self) -> float:
@@ -73,11 +72,13 @@ class Watch:
         changed its sign at least twice from one end of a part to the next: the run may then be shorter than a period,
         and the error of e only follows the motion.
         """
+        low, high = self._extremes[1:, LOW, 0], self._extremes[1:, HIGH, 0]
         with np.errstate(invalid="ignore"):
-            middle, width = (self._low + self._high) / 2, self._high - self._low
+            middle, width = (low + high) / 2, high - low
         n_finite = int(np.argmin(np.append(np.isfinite(middle), False)))  # number of parts before e overflows
         steady = (np.diff(middle[:n_finite]) > 0).all()
-        if n_finite < _PARTS / 4 or not steady or self._turns.max() < 2 or np.isnan(self.drift):
+        turns = (self._forward[1:] != self._forward[:-1]).sum(axis=0)
+        if n_finite < _PARTS / 4 or not steady or turns.max() < 2 or np.isnan(self.drift):
             return 0.0
         if n_finite < _PARTS:
             return math.inf
@@ -85,7 +86,7 @@ class Watch:
         size = abs(self._start) or abs(float(middle[0])) or growth
         if growth > size:
             # The middles leave out half of the first and of the last part, which matters in so fast a growth.
-            growth = float(self._high[-1] - self._start)
+            growth = float(high[-1] - self._start)
         return growth / size if growth > max(_NOTABLE * size, _VISIBLE * np.median(width)) else 0.0
 
     def note(self, method: Method) -> str:
@@ -98,9 +99,3 @@ class Watch:
             f"{self.name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is "
             f"{unstable} here: take a smaller h, or a method that is stable for this system."
         )
-
-
-def watches_of(invariants: Mapping[str, Any] | None, stepper: Stepper, n_steps: int) -> list[Watch]:
-    """Compile the invariants of a run of `n_steps` steps, and evaluate them at its start."""
-    functions = check_invariants(invariants)
-    return [Watch(name, function, stepper, n_steps) for name, function in functions.items()]

@@ -123,7 +123,7 @@ class Measure:
         elif self.kind == "drift":
             values = solution.drift[name]
         else:
-            low, high = solution.extremes[name].T
+            low, high, *_ = solution.extremes[name]
             values = {"min": low, "max": high, "peak": np.maximum(np.abs(low), np.abs(high))}[self.kind]
         return np.where(solution.success, values, np.nan)
 

@@ -1,0 +1,58 @@
+"""Outputs: compiled functions of the state, with their values at the saved states and their extremes at every step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..extremes import Extremes
+from ..quantities import Quantity, as_extremes
+from ..stepper import Stepper
+from .chunk import Chunk
+
+
+class Output:
+    """An output along a run.
+
+    Parameters
+    ----------
+    name : str
+    quantity : Quantity
+    stepper : Stepper
+        The stepper at the start of the run.
+    rows : int
+        Number of states that the run saves.
+    """
+
+    def __init__(self, name: str, quantity: Quantity, stepper: Stepper, rows: int) -> None:
+        self.name, self._quantity, self._params = name, quantity, stepper.params
+        self._extremes = quantity.no_extremes()
+        self._values = np.empty((rows, *quantity.shape))
+        self._latest = quantity.at_start(stepper.t0, *stepper.start, stepper.params, self._extremes)
+        self._values[0] = self._latest
+        self._saved, self._seen = 1, 0  # the number of values that are saved, and the step index of the latest
+
+    def see(self, chunk: Chunk) -> None:
+        """Evaluate the output at every state of a chunk."""
+        if len(chunk.t):
+            values = self._quantity.evaluate(chunk.t, chunk.u, chunk.v, self._params, self._extremes)
+            saved = values[chunk.saved]
+            self._values[self._saved : self._saved + len(saved)] = saved
+            self._saved += len(saved)
+            self._latest = values[-1].copy()
+        self._seen = chunk.stepper.index
+
+    @property
+    def extremes(self) -> Extremes:
+        """The extremes over the steps so far."""
+        return as_extremes(self._extremes, self._quantity.shape)
+
+    def close(self, index: int, rows: int) -> np.ndarray:
+        """Return the values at the saved states of a run that ends at a step index.
+
+        They are NaN at states at which the output was not evaluated, because it raised an exception.
+        """
+        values = self._values[:rows]
+        values[self._saved :] = np.nan
+        if self._seen == index:
+            values[-1] = self._latest
+        return values
