@@ -15,6 +15,7 @@ from eig3.bench.precision import reach
 from eig3.bench.problem_set import PROBLEM_SET, VARIABLE_SPEED, BenchmarkProblem
 from eig3.bench.reference import Judge, reference
 from eig3.bench.sweep import Point, WorkPrecisionSet
+from eig3.bench.tolerances import TOLERANCES
 from eig3.cli import main
 
 
@@ -201,6 +202,41 @@ def test_tolerances_are_compared_with_each_package_and_with_fixed_steps():
     summary = precision.render_summary([result, WorkPrecisionSet("y", PROBLEM_SET["single_dof"], "", 0.0, swept, [])])
     assert summary.count("fastest of eig3 / fastest rival") == 2  # a table for each set of targets
     assert "fastest in 8 of 8 cells" in summary
+
+
+@pytest.mark.parametrize("key", TOLERANCES)
+def test_methods_with_tolerances_are_measured_at_the_times_of_the_rivals(key):
+    problem = problems.kepler(e=0.5, t_end=6.0)
+    times = np.linspace(0, 6, 13)
+    loose, tight = (TOLERANCES[key].prepare(problem, times)(tolerance)() for tolerance in (1e-4, 1e-6))
+    errors = [np.abs(answer.u - problem.exact(times)[0]).max() for answer in (loose, tight)]
+    assert loose.success
+    assert tight.success
+    assert errors[1] < errors[0] / 10 < 1e-2  # at best in proportion to the tolerance, which falls by 100
+    assert tight.evaluations > loose.evaluations > 0
+    assert tight.seconds > 0
+
+
+@pytest.mark.parametrize("key", TOLERANCES)
+def test_methods_with_tolerances_follow_the_impacts_of_the_ball(key):
+    problem = problems.bouncing_ball()
+    times = np.linspace(*problem.t_span, 101)
+    answer = TOLERANCES[key].prepare(problem, times)(1e-6)()
+    assert answer.success
+    np.testing.assert_allclose(answer.u, problem.exact(times)[0], rtol=0, atol=1e-9)  # each is exact for parabolas
+
+
+def test_command_measures_tolerances_on_problems_whose_speed_varies(monkeypatch, capsys):
+    short = BenchmarkProblem(
+        lambda: problems.kepler(e=0.5, t_end=7.0), 3.0, "orbit", targets=(1e-3, 1e-6), tolerances=True
+    )
+    monkeypatch.setattr(precision, "VARIABLE_SPEED", {"orbit": short})
+    options = ["--problem", "orbit", "--methods", "rk4", "rk8", "--no-rivals", "--repeats", "1", "--longest", "0.001"]
+    assert main(["bench", "precision", *options]) == 0
+    printed = capsys.readouterr().out
+    assert "| RK8, tolerances " in printed
+    assert "RK5, tolerances" not in printed
+    assert re.search(r"\| fixed steps +\| +\d+\.\d\d \|", printed)
 
 
 @pytest.fixture
