@@ -17,10 +17,12 @@ from eig3.options import Files, add_methods, add_out
 from . import pictures, text
 from .environment import environment, in_words
 from .options import add_problems, add_repeats, choose
-from .problem_set import PROBLEM_SET
-from .reach import TARGETS, Contest, Fastest, Reach, contests, front, reach
+from .problem_set import PROBLEM_SET, VARIABLE_SPEED
+from .reach import Contest, Fastest, Reach, contests, fastest, front, reach
 from .reference import METRICS
+from .rivals import RIVALS
 from .sweep import LONGEST, REPEATS, RIVAL_STATES, STATES, Point, WorkPrecisionSet, measure
+from .tolerances import TOLERANCES
 
 SUMMARY = "what each accuracy costs in time"
 
@@ -66,7 +68,8 @@ def benchmark(
     write: Callable[[str], None] = print,
 ) -> None:
     """Measure, print each problem as soon as it is complete, and save after each problem in `out`."""
-    names, methods = choose(only, list(PROBLEM_SET), "--problem"), choose(methods, LIBRARY)
+    known = PROBLEM_SET | VARIABLE_SPEED
+    names, methods = choose(only, list(known), "--problem"), choose(methods, LIBRARY)
     files = None if out is None else Files(out, "eig3 bench")
     pages: list[str] = []
     results: list[WorkPrecisionSet] = []
@@ -81,7 +84,7 @@ def benchmark(
 
     add(heading(repeats, longest, inline))
     for name in names:
-        results.append(measure(name, PROBLEM_SET[name], methods, repeats, longest, rivals=rivals, inline=inline))
+        results.append(measure(name, known[name], methods, repeats, longest, rivals=rivals, inline=inline))
         add(render(results[-1]))
     add(render_summary(results))
     if files:
@@ -95,7 +98,8 @@ def heading(repeats: int, longest: float, inline: bool = False) -> str:
         f"Machine: {in_words()}\n\n"
         f"Times: medians of {repeats} interleaved runs, fewer if they take long; compiling left out. The methods keep "
         f"{STATES} states or more, or all if there are fewer, and have the right-hand side {mode}. The rivals compute "
-        f"{RIVAL_STATES} states by their dense output. Steps are halved until a run takes {longest:g} s."
+        f"{RIVAL_STATES} states by their dense output, as do the methods with tolerances, whose times are those in the "
+        f"kernel. Steps are halved until a run takes {longest:g} s."
     )
 
 
@@ -105,6 +109,7 @@ def render(result: WorkPrecisionSet) -> str:
     parts.append(f"Truth: {result.source}, known to {result.uncertainty:.1g} of max |u|.")
     for metric in result.metrics:
         parts += [render_reach(result, metric), render_contests(result, metric), render_front(result, metric)]
+        parts += [render_tolerances(result, metric)] * result.problem.tolerances
     unstable = groupby((point for point in result.points if not point.stable), key=lambda point: point.label)
     failed = [f"{label} at {', '.join(f'{point.setting:.2g}' for point in points)}" for label, points in unstable]
     if failed:
@@ -116,8 +121,9 @@ def render(result: WorkPrecisionSet) -> str:
 
 def render_reach(result: WorkPrecisionSet, metric: str) -> str:
     """The table of times to reach each target; the fastest of each target is bold."""
-    header = [f"time to reach ({metric})", *(f"{target:g}" for target in TARGETS)]
-    reached = {m: [reach(result.of(m), metric, target) for target in TARGETS] for m in result.methods}
+    targets = result.problem.targets
+    header = [f"time to reach ({metric})", *(f"{target:g}" for target in targets)]
+    reached = {m: [reach(result.of(m), metric, target) for target in targets] for m in result.methods}
     best = [
         min((found.seconds for found in column if found), default=None)
         for column in zip(*reached.values(), strict=True)
@@ -156,6 +162,28 @@ def render_contests(result: WorkPrecisionSet, metric: str) -> str:
     return f"{text.table(header, rows)}\n\n{' '.join(lost) or 'No rival is ahead at any of these errors.'}"
 
 
+def render_tolerances(result: WorkPrecisionSet, metric: str) -> str:
+    """The time of the fastest method with tolerances over that of each rival's package, and of fixed steps."""
+    packages = {rival.package: rival.label.partition(" ")[0] for rival in RIVALS.values()}
+    others: dict[str, Callable[[str], bool]] = {
+        **{name: partial(_is_of, package) for package, name in packages.items()},
+        "fixed steps": lambda method: method not in RIVALS and method not in TOLERANCES,
+    }
+    targets = result.problem.targets
+    ours = [fastest(result, metric, target, TOLERANCES.__contains__) for target in targets]
+    rows = []
+    for name, is_chosen in others.items():
+        theirs = [fastest(result, metric, target, is_chosen) for target in targets]
+        pairs = zip(ours, theirs, strict=True)
+        rows.append([name, *(f"{one.seconds / two.seconds:.2f}" if one and two else "-" for one, two in pairs)])
+    header = [f"fastest with tolerances ({metric}) / fastest of", *(f"{target:g}" for target in targets)]
+    return text.table(header, rows)
+
+
+def _is_of(package: str, method: str) -> bool:
+    return method in RIVALS and RIVALS[method].package == package
+
+
 def _fastest(found: Fastest | None) -> str:
     return f"{found.label} {_milliseconds(found.seconds)}" if found else "none"
 
@@ -171,11 +199,17 @@ def render_summary(results: Sequence[WorkPrecisionSet]) -> str:
     if not cells:
         return "No rival was measured."
     lost = sum(contest.is_lost for contest in cells)
-    header = ["fastest of eig3 / fastest rival", *(f"{target:g}" for target in TARGETS)]
-    rows = [[name, *map(_ratio, row)] for name, row in held.items()]
-    return (
-        f"## Beside the rivals\n\nTime to reach an error of the trajectory.\n\n{text.table(header, rows)}\n\n"
-        f"A method of eig3 is the fastest in {len(cells) - lost} of {len(cells)} cells."
+    tables = []
+    for targets, group in groupby(results, key=lambda result: result.problem.targets):
+        header = ["fastest of eig3 / fastest rival", *(f"{target:g}" for target in targets)]
+        tables.append(text.table(header, [[result.name, *map(_ratio, held[result.name])] for result in group]))
+    return "\n\n".join(
+        [
+            "## Beside the rivals",
+            "Time to reach an error of the trajectory.",
+            *tables,
+            f"A method of eig3 is the fastest in {len(cells) - lost} of {len(cells)} cells.",
+        ]
     )
 
 

@@ -26,6 +26,10 @@ class BenchmarkProblem:
         The metric of error that is printed first.
     cd : tuple of (str, Method)
         The forms of CD to compare if f depends on the velocity; without them, CD as the problem takes it by name.
+    targets : tuple of float
+        The errors to reach.
+    tolerances : bool
+        Whether the library is measured with tolerances too.
     """
 
     build: Callable[[], Problem]
@@ -33,6 +37,8 @@ class BenchmarkProblem:
     title: str
     metric: str = "trajectory"
     cd: tuple[tuple[str, Method], ...] = ()
+    targets: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
+    tolerances: bool = False
 
 
 _NEWTON = ("cd newton", CentralDifference(velocity="implicit", solver="newton"))
@@ -64,4 +70,15 @@ PROBLEM_SET = {
         problems.damped_bar, _BAR_OMEGA, "damped bar, 1000 masses, ten passes", "continuum", cd=(_FIXED_POINT,)
     ),
     "hardening_chain": BenchmarkProblem(problems.hardening_chain, 260.0, "chain of 200 masses, hardening, struck"),
+}
+
+_varying = partial(BenchmarkProblem, targets=(1e-3, 1e-6, 1e-9), tolerances=True)
+
+#: Problems whose speed varies, so that they need tolerances. `eig3 bench precision` alone has them.
+VARIABLE_SPEED = {
+    "van_der_pol": _varying(problems.van_der_pol, 30.0, "Van der Pol, mu = 10, five periods", cd=(_FIXED_POINT,)),
+    "kepler_09": _varying(problems.kepler, 45.0, "Kepler, e = 0.9, 20 orbits"),
+    "arenstorf": _varying(problems.arenstorf, 320.0, "Arenstorf's orbit, one period", cd=(_FIXED_POINT,)),
+    "hertz_impact": _varying(problems.hertz_impact, 310.0, "Hertz's impact"),
+    "bouncing_ball": _varying(problems.bouncing_ball, 1.0, "bouncing ball, 30 impacts"),
 }

@@ -10,7 +10,6 @@ from .rivals import RIVALS
 from .sweep import Point, WorkPrecisionSet
 
 _USEFUL = 0.11  # a larger error counts for nothing
-TARGETS = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 
 
 @dataclass(frozen=True)
@@ -70,19 +69,21 @@ class Contest:
 
 def contests(result: WorkPrecisionSet, metric: str) -> list[Contest]:
     """One contest for each target."""
-
-    def fastest(target: float, is_chosen: Callable[[str], bool]) -> Fastest | None:
-        found = [
-            Fastest(label, reached.seconds)
-            for method, label in result.methods.items()
-            if is_chosen(method) and (reached := reach(result.of(method), metric, target))
-        ]
-        return min(found, key=lambda f: f.seconds, default=None)
-
+    ours, rivals = (lambda m: m not in RIVALS), (lambda m: m in RIVALS)
     return [
-        Contest(target, fastest(target, lambda m: m not in RIVALS), fastest(target, lambda m: m in RIVALS))
-        for target in TARGETS
+        Contest(target, fastest(result, metric, target, ours), fastest(result, metric, target, rivals))
+        for target in result.problem.targets
     ]
+
+
+def fastest(result: WorkPrecisionSet, metric: str, target: float, is_chosen: Callable[[str], bool]) -> Fastest | None:
+    """The fastest of the chosen methods and rivals to reach the target; None if none does."""
+    found = [
+        Fastest(label, reached.seconds)
+        for method, label in result.methods.items()
+        if is_chosen(method) and (reached := reach(result.of(method), metric, target))
+    ]
+    return min(found, key=lambda f: f.seconds, default=None)
 
 
 def front(result: WorkPrecisionSet, metric: str) -> list[Point]:

@@ -18,6 +18,8 @@ import numpy as np
 from eig3.callbacks import jit
 from eig3.problem import Problem
 
+from .rival_events import HEYOKA_EVENTS, restarted, states
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -37,7 +39,7 @@ class Rival:
     label: str
     package: str
     prepare: Callable[[Problem, np.ndarray], Callable[[float], Callable[[], Answer]]]
-    tolerances: Sequence[float] = tuple(10.0**-k for k in range(3, 14, 2))
+    tolerances: Sequence[float] = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13, 3e-14)
     most_degrees: int = 10_000  # with more degrees of freedom the solver takes too long
 
     @property
@@ -90,11 +92,18 @@ def _scipy(method: str, problem: Problem, times: np.ndarray) -> Callable[[float]
     y0, f = scipy_form(problem)
 
     def run(tolerance: float) -> Answer:
+        options = {"rtol": tolerance, "atol": absolute(tolerance, problem)}
+
+        def solve(span: Any, y: np.ndarray, t_eval: np.ndarray, events: Any) -> Any:
+            return solve_ivp(f, span, y, method, t_eval, events=events, **options)
+
         begin = time.perf_counter()
-        result = solve_ivp(
-            f, (times[0], times[-1]), y0, method, t_eval=times, rtol=tolerance, atol=absolute(tolerance, problem)
-        )
-        return _answer(time.perf_counter() - begin, result.y, times, result.nfev, result.success)
+        try:
+            results = restarted(solve, problem, times, y0)
+        except ValueError:  # SciPy's search for an event fails where a step passes over a whole flight
+            return Answer(time.perf_counter() - begin, np.empty(0), np.empty(0), None, False)
+        seconds = time.perf_counter() - begin
+        return _answer(seconds, states(results), times, sum(r.nfev for r in results), results[-1].success)
 
     return lambda tolerance: partial(run, tolerance)
 
@@ -102,6 +111,8 @@ def _scipy(method: str, problem: Problem, times: np.ndarray) -> Callable[[float]
 def _cyrk(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
     from CyRK import nb_diffeq_addr, nbsolve2_ivp
 
+    if problem.events:
+        return _cyrk_events(method, problem, times)
     y0, params, slope = first_order(problem)
     n, n_params = len(y0), len(params)
 
@@ -128,24 +139,42 @@ def _cyrk(method: str, problem: Problem, times: np.ndarray) -> Callable[[float],
     return lambda tolerance: partial(run, tolerance)
 
 
+def _cyrk_events(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
+    """With events, which CyRK has in its interface for Python only."""
+    from CyRK import pysolve_ivp
+
+    y0, f = scipy_form(problem)
+
+    def run(tolerance: float) -> Answer:
+        options = {"rtol": tolerance, "atol": absolute(tolerance, problem)}
+
+        def solve(span: Any, y: np.ndarray, t_eval: np.ndarray, events: Any) -> Any:
+            return pysolve_ivp(f, span, y, method, t_eval, events=events, **options)
+
+        begin = time.perf_counter()
+        results = restarted(solve, problem, times, y0)
+        return _answer(time.perf_counter() - begin, states(results), times, None, results[-1].success)
+
+    return lambda tolerance: partial(run, tolerance)
+
+
 def _heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
     import heyoka
 
-    y0, params, _ = first_order(problem)
-    n = len(y0) // 2
-    u = heyoka.make_vars(*[f"u{j}" for j in range(n)])
-    v = heyoka.make_vars(*[f"v{j}" for j in range(n)])
-    u, v = (u, v) if n > 1 else ([u], [v])
-    accelerations = EXPRESSIONS[problem.name](heyoka, u, v, params.tolist())
-    system = [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)]
+    system, y0 = heyoka_form(problem)
 
     def at(tolerance: float) -> Callable[[], Answer]:
+        u, v = ([variable for variable, _ in half] for half in (system[: len(y0) // 2], system[len(y0) // 2 :]))
+        events = HEYOKA_EVENTS.get(problem.name, _none)(heyoka, u, v, problem, tolerance)
         # without compact mode a large system takes minutes to compile
-        solver = heyoka.taylor_adaptive(system, list(y0), tol=tolerance, compact_mode=n > 20)
+        solver = heyoka.taylor_adaptive(system, y0, tol=tolerance, compact_mode=len(u) > 20, t_events=events)
 
         def run() -> Answer:
             solver.time = times[0]
             solver.state[:] = y0
+            if events:
+                solver.pars[:] = 0
+                solver.reset_cooldowns()
             begin = time.perf_counter()
             outcome, *_, states = solver.propagate_grid(times)
             seconds = time.perf_counter() - begin
@@ -156,10 +185,27 @@ def _heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[
     return at
 
 
+def heyoka_form(problem: Problem, real: Any = float) -> tuple[list[tuple], list]:
+    """The first-order system in heyoka's symbols, and y0 = (u0, v0), with constants of the type `real`."""
+    import heyoka
+
+    y0, params, _ = first_order(problem)
+    n = len(y0) // 2
+    u, v = ([heyoka.make_vars(f"{letter}{j}") for j in range(n)] for letter in "uv")
+    accelerations = EXPRESSIONS[problem.name](heyoka, u, v, [real(x) for x in params])
+    return [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)], [real(x) for x in y0]
+
+
+def _none(*arguments: Any) -> list:
+    return []
+
+
 def absolute(tolerance: float, problem: Problem) -> float:
-    """The absolute tolerance: so small, compared with the initial state, that the relative tolerance decides."""
-    size = max(np.abs(problem.u0).max(), np.abs(problem.v0).max())
-    return float(1e-2 * tolerance * size)
+    """The absolute tolerance: the relative one of the size of the initial state.
+
+    With a hundredth of it, DOP853 takes up to 40 % more evaluations to an error, and nowhere 10 % fewer.
+    """
+    return float(tolerance * max(np.abs(problem.u0).max(), np.abs(problem.v0).max()))
 
 
 def _answer(seconds: float, y: np.ndarray, times: np.ndarray, evaluations: int | None, success: bool) -> Answer:
@@ -223,6 +269,29 @@ def _duffing(heyoka, u, v, p):
     return [gamma * heyoka.cos(omega * heyoka.time) - u[0] * (a + b * u[0] * u[0]) - delta * v[0]]
 
 
+def _van_der_pol(heyoka, u, v, p):
+    return [p[0] * (1.0 - u[0] * u[0]) * v[0] - u[0]]
+
+
+def _arenstorf(heyoka, u, v, p):
+    (x, y), mu = u, p[0]
+    to_earth, to_moon = x + mu, x - (1 - mu)
+    earth = (1 - mu) * (to_earth * to_earth + y * y) ** -1.5
+    moon = mu * (to_moon * to_moon + y * y) ** -1.5
+    return [x + 2.0 * v[1] - earth * to_earth - moon * to_moon, y - 2.0 * v[0] - (earth + moon) * y]
+
+
+def _hertz_impact(heyoka, u, v, p):
+    """The event that switches the force on and off writes heyoka's own parameter 0."""
+    touches = heyoka.gt(heyoka.par[0], 0.5)
+    indentation = heyoka.select(touches, -u[0], 1.0)
+    return [heyoka.select(touches, p[0] * indentation * heyoka.sqrt(indentation), 0.0)]
+
+
+def _bouncing_ball(heyoka, u, v, p):
+    return [heyoka.expression(-p[0])]
+
+
 def _second_differences(u):
     return [(u[j - 1] if j else 0.0) - 2.0 * u[j] + (u[j + 1] if j < len(u) - 1 else 0.0) for j in range(len(u))]
 
@@ -253,6 +322,10 @@ EXPRESSIONS = {
     "kepler": _kepler,
     "double_pendulum": _double_pendulum,
     "duffing": _duffing,
+    "van_der_pol": _van_der_pol,
+    "arenstorf": _arenstorf,
+    "hertz_impact": _hertz_impact,
+    "bouncing_ball": _bouncing_ball,
     "elastic_bar": _elastic_bar,
     "damped_bar": _damped_bar,
     "hardening_chain": _hardening_chain,

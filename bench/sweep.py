@@ -1,4 +1,4 @@
-"""Sweeps: every method with ever smaller steps, and every rival with ever tighter tolerances, on one problem."""
+"""Sweeps on one problem: every method with ever smaller steps, and every rival with ever tighter tolerances."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from .problem_set import BenchmarkProblem
 from .reference import METRICS, Judge, reference
 from .rivals import RIVALS, Answer, Rival
 from .timing import Storage, interleave, kernel_run
+from .tolerances import TOLERANCES
 
 STATES = 2000  # stored in every run of the library, and compared with the reference
 RIVAL_STATES = 401  # the same for a rival: with 2000, the dense output would take a fifth of heyoka's time
@@ -29,7 +30,8 @@ LONGEST = 0.1  # steps are halved until a run takes this long, s
 _FACTORS = (1.05, 0.95, 0.7)  # the first steps, as fractions of the stability limit; then it is halved
 _BETWEEN = (2 ** (2 / 3), 2 ** (1 / 3))  # steps to try between an unstable step and its half, which is stable
 _HOPELESS = 20  # a method is given up when its next run would take this multiple of `longest`
-_ENOUGH = 3e-9  # an error below every target; no smaller step is tried
+_ENOUGH = 0.3  # of the smallest target; no smaller step is tried
+_SHORT = 1e-3  # s
 _USELESS = 10.0  # only an unstable run has such a relative error
 
 
@@ -111,6 +113,10 @@ def measure(
     found: list[Repeatable] = []
     for key, method in records(problem, chosen, methods):
         found += sweep(problem, chosen, judge, key, method, longest, storage, inline)
+    if chosen.tolerances:
+        for key, method in TOLERANCES.items():
+            if key.partition(" ")[0] in methods:
+                found += sweep_tolerances(problem, chosen, judge, key, method, longest)
     skipped = []
     for key, rival in RIVALS.items() if rivals else ():
         if not rival.is_installed:
@@ -118,7 +124,8 @@ def measure(
         elif np.size(problem.u0) > rival.most_degrees:
             skipped.append(f"{rival.label} (more than {rival.most_degrees} degrees of freedom)")
         else:
-            found += sweep_rival(problem, judge, key, rival, longest)
+            # a solver in Python takes long even with its loosest tolerance: its runs may take a second
+            found += sweep_tolerances(problem, chosen, judge, key, rival, max(longest, 1.0))
     points = [point for point, _ in found]
     timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
     for i, seconds in interleave(timed, repeats, name, ENOUGH).items():
@@ -127,8 +134,11 @@ def measure(
 
 
 def records(problem: Problem, chosen: BenchmarkProblem, methods: Sequence[str]) -> Iterator[tuple[str, Method]]:
-    """The records of these methods that can solve the problem; CD comes in each form that the problem set names."""
-    for name in methods:
+    """The records of these methods that can solve the problem; CD comes in each form that the problem set names.
+
+    None for a problem with events: a `Stepper`, with which they are timed, does not follow them.
+    """
+    for name in () if problem.events else methods:
         method = METHODS[name]()
         if name == "cd" and chosen.cd:
             yield from chosen.cd
@@ -171,12 +181,14 @@ def sweep(
             yield from (at(factor * longer * bound)[0] for longer in _BETWEEN)
         yield found
         was_stable, pace = found[0].stable, solution.kernel_seconds / max(1, solution.n_steps)
-        if solution.kernel_seconds > longest or _is_enough(found[0]):
+        if solution.kernel_seconds > longest or _is_enough(found[0], chosen):
             break
 
 
-def sweep_rival(problem: Problem, judge: Judge, key: str, rival: Rival, longest: float) -> Iterator[Repeatable]:
-    """Points of one rival, from its loosest to its tightest tolerance."""
+def sweep_tolerances(
+    problem: Problem, chosen: BenchmarkProblem, judge: Judge, key: str, rival: Rival, longest: float
+) -> Iterator[Repeatable]:
+    """Points of a rival or of a method with tolerances, from its loosest to its tightest tolerance."""
     times = np.linspace(*problem.t_span, RIVAL_STATES)
     at = rival.prepare(problem, times)
     at(rival.tolerances[0])()  # compiles: this must not count as time of a run
@@ -188,18 +200,19 @@ def sweep_rival(problem: Problem, judge: Judge, key: str, rival: Rival, longest:
         stable = _is_stable(answer.success, errors)
         point = Point(key, rival.label, tolerance, None, answer.evaluations, stable, errors)
         yield point, partial(_seconds, solve)
-        # a solver in Python takes long even with its loosest tolerance: its runs may take a second
-        if answer.seconds > max(longest, 1.0) or _is_enough(point):
+        if answer.seconds > longest or _is_enough(point, chosen):
             break
 
 
 def _seconds(solve: Callable[[], Answer]) -> float:
-    return solve().seconds
+    """The seconds of a run. A short run is repeated: at first its code and data are not in the cache."""
+    seconds = solve().seconds
+    return seconds if seconds > _SHORT else solve().seconds
 
 
 def _is_stable(success: bool, errors: dict[str, float]) -> bool:
     return success and max(errors.values()) < _USELESS
 
 
-def _is_enough(point: Point) -> bool:
-    return point.stable and max(point.errors.values()) < _ENOUGH
+def _is_enough(point: Point, chosen: BenchmarkProblem) -> bool:
+    return point.stable and max(point.errors.values()) < _ENOUGH * min(chosen.targets)

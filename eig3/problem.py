@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any
 
@@ -15,6 +15,7 @@ from .callbacks import check_callback, reads_velocity
 from .checks import check_params, check_span, check_state, reals
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
+from .events import Event
 from .integration import integrate
 from .labels import Labels
 from .methods import Method
@@ -65,6 +66,8 @@ class Problem:
         can be called with one more degree of freedom after the n of u0, whose acceleration is the integrand. Its
         velocity is then the integral, which the method computes to its own order, and which energy may read. rhs and
         energy must also accept u and v without these degrees of freedom.
+    events : dict of str to Event
+        Events of the motion by name, such as the impacts of a ball, which `integrate` follows.
     """
 
     name: str
@@ -84,6 +87,7 @@ class Problem:
     units: str | tuple[str, ...] = "m"
     names: tuple[str, ...] = ()
     integrals: tuple[str, ...] = ()
+    events: Mapping[str, Event] = field(default_factory=dict)
 
     def with_(self, **changes: Any) -> Problem:
         """Return a copy with some fields changed, such as ``problem.with_(u0=[0.1, 0.0], t_span=(0, 20))``.
@@ -131,7 +135,8 @@ class Problem:
             The end of the run; ``t_span[1]`` if not given.
         **options
             Other options of `eig3.integrate`. `invariants` replaces the energy. Functions in `invariants` and `outputs`
-            get u and v with one more degree of freedom for each of `integrals`.
+            get u and v with one more degree of freedom for each of `integrals`. `events` replaces those of
+            the problem.
 
         Returns
         -------
@@ -140,6 +145,8 @@ class Problem:
         """
         _refuse_fields(options, "integrate")
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
+        if self.events:
+            options.setdefault("events", self.events)
         options |= {"h": h, "params": self.params, "method": method}
         span = (self.t_span[0], self.t_span[1] if t_end is None else t_end)
         start: Any = self.u0, self.v0
@@ -175,8 +182,18 @@ class Problem:
         -------
         EnsembleSolution
             With `integrals`, if the problem follows any.
+
+        Raises
+        ------
+        ValueError
+            If the problem has events.
         """
         _refuse_fields(options, "ensemble")
+        if self.events:
+            raise ValueError(
+                f"{self.name} has events, which an ensemble does not follow: integrate its members one at a time, or "
+                "leave the events out with problem.with_(events={})."
+            )
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         shared = np.atleast_2d(check_params(self.params))  # also if there are as many parameters as members
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
@@ -194,7 +211,7 @@ class Problem:
         return self._run(ensemble, self.rhs, span, *start, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
-        """Return a `Stepper` at the start of the problem, which does not follow `integrals`."""
+        """Return a `Stepper` at the start of the problem, which does not follow `integrals` and `events`."""
         _refuse_fields(options, "stepper")
         options |= {"t0": self.t_span[0], "params": self.params, "inline": inline}
         return Stepper(self.rhs, self.u0, self.v0, h=h, method=method, **options)

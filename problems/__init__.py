@@ -1,5 +1,7 @@
 """The problems of the library, one per file."""
 
+from .arenstorf import arenstorf
+from .bouncing_ball import bouncing_ball
 from .curtain import curtain
 from .damped_bar import damped_bar
 from .double_pendulum import double_pendulum
@@ -22,6 +24,8 @@ from .two_frequency_oscillator import two_frequency_oscillator
 from .van_der_pol import van_der_pol
 
 __all__ = [
+    "arenstorf",
+    "bouncing_ball",
     "curtain",
     "damped_bar",
     "double_pendulum",

@@ -329,7 +329,7 @@ def test_run_says_where_a_run_fails(capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "nothing"], "eig3 run: PROBLEM must be one of curtain, "),
+        (["run", "nothing"], "eig3 run: PROBLEM must be one of arenstorf, "),
         (["run", "kepler", "--h", "-1"], "eig3 run: h must be a positive, finite number"),
         (["run", "kepler", "--method", "euler"], "eig3 run: method must be one of"),
     ],

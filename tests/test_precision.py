@@ -12,9 +12,10 @@ from eig3 import problems
 from eig3.bench import loops, paper, plan, precision, report, rivals, sweep
 from eig3.bench.article import TABLES
 from eig3.bench.precision import reach
-from eig3.bench.problem_set import PROBLEM_SET, BenchmarkProblem
+from eig3.bench.problem_set import PROBLEM_SET, VARIABLE_SPEED, BenchmarkProblem
 from eig3.bench.reference import Judge, reference
 from eig3.bench.sweep import Point, WorkPrecisionSet
+from eig3.bench.tolerances import TOLERANCES
 from eig3.cli import main
 
 
@@ -79,6 +80,28 @@ def test_reference_agrees_with_a_second_solver(name):
     assert Judge(problem, truth).of_run(solution)["trajectory"] < 1e-8
 
 
+def test_the_exact_contact_agrees_with_rk4():
+    """At 8000 steps a contact: RK4 errs by h^(5/2), 1e-10 of it, at each end of the contact."""
+    problem = problems.hertz_impact()
+    truth = reference(problem, VARIABLE_SPEED["hertz_impact"].omega)
+    assert truth.source == "exact solution"
+    solution = problem.integrate(h=problem.t_span[1] / 16_000, method="rk4", save_every=16)
+    assert Judge(problem, truth).of_run(solution)["trajectory"] < 1e-8
+
+
+@pytest.mark.parametrize("name", ["van_der_pol", "arenstorf"])
+def test_taylor_series_agree_with_a_second_solver(name):
+    """With DOP853 at 3e-14; Arenstorf's orbit multiplies its errors by up to 1e5."""
+    pytest.importorskip("heyoka")
+    problem = VARIABLE_SPEED[name].build()
+    truth = reference(problem, VARIABLE_SPEED[name].omega)
+    assert truth.source.startswith("Taylor series")
+    assert truth.uncertainty < 1e-14
+    times = np.linspace(*problem.t_span, 11)
+    answer = rivals.RIVALS["scipy dop853"].prepare(problem, times)(3e-14)()
+    assert Judge(problem, truth).of_answer(times, answer)["trajectory"] < 1e-8
+
+
 def test_errors_of_a_run_are_those_of_the_exact_solution():
     problem = problems.single_dof(t_end=10.0)
     solution = problem.integrate(h=0.01)
@@ -104,7 +127,8 @@ def test_rivals_solve_the_same_problem(name, key):
 @pytest.mark.parametrize(
     ("key", "name"),
     [
-        *(("heyoka", name) for name in PROBLEM_SET),  # it gets each problem as an expression of its own
+        # heyoka gets each problem as an expression of its own
+        *(("heyoka", name) for name in PROBLEM_SET | VARIABLE_SPEED if name != "bouncing_ball"),
         *((key, name) for key in ("cyrk dop853", "cyrk vern8") for name in ("hardening_spring", "spring_pendulum")),
     ],
 )
@@ -113,16 +137,112 @@ def test_rivals_of_other_packages_solve_the_same_problems(key, name):
     pytest.importorskip(rival.package)
     sizes = {"elastic_bar": {"n": 20}, "damped_bar": {"n": 20}, "hardening_chain": {"n": 20}}.get(name, {})
     t_end = 1e-4 if "bar" in name else 0.5
-    problem = PROBLEM_SET[name].build() if not sizes else getattr(problems, name)(**sizes)
+    problem = (PROBLEM_SET | VARIABLE_SPEED)[name].build() if not sizes else getattr(problems, name)(**sizes)
     problem = problem.with_(t_span=(0.0, t_end))
     answer = rival.prepare(problem, np.linspace(0, t_end, 11))(1e-9)()
     ours = problem.integrate(h=t_end / 1e5, method="rk4", save_every=10_000)
     np.testing.assert_allclose(answer.u, ours.u, atol=1e-5 * np.abs(ours.u).max())
 
 
+@pytest.mark.parametrize("key", rivals.RIVALS)
+def test_rivals_follow_the_impacts_of_the_ball(key):
+    """Through 30 impacts; LSODA, whose steps are the least accurate, is late by 4e-7 s in the end."""
+    rival = rivals.RIVALS[key]
+    pytest.importorskip(rival.package)
+    problem = problems.bouncing_ball()
+    times = np.linspace(*problem.t_span, 101)
+    answer = rival.prepare(problem, times)(1e-9)()
+    assert answer.success
+    u, v = problem.exact(times)
+    np.testing.assert_allclose(answer.u, u, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(answer.v, v, rtol=0, atol=1e-5)  # g times as much as the time
+
+
+def test_a_rival_without_impacts_leaves_the_motion():
+    """The restart is what makes the ball bounce: without the event, SciPy's ball falls through the floor."""
+    problem = problems.bouncing_ball(t_end=1.0).with_(events={})
+    times = np.linspace(0, 1, 11)
+    answer = rivals.RIVALS["scipy dop853"].prepare(problem, times)(1e-9)()
+    np.testing.assert_allclose(answer.u, 1 - 9.81 * times**2 / 2, rtol=0, atol=1e-8)
+
+
+def test_where_the_search_of_scipy_fails_the_run_failed(monkeypatch):
+    def fails(*arguments):
+        raise ValueError("f(a) and f(b) must have different signs")
+
+    monkeypatch.setattr(rivals, "restarted", fails)
+    answer = rivals.RIVALS["scipy rk45"].prepare(problems.bouncing_ball(), np.linspace(0, 1, 3))(1e-3)()
+    assert not answer.success
+
+
+def test_fixed_steps_are_left_out_where_there_are_events():
+    chosen = VARIABLE_SPEED["bouncing_ball"]
+    assert list(sweep.records(chosen.build(), chosen, ["eig3", "rk4"])) == []
+
+
+def test_tolerances_are_compared_with_each_package_and_with_fixed_steps():
+    swept = [
+        Point(key, key, 1e-5, None, None, True, {"trajectory": 1e-10}, [seconds])
+        for key, seconds in [
+            ("rk8", 6.0),
+            ("rk5 tolerances", 3.0),
+            ("rk8 tolerances", 2.0),
+            ("scipy rk45", 40.0),
+            ("heyoka", 4.0),
+            ("scipy dop853", 20.0),
+        ]
+    ]
+    result = WorkPrecisionSet("x", VARIABLE_SPEED["van_der_pol"], "", 0.0, swept, [])
+    rows = [line.split("|")[1:-1] for line in precision.render_tolerances(result, "trajectory").splitlines()]
+    cells = {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows}
+    assert cells["SciPy"] == ["0.10"] * 3  # 2 s, of RK8, against 20 s, of DOP853
+    assert cells["heyoka"] == ["0.50"] * 3
+    assert cells["CyRK"] == ["-"] * 3
+    assert cells["fixed steps"] == ["0.33"] * 3
+    summary = precision.render_summary([result, WorkPrecisionSet("y", PROBLEM_SET["single_dof"], "", 0.0, swept, [])])
+    assert summary.count("fastest of eig3 / fastest rival") == 2  # a table for each set of targets
+    assert "fastest in 8 of 8 cells" in summary
+
+
+@pytest.mark.parametrize("key", TOLERANCES)
+def test_methods_with_tolerances_are_measured_at_the_times_of_the_rivals(key):
+    problem = problems.kepler(e=0.5, t_end=6.0)
+    times = np.linspace(0, 6, 13)
+    loose, tight = (TOLERANCES[key].prepare(problem, times)(tolerance)() for tolerance in (1e-4, 1e-6))
+    errors = [np.abs(answer.u - problem.exact(times)[0]).max() for answer in (loose, tight)]
+    assert loose.success
+    assert tight.success
+    assert errors[1] < errors[0] / 10 < 1e-2  # at best in proportion to the tolerance, which falls by 100
+    assert tight.evaluations > loose.evaluations > 0
+    assert tight.seconds > 0
+
+
+@pytest.mark.parametrize("key", TOLERANCES)
+def test_methods_with_tolerances_follow_the_impacts_of_the_ball(key):
+    problem = problems.bouncing_ball()
+    times = np.linspace(*problem.t_span, 101)
+    answer = TOLERANCES[key].prepare(problem, times)(1e-6)()
+    assert answer.success
+    np.testing.assert_allclose(answer.u, problem.exact(times)[0], rtol=0, atol=1e-9)  # each is exact for parabolas
+
+
+def test_command_measures_tolerances_on_problems_whose_speed_varies(monkeypatch, capsys):
+    short = BenchmarkProblem(
+        lambda: problems.kepler(e=0.5, t_end=7.0), 3.0, "orbit", targets=(1e-3, 1e-6), tolerances=True
+    )
+    monkeypatch.setattr(precision, "VARIABLE_SPEED", {"orbit": short})
+    options = ["--problem", "orbit", "--methods", "rk4", "rk8", "--no-rivals", "--repeats", "1", "--longest", "0.001"]
+    assert main(["bench", "precision", *options]) == 0
+    printed = capsys.readouterr().out
+    assert "| RK8, tolerances " in printed
+    assert "RK5, tolerances" not in printed
+    assert re.search(r"\| fixed steps +\| +\d+\.\d\d \|", printed)
+
+
 @pytest.fixture
 def small(monkeypatch):
     """Two short problems in place of the set."""
+    monkeypatch.setattr(precision, "VARIABLE_SPEED", {})
     short = {
         "single_dof": BenchmarkProblem(lambda: problems.single_dof(t_end=20.0), 4.0, "oscillator"),
         "elastic_bar": BenchmarkProblem(

@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 
 import eig3
 from eig3 import problems
+from eig3.problems.bouncing_ball import flights, impact_times
 from eig3.problems.hertz_impact import contact_time, largest_indentation
 from eig3.problems.kepler import angular_momentum, eccentric_anomaly
 
@@ -26,6 +27,11 @@ def round_kepler():
     return problems.kepler(e=0.2)
 
 
+def far_arenstorf():
+    """So far from the earth and the moon that random states near the start do not come close to them."""
+    return problems.arenstorf(x=2.5)
+
+
 PROBLEMS = [problems.single_dof, problems.hardening_spring, problems.softening_spring, problems.spring_pendulum]
 CONSERVATIVE = [
     *PROBLEMS,
@@ -36,6 +42,7 @@ CONSERVATIVE = [
     round_kepler,
     problems.hertz_impact,
     problems.two_frequency_oscillator,
+    far_arenstorf,
 ]
 SPANS = [  # the last omega h is 1e-3 at speeds of 1e3, and Hertz's span is its contact and a quarter
     *((build, 1.0, 1e-4) for build in PROBLEMS),
@@ -49,6 +56,7 @@ SPANS = [  # the last omega h is 1e-3 at speeds of 1e3, and Hertz's span is its 
     (problems.friction_oscillator, 1.0, 1e-4),
     (problems.hertz_impact, 0.016, 1e-5),
     (problems.two_frequency_oscillator, 0.1, 1e-6),
+    (problems.arenstorf, 0.5, 1e-5),
 ]
 
 
@@ -206,6 +214,81 @@ def test_hertzs_contact(k, speed):
     assert eig3_run.v[-1] == pytest.approx(speed, rel=1e-6)  # symmetric in time where nothing reads v
 
 
+def test_arenstorfs_orbit_closes():
+    """After one period; RK8 at a step that was seen to leave 1e-11, and 1e-16 of the start times 1e5 adds as much."""
+    problem = problems.arenstorf()
+    run = problem.integrate(h=problem.t_span[1] / 170_000, method="rk8", save_every=1000)
+    np.testing.assert_allclose(run.u[-1], run.u[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(run.v[-1], run.v[0], rtol=0, atol=1e-6)  # 500 times as much: near the moon
+    jacobi = 2 * abs(problem.energy_of(run.u[0], run.v[0]))
+    assert run.drift["energy"] < 1e-11 * jacobi
+    crossings = np.flatnonzero(run.u[:-1, 1] * run.u[1:, 1] < 0)
+    assert len(crossings) == 6  # two for each of the three loops; the start and the end lie on the axis
+    mirrored = run.u[::-1] * [1, -1]  # time runs backwards in the mirror image
+    np.testing.assert_allclose(run.u, mirrored, rtol=0, atol=1e-9)
+
+
+def test_arenstorfs_forces_vanish_at_the_triangular_point():
+    """A body at the third corner of an equilateral triangle with the earth and the moon stays there: some eps."""
+    problem = problems.arenstorf(mu=0.3)
+    corner = np.array([0.5 - 0.3, math.sqrt(3) / 2])
+    np.testing.assert_allclose(acceleration(problem, 0.0, corner, np.zeros(2)), 0, rtol=0, atol=1e-15)
+
+
+def test_heights_of_the_ball_between_its_impacts():
+    """The flight after the impact k takes 2 e^k falls, and is e^(2k) times as high as the start; to some eps."""
+    e, h0, g = 0.8, 2.0, 10.0
+    fall = math.sqrt(2 * h0 / g)
+    times = impact_times(31, e, h0, g)
+    assert times[0] == pytest.approx(fall, rel=1e-15)
+    np.testing.assert_allclose(np.diff(times), 2 * fall * e ** np.arange(1, 31), rtol=1e-11)  # eps t of the sums
+    problem = problems.bouncing_ball(e, h0, g)
+    assert times[29] < problem.t_span[1] < times[30]
+    peaks, speeds = problem.exact((times[:-1] + times[1:]) / 2)
+    np.testing.assert_allclose(peaks, h0 * e ** (2 * np.arange(1, 31)), rtol=1e-9)
+    np.testing.assert_allclose(speeds, 0, rtol=0, atol=1e-13 * g)
+    assert np.abs(problem.exact(times)[0]).max() < 1e-13 * h0
+    _, v = problem.exact(times[:5, None] + [-1e-6, 1e-6])
+    np.testing.assert_allclose(v[:, 1], -e * v[:, 0], rtol=0, atol=2e-5)  # g (1 + e) 1e-6 of change in between
+
+
+def test_the_ball_falls_freely_until_the_first_impact_and_rests_after_the_last():
+    e, h0, g = 0.8, 1.0, 9.81
+    problem = problems.bouncing_ball(e, h0, g)
+    t = np.array([0.0, 0.2, 0.4])
+    np.testing.assert_allclose(problem.exact(t)[0], h0 - g * t**2 / 2, rtol=1e-14)
+    np.testing.assert_allclose(problem.exact(t)[1], -g * t, rtol=0, atol=1e-14)
+    last = math.sqrt(2 * h0 / g) * (1 + e) / (1 - e)  # the geometric series
+    assert impact_times(200, e, h0, g)[-1] == pytest.approx(last, rel=1e-14)
+    assert problem.exact(last + 1.0) == (0.0, 0.0)
+
+
+def test_without_loss_the_ball_returns_to_its_height():
+    problem = problems.bouncing_ball(1.0)
+    fall = math.sqrt(2 / 9.81)
+    np.testing.assert_allclose(impact_times(100, 1.0, 1.0, 9.81), fall * np.arange(1, 200, 2), rtol=1e-15)
+    u, v = problem.exact(fall * np.arange(0, 200, 2))
+    np.testing.assert_allclose(u, 1.0, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(v, 0.0, rtol=0, atol=1e-12)  # eps t g
+    assert flights(1.3, 1 - 1e-9, 1.0, 9.81)[0] == pytest.approx(problem.exact(1.3)[0], abs=1e-8)
+
+
+def test_the_impact_of_the_ball_reverses_its_velocity():
+    problem = problems.bouncing_ball(0.7)
+    (event,) = problem.events.values()
+    p = np.array(problem.params)
+    assert event.direction == -1
+    assert event.g(0.0, 0.3, -2.0, p) == 0.3
+    assert event.apply(0.0, 1e-17, -2.0, p) == (0.0, 1.4)
+
+
+def test_what_does_not_follow_events_says_so():
+    ball = problems.bouncing_ball()
+    with pytest.raises(ValueError, match=r"^bouncing_ball has events, which an ensemble does not follow"):
+        ball.ensemble(h=1e-3, u0=[1.0, 2.0])
+    assert ball.with_(events={}).ensemble(h=1e-3, u0=[1.0, 2.0], t_end=0.1).success.all()
+
+
 def test_friction_takes_its_share_of_every_peak():
     """-0.85, 0.65, -0.45, 0.25: the smoothing spares 0.8 mu v_s^2 / a of work at a turn, 1e-6 of amplitude in all."""
     run = problems.friction_oscillator().integrate(h=1e-3, method="rk4")
@@ -272,6 +355,12 @@ def test_constants_are_the_articles():
         (problems.rotor, "beta", -1, "not be negative"),
         (problems.hertz_impact, "k", 0, "positive"),
         (problems.hertz_impact, "speed", -1, "positive"),
+        (problems.arenstorf, "mu", 0, "positive and at most 0.5"),
+        (problems.arenstorf, "mu", 0.6, "positive and at most 0.5"),
+        (problems.bouncing_ball, "restitution", 0, "positive and at most 1"),
+        (problems.bouncing_ball, "restitution", 1.1, "positive and at most 1"),
+        (problems.bouncing_ball, "h0", 0, "positive"),
+        (problems.bouncing_ball, "g", -1, "positive"),
         (problems.friction_oscillator, "omega", 0, "positive"),
         (problems.friction_oscillator, "mu", -0.1, "not be negative"),
         (problems.friction_oscillator, "v_s", 0, "positive"),
