@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .events import Occurrences
+from .extremes import Extremes
 from .labels import Labels
 from .methods import METHODS, Method
 from .solution import Solution, Status
@@ -22,7 +23,7 @@ from .solution import Solution, Status
 _VERSION = 1  # raise it with every change that an older eig3 would read wrongly
 _RECORD = "eig3"  # the name of the record among the arrays
 _FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
-_PARTS = {kind.__name__: kind for kind in (Labels, Occurrences)}
+_PARTS = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
 _WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
 
 
@@ -160,6 +161,8 @@ def _method_class(name: str, qualname: str) -> Any:
 
 
 def _fields(record: Any) -> dict[str, Any]:
+    if isinstance(record, Extremes):
+        return record._asdict()
     return {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
 
 

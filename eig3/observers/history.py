@@ -59,7 +59,12 @@ class History:
             t, u, v = self._times_after(stepper, count), self._u[:count], self._v[:count]
             saved = slice(self.every - 1 - first % self.every, None, self.every)
         stepper.advance(count, every, u, v, cancel)
-        return Chunk(first, every, t, u, v, saved, stepper).until(stepper)
+        chunk = Chunk(first, every, t, u, v, saved, stepper)
+        if not (stepper.is_over and every == 1):
+            return chunk.until(stepper)
+        rows = stepper.index - first  # the state at the event that ended the run follows them
+        t[rows], u[rows], v[rows] = stepper.t, stepper.u, stepper.v
+        return chunk._replace(t=t[: rows + 1], u=u[: rows + 1], v=v[: rows + 1])
 
     def _times_after(self, stepper: Stepper, count: int) -> np.ndarray:
         """Return the times after each of the next steps."""
@@ -81,7 +86,7 @@ class History:
 
     def close(self, stepper: Stepper) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return t, u and v of the saved states. The last one is the state of `stepper`."""
-        rows = n_rows(stepper.index, self.every)
+        rows = n_rows(stepper.index + stepper.is_over, self.every)
         self._t[rows - 1] = self._t_end if stepper.index == self._n_steps else stepper.t
         self.u[rows - 1], self.v[rows - 1] = stepper.u, stepper.v
         return self._t[:rows], self.u[:rows], self.v[:rows]
