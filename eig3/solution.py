@@ -256,7 +256,7 @@ class Solution:
             )
         if self._extend is None:
             raise ValueError(
-                "this solution cannot be extended, because it was copied or loaded, is a member of an ensemble, or ended "
+                "this solution cannot be extended: it was copied or loaded, is a member of an ensemble, or ended "
                 "with an exception; extend the solution that integrate returned, or integrate from the last state."
             )
         return self._extend(t_end, save_to=save_to, progress=progress, raise_on_failure=raise_on_failure, cancel=cancel)

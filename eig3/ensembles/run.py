@@ -132,7 +132,7 @@ def ensemble(
     """
     if save_to is not None:
         raise TypeError(
-            "save_to is for single runs: take reduce=, a function that saves what you need of each part of the ensemble."
+            "save_to is for single runs: take reduce=, a function that saves what you need of each part."
         )
     check_progress(progress)
     check_executor(executor)
