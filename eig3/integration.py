@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.divergence import Divergence, find_blow_up, find_divergence
-from .checks import check_cancel, check_count, check_h, check_resolution, check_span, check_time
+from .checks import check_cancel, check_count, check_h, check_resolution, check_span, check_state, check_time
+from .events import Event, Occurrences
 from .kernels.interrupt import DeferredInterrupt
 from .kernels.protocol import VECTOR
 from .memory import check_disk, check_history, n_rows
@@ -26,11 +27,16 @@ from .observers.invariants import Watch
 from .observers.outputs import Output
 from .observers.progress import Progress, check_progress
 from .observers.written import Written
-from .quantities import check_functions
+from .quantities import Functions, check_functions
 from .solution import Solution, Status
 from .stability import alternating_limit
-from .stepper import Cancel, Stepper
+from .stepper import NEVER, Cancel, Stepper
 from .storage import Place
+from .tolerances import check_tolerances, method_for
+from .variable_run import VariableRun
+from .variable_stepper import VariableStepper
+from .watched_stepper import WatchedStepper
+from .watching import ended_by_event
 
 _CHUNK_SECONDS = 0.1  # duration of a chunk, after which its observers see it
 _CHUNK_GROWTH = 16  # largest factor from the steps of a watched chunk to the steps of the next
@@ -61,19 +67,26 @@ def integrate(
     u0: ArrayLike,
     v0: ArrayLike,
     *,
-    h: float,
+    h: float | None = None,
+    rtol: float | None = None,
+    atol: ArrayLike | None = None,
     params: ArrayLike = (),
-    method: str | Method = "eig3",
+    method: str | Method | None = None,
     save_every: int | None = 1,
+    t_eval: ArrayLike | None = None,
+    events: Mapping[str, Event] | None = None,
     invariants: Mapping[str, Any] | None = None,
     outputs: Mapping[str, Any] | None = None,
+    h_max: float | None = None,
+    first_step: float | None = None,
+    max_steps: int | None = None,
     inline: bool = False,
     progress: bool = False,
     raise_on_failure: bool = False,
     cancel: Cancel | None = None,
     save_to: str | PathLike[str] | None = None,
 ) -> Solution:
-    """Integrate u'' = f(t, u, v) with a fixed step. All steps run in compiled code.
+    """Integrate u'' = f(t, u, v), with a fixed step or with tolerances. All steps run in compiled code.
 
     Parameters
     ----------
@@ -86,13 +99,30 @@ def integrate(
     u0, v0 : float or array_like, shape (n,)
         Displacement and velocity at the first time. Floats need the scalar form of rhs, arrays the vector form.
     h : float
-        The step. If it does not divide the span, the run uses the next shorter step that does.
+        The step. If it does not divide the span, the run uses the next shorter step that does. Give either h or rtol.
+    rtol : float
+        The relative tolerance. The steps then have such lengths that the estimated error of each step, in the root mean
+        square over u and v of all degrees of freedom, is at most ``atol + rtol * size``.
+    atol : float or array_like, shape (n,) or (2, n), optional
+        The absolute tolerance: a number, one for each degree of freedom, or a row for u and a row for v. The size of each
+        value is then its own. Without atol, the size is the largest |u| of all degrees of freedom so far, and the
+        largest |v|: no unit has to be known, and a value that passes through zero does not shorten the steps.
     params : float or array_like
         The parameters. rhs gets them as p, a one-dimensional array of float64.
     method : str or Method
-        "eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3", or a record such as ``EIG3(alpha=1.2)``.
+        The name of a method, such as "eig3", "cd", "rk4" or "eig9" (all are in `eig3.METHODS`), or a record such as
+        ``EIG3(alpha=1.2)``. The default is "eig3". With tolerances, it is "rk5", "rk8" or "eig3"; the default is "rk8"
+        for rtol below 1e-4, and "rk5" otherwise. EIG-3 with variable steps does not keep the energy as it does with a
+        fixed step: the energy drifts.
     save_every : int or None
-        Save every `save_every`-th state, the first and the last. None saves only the first and the last.
+        Save every `save_every`-th state, the first and the last. None saves only the first and the last. With
+        tolerances, 1 also saves the states before and after each event with `apply`.
+    t_eval : array_like, optional
+        Save the states at these increasing times instead. They come from the dense output within the steps: of RK8 its
+        continuous extension, of methods of other orders above 5 that of a step of RK8 from the same state, and of all
+        others the polynomial of degree 5 through u, v and a at both ends of the step.
+    events : dict of str to Event, optional
+        Functions of the state whose zeros are found; see `eig3.Event`.
     invariants : dict of str to jitted function, optional
         Functions ``e(t, u, v, p) -> float`` by name. Compiled code evaluates them at every step, including steps that
         are not saved. The solution has their `drift` and their `extremes`.
@@ -101,6 +131,10 @@ def integrate(
         pair (f, k) with ``f(t, u, v, p, out)``, which writes every out[j]. They are evaluated as invariants are:
         `solution.outputs` has their values at the saved states, and `solution.extremes` their extremes over every step,
         with their times.
+    h_max, first_step : float, optional
+        With tolerances: the longest step, and the first one.
+    max_steps : int, optional
+        With tolerances: the run ends with the status TOO_MANY_STEPS after so many steps.
     inline : bool
         Compile the loop again, with rhs inlined. This makes long runs faster. It takes about a second of compilation in
         each process.
@@ -120,7 +154,9 @@ def integrate(
     Solution
         Its status is DIVERGED if the state becomes infinite or NaN, and the solution is then the finite part of the
         run. It is also DIVERGED if the motion stays finite, but grows by orders of magnitude because of the step. It is
-        NOT_CONVERGED if the solve of an implicit step fails, and INTERRUPTED if `cancel` is set.
+        NOT_CONVERGED if the solve of an implicit step fails, and INTERRUPTED if `cancel` is set. It is TERMINATED after
+        a terminal event, ZENO if the resets of an event follow each other without end, and STEP_TOO_SMALL if the
+        tolerances need a step below the resolution of t.
 
     Raises
     ------
@@ -150,34 +186,28 @@ def integrate(
     NUMBA_BOUNDSCHECK is 1 when Python starts. They then raise an IndexError.
     """
 
-    def begin() -> _Run:
-        t0, t1 = check_span(t_span)
-        n_steps, step = divide(t1 - t0, check_h(h))
-        check_resolution(step, t0, t1)
-        every = _stride(save_every, n_steps)
+    def begin() -> _Run | VariableRun:
+        span = check_span(t_span)
         check_progress(progress)
-        place = None if save_to is None else Place.of(save_to)
-        stepper = Stepper(rhs, u0, v0, h=step, t0=t0, params=params, method=method, inline=inline)
         functions = check_functions(invariants, outputs)
-        _check_space(place, n_steps, every, stepper.n, functions.n_outputs)
-        watched, shown = functions.quantities(stepper.form)
-        width = max([stepper.n, *(q.width for q in shown.values())]) if watched or shown else 0
-        return _Run(
-            stepper,
-            n_steps,
-            save_every,
-            History(n_steps, every, stepper, t1, width, place.directory if place else None),
-            [Watch(name, quantity, stepper, t1) for name, quantity in watched.items()],
-            [Output(name, quantity, stepper, n_rows(n_steps, every)) for name, quantity in shown.items()],
-            Growth(stepper, n_steps),
-            progress,
-            place,
-        )
+        common = {"params": params, "inline": inline, "events": events, "t_eval": t_eval}
+        if t_eval is not None and save_every not in (1, None):
+            raise ValueError("save_every and t_eval exclude each other: give one of them.")
+        if t_eval is not None and save_to is not None:
+            raise ValueError("save_to and t_eval exclude each other: the states at the times of t_eval are in memory.")
+        place = None if save_to is None else Place.of(save_to)
+        if h is not None:
+            _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
+            return _fixed_run(rhs, span, u0, v0, h, method or "eig3", save_every, functions, progress, place, **common)
+        if place:
+            raise ValueError("save_to needs a fixed step: give h instead of rtol, or leave save_to out.")
+        limits = rtol, atol, h_max, first_step, max_steps
+        return _variable_run(rhs, span, u0, v0, limits, method, save_every, functions, progress, **common)
 
     return _carry_out(begin, cancel, raise_on_failure)
 
 
-def _carry_out(begin: Callable[[], _Run], cancel: Cancel | None, raise_on_failure: bool) -> Solution:
+def _carry_out(begin: Callable[[], _Run | VariableRun], cancel: Cancel | None, raise_on_failure: bool) -> Solution:
     """Begin a run, and take it to its end."""
     run = None
     try:
@@ -185,23 +215,105 @@ def _carry_out(begin: Callable[[], _Run], cancel: Cancel | None, raise_on_failur
             stop = _Stop(interrupt, check_cancel(cancel))
             run = begin()
             run.march(stop)
-        run.judge_growth()
         with DeferredInterrupt():
             solution = run.result()
-            run.write(solution)
+            _write(run, solution)
     except BaseException as error:  # raised by rhs, or after Ctrl-C
         with DeferredInterrupt() as again:
             if run or isinstance(error, KeyboardInterrupt):
                 error.solution = run and run.result(error)  # type: ignore[attr-defined]
             if run:
-                with contextlib.suppress(OSError):  # the rows are there, and count
-                    run.write(error.solution)  # type: ignore[attr-defined]
+                with contextlib.suppress(OSError):  # the rows are there, and their number
+                    _write(run, error.solution)  # type: ignore[attr-defined]
             if isinstance(error, KeyboardInterrupt):
                 again.forget()  # it is raised now
         raise
     if raise_on_failure and not solution.success:
         raise IntegrationError(solution)
     return solution
+
+
+def _write(run: _Run | VariableRun, solution: Solution) -> None:
+    """Write the solution, whose rows are written, to the place of the run, if it has one."""
+    if run.place:
+        run.place.write(solution, has_ended=True)
+
+
+def _refuse(given: dict[str, Any]) -> None:
+    """Refuse options of tolerances beside h."""
+    for name, value in given.items():
+        if value is not None:
+            what = "the steps follow from it" if name == "rtol" else "it belongs to rtol"
+            raise ValueError(
+                f"h and {name} exclude each other: give h for a fixed step, or rtol for tolerances ({what})."
+            )
+
+
+def _fixed_run(
+    rhs: Any,
+    span: tuple[float, float],
+    u0: ArrayLike,
+    v0: ArrayLike,
+    step: float,
+    method: str | Method,
+    save_every: int | None,
+    functions: Functions,
+    progress: bool,
+    place: Place | None,
+    *,
+    events: Any,
+    t_eval: ArrayLike | None,
+    **options: Any,
+) -> _Run:
+    """Return a run with a fixed step at its start."""
+    t0, t1 = span
+    n_steps, h = divide(t1 - t0, check_h(step))
+    check_resolution(h, t0, t1)
+    save_every = None if t_eval is not None else save_every
+    every = _stride(save_every, n_steps)
+    options |= {"h": h, "t0": t0, "method": method}
+    if events or t_eval is not None:
+        stepper: Stepper = WatchedStepper(rhs, u0, v0, t_end=t1, events=events, t_eval=t_eval, **options)
+    else:
+        stepper = Stepper(rhs, u0, v0, **options)
+    _check_space(place, n_steps, every, stepper.n, functions.n_outputs)
+    watched, shown = functions.quantities(stepper.form)
+    width = max([stepper.n, *(q.width for q in shown.values())]) if watched or shown else 0
+    return _Run(
+        stepper,
+        n_steps,
+        save_every,
+        History(n_steps, every, stepper, t1, width, place.directory if place else None),
+        [Watch(name, quantity, stepper, t1) for name, quantity in watched.items()],
+        [Output(name, quantity, stepper, n_rows(n_steps, every)) for name, quantity in shown.items()],
+        Growth(stepper, n_steps),
+        progress,
+        place,
+    )
+
+
+def _variable_run(
+    rhs: Any,
+    span: tuple[float, float],
+    u0: ArrayLike,
+    v0: ArrayLike,
+    limits: tuple,
+    method: str | Method | None,
+    save_every: int | None,
+    functions: Functions,
+    progress: bool,
+    **options: Any,
+) -> VariableRun:
+    """Return a run with tolerances at its start."""
+    rtol, atol, h_max, first_step, max_steps = limits
+    if rtol is None and atol is None:
+        raise ValueError("give h for a fixed step, or rtol for tolerances: one of the two is needed.")
+    n = max(1, np.size(check_state(u0, v0)[0]))
+    tolerances = check_tolerances(n, rtol, atol, h_max, first_step, max_steps)
+    options |= {"method": method_for(method, tolerances.rtol), "tolerances": tolerances}
+    stepper = VariableStepper(rhs, span, u0, v0, **options)
+    every = NEVER if save_every is None else check_count(save_every, "save_every")
+    return VariableRun(stepper, every, functions, progress)
 
 
 def _extend(
@@ -318,9 +430,10 @@ class _Run:
         n_steps = _steps_until(self.stepper, t_end)
         every = _stride(self.save_every, n_steps)
         place = None if save_to is None else Place.of(save_to)
-        stepper = self.stepper.fork()
+        stepper = self.stepper.extended(t_end)
         _check_space(place, n_steps, every, stepper.n, sum(output.width for output in self.outputs))
-        history = History(n_steps, every, stepper, t_end, self.history.width, place.directory if place else None)
+        directory = place.directory if place else None
+        history = History(n_steps, every, stepper, t_end, self.history.width, directory)
         history.take(self.history, stepper)
         saved = stepper.index // every + 1
         return _Run(
@@ -345,6 +458,7 @@ class _Run:
             if self.bar:
                 self.bar.close()
         self.stepper.note_pace()
+        self._judge_growth()
 
     def _march_to(self, end: int, stop: _Stop) -> None:
         stepper, most, growth = self.stepper, end, 0
@@ -370,6 +484,8 @@ class _Run:
                 chunk = self._end_diverged(chunk)
             elif stepper.failed:
                 self._end_unsolved()
+            elif stepper.is_over:
+                self._end(*ended_by_event(stepper))
             begin = time.perf_counter()
             for observer in self.observers:
                 observer.see(chunk)
@@ -405,7 +521,7 @@ class _Run:
             f"its residual is {stepper.residual:.3g}; {', '.join(remedies[:-1])} or {remedies[-1]} may help.",
         )
 
-    def judge_growth(self) -> None:
+    def _judge_growth(self) -> None:
         """Change the status to DIVERGED if the motion stayed finite, but grew because of its step."""
         suspect = self.growth.suspect if self.status is Status.COMPLETED else None
         blow_up = suspect and find_blow_up(self.stepper, suspect)
@@ -421,22 +537,27 @@ class _Run:
             elif error and (stepper.index < self.n_steps or self.growth.suspect):
                 self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
         t, u, v = self.history.close(stepper)
+        outputs = {output.name: output.close(stepper.index, len(t)) for output in self.outputs}
+        events: dict[str, Occurrences] = {}
+        if isinstance(stepper, WatchedStepper):
+            if stepper.index == self.n_steps:
+                stepper.finish()
+            events, rows = stepper.watching.occurrences(), stepper.wanted_rows()
+            if rows is not None:
+                t, (u, v) = rows.t, rows.in_form(stepper.form)
+                outputs = {output.name: output.at(t, u, v) for output in self.outputs}
+        followed: list[Watch | Output] = [*self.watches, *self.outputs]
         solution = self._solution(t, u, v)
         solution.drift = {watch.name: watch.drift for watch in self.watches}
-        followed: list[Watch | Output] = [*self.watches, *self.outputs]
         solution.extremes = {each.name: each.extremes for each in followed}
-        solution.outputs = {output.name: output.close(stepper.index, len(t)) for output in self.outputs}
+        solution.events, solution.outputs = events, outputs
         solution.notes = (*self._notes(), *stepper.notes)
         if not isinstance(error, Exception):  # after which some observers may not have seen the last chunk
             solution._extend = partial(_extend, self)
         return solution
 
-    def write(self, solution: Solution) -> None:
-        """Write the solution, whose rows are written, to the place of the run, if it has one."""
-        if self.place:
-            self.place.write(solution, has_ended=True)
-
     def _solution(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> Solution:
+        """Return a solution without what the observers have found."""
         stepper = self.stepper
         return Solution(
             t=t,

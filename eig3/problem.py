@@ -124,7 +124,7 @@ class Problem:
         return replace(self, **{**dict.fromkeys(dropped), **new})
 
     def integrate(
-        self, *, h: float, method: str | Method = "eig3", t_end: float | None = None, **options: Any
+        self, *, h: float | None = None, method: str | Method | None = None, t_end: float | None = None, **options: Any
     ) -> Solution:
         """Integrate the problem.
 

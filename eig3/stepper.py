@@ -137,6 +137,11 @@ class Stepper:
         self._before = self._position()
 
     @property
+    def is_over(self) -> bool:
+        """Whether something else than the number of steps ended the run."""
+        return False
+
+    @property
     def t(self) -> float:
         """The time reached, t0 + index h."""
         return self.t0 + self.index * self.h
@@ -255,6 +260,10 @@ class Stepper:
 
     __copy__ = fork
 
+    def extended(self, t_end: float) -> Stepper:
+        """Return an independent stepper at the same state of a run that ends at t_end."""
+        return self.fork()
+
     def __deepcopy__(self, memo: dict) -> Stepper:
         return self.fork()
 
@@ -361,12 +370,20 @@ class Stepper:
         self._settings = np.array(running.settings, dtype=np.float64)
         self._state = np.zeros(2 + formulas.past) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
         jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", self.form)
+        self._callbacks = () if self.inline else (self._callback.address, jacobian and jacobian.address)
+        self._kernel = self._compiled(running, jacobian)
+
+    def _compiled(self, running: Method, jacobian: Any) -> Any:
+        """Return the kernel of a record."""
         if self.inline:
-            self._callbacks: tuple = ()
-            self._kernel = _inline(self._rhs, self._callback, running, self.form, n)
-        else:
-            self._callbacks = (self._callback.address, jacobian and jacobian.address)
-            self._kernel = pointer_kernel(formulas, self.form, jacobian is not None, n == 2 and self.form is VECTOR)
+            return _inline(self._rhs, self._callback, running, self.form, self.n)
+        is_pair = self.n == 2 and self.form is VECTOR
+        return pointer_kernel(running.formulas, self.form, jacobian is not None, is_pair)
+
+    def _call(self, run: Run) -> tuple[int, bool]:
+        """Call the kernel; return the number of steps taken, and whether the solve of the next step failed."""
+        done = self._kernel(self._callbacks, self._state, self._settings, self._tally, run)
+        return done, done < run.count
 
     def _take(
         self, count: int, every: int, u_rows: np.ndarray, v_rows: np.ndarray, cancels: tuple[Cancel, ...]
@@ -381,7 +398,7 @@ class Stepper:
             is_last = self.index + steps == end
             before = time.perf_counter(), 0.0 if is_last else time.thread_time()
             try:
-                done = self._kernel(self._callbacks, self._state, self._settings, self._tally, run)
+                done, has_failed = self._call(run)
             except BaseException:
                 self.raised_before = self.index + steps
                 self._go_back()
@@ -389,7 +406,9 @@ class Stepper:
             seconds = time.perf_counter() - before[0]
             self.seconds += seconds
             self.index += done
-            if done < steps:
+            if self.is_over:
+                return
+            if has_failed:
                 if not self._fall_back():
                     self.failed = True
                     return

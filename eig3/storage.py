@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .events import Occurrences
+from .extremes import Extremes
 from .labels import Labels
 from .mapped import check_directory, is_mapped, read_mapped
 from .methods import METHODS, Method, shown
@@ -25,7 +26,7 @@ _RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
 _ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there
 _FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
-_PARTS = {kind.__name__: kind for kind in (Labels, Occurrences)}
+_PARTS = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
 _WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
 
 
@@ -234,6 +235,8 @@ def _method_class(name: str, qualname: str) -> Any:
 
 
 def _fields(record: Any) -> dict[str, Any]:
+    if isinstance(record, Extremes):
+        return record._asdict()
     return {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
 
 

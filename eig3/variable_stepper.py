@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import importlib
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,24 +16,13 @@ from .checks import check_params, check_state
 from .guard import first_acceleration, guarded
 from .kernels.fixed import STACKED_DEGREES
 from .kernels.pair import A, U, V
-from .kernels.protocol import ENDED_BY, ERROR, EVALUATIONS, EVENTS, REJECTED, SCALAR, STEP, TIME, Span
-from .kernels.variable import GOING, inline_variable_kernel, variable_kernel
+from .kernels.protocol import ENDED_BY, ERROR, EVALUATIONS, EVENTS, REJECTED, SCALAR, STEP, STEP_BEFORE, TIME, Span
+from .kernels.variable import GOING, WORK, inline_variable_kernel, variable_kernel
 from .memory import aligned
 from .methods import Method
+from .observers.growing import Rows
 from .tolerances import Tolerances
 from .watching import Watching
-
-
-class Rows(NamedTuple):
-    """States that the kernel wrote: times, steps, and u and v of shape (rows, n)."""
-
-    t: np.ndarray
-    h: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-
-    def first(self, count: int) -> Rows:
-        return Rows(*(x[:count] for x in self))
 
 
 class VariableStepper:
@@ -68,14 +57,18 @@ class VariableStepper:
         self.n = n = 1 if self.form is SCALAR else u.size
         self._callback = check_callback(rhs, "rhs", self.form)
         a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
-        self.watching = Watching(events, t_eval, self.form, (u, v), t_span, self.params)
+        self.watching = Watching(events, t_eval, self.form, (u, v), t_span, self.params, WORK)
         self._prepare(rhs, inline)
         formulas = importlib.import_module(f"eig3.kernels.{method.variable}").variable
         self._state = aligned((formulas.rows, n))
         for row, values in ((U, u), (V, v), (A, a), *(((-1, a),) if method.variable == "eig3_variable" else ())):
             self._state[row] = values
         self._tally = np.zeros(EVENTS + 2 * len(self.watching.events))
-        self._tally[TIME], self._tally[ERROR], self._tally[STEP] = self.t0, 1.0, min(tolerances.h_first, tolerances.h_max)
+        self._tally[TIME], self._tally[ERROR], self._tally[STEP] = (
+            self.t0,
+            1.0,
+            min(tolerances.h_first, tolerances.h_max),
+        )
         self.watching.begin(self._tally, self.t0, u, v)
         self.index, self.ended, self.seconds = 0, GOING, 0.0
         self._may_shorten = False
@@ -118,9 +111,13 @@ class VariableStepper:
         return int(self._tally[REJECTED])
 
     @property
-    def h_next(self) -> float:
-        """The length of the next step."""
-        return float(self._tally[STEP])
+    def h_before(self) -> float:
+        """The length of the last step."""
+        return float(self._tally[STEP_BEFORE])
+
+    def wanted_rows(self) -> Rows | None:
+        """Return the states at the wanted times so far; None if no times were given."""
+        return self.watching.rows(self._tally)
 
     @property
     def ended_by(self) -> str:
@@ -163,14 +160,16 @@ class VariableStepper:
         before = self._state.copy(), self._tally.copy()
         begin = time.perf_counter()
         try:
-            taken, written, self.ended = self._kernel(self._callbacks, self._state, self._tally, span, self.watching.watch)
+            taken, written, self.ended = self._kernel(
+                self._callbacks, self._state, self._tally, span, self.watching.watch
+            )
         except BaseException:
             self._state[:], self._tally[:] = before
             raise
         self.seconds += time.perf_counter() - begin
         self.index += taken
         self.watching.collect(self._tally)
-        return rows.first(written)
+        return rows.at(slice(written))
 
     def shorten(self) -> None:
         """Allow the last step to be shortened, so that it ends at the end of the span."""

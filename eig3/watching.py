@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike
 from .callbacks import check_callback
 from .checks import reals
 from .events import Event, Occurrences
+from .kernels.events import TERMINAL
 from .kernels.protocol import EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
-from .kernels.variable import WORK
+from .observers.growing import Rows
+from .solution import Status
 
 _LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
 _ZENO = 1e-12  # resets that follow each other within this part of the span do not end
@@ -51,7 +53,14 @@ class Watching:
     """
 
     def __init__(
-        self, events: Any, t_eval: ArrayLike | None, form: Form, start: tuple, t_span: tuple[float, float], params: Any
+        self,
+        events: Any,
+        t_eval: ArrayLike | None,
+        form: Form,
+        start: tuple,
+        t_span: tuple[float, float],
+        params: np.ndarray,
+        work_rows: int,
     ) -> None:
         t0, t1 = t_span
         self.events = check_events(events)
@@ -65,17 +74,16 @@ class Watching:
         ]
         count, rows = len(table), 0 if self.times is None else len(self.times)
         log = np.empty((max(count, _LOG_VALUES // (2 + 4 * n)) if count else 0, 2 + 4 * n))
-        zeno = _ZENO * (t1 - t0) + 16 * np.spacing(max(abs(t0), abs(t1)))
         times = np.empty(0) if self.times is None else self.times
         self.watch = Watch(
             np.array(table, dtype=np.int64).reshape(count, 4),
             log,
-            zeno,
+            _least_gap(t0, t1),
             times,
             np.empty(rows),
             np.empty((rows, n)),
             np.empty((rows, n)),
-            np.empty((WORK, max(n, count))),
+            np.empty((work_rows, max(n, count))),
         )
         self._found: list[np.ndarray] = []
         self._signs = [self._callbacks[k][0].call(t0, *start, params) for k in range(count)]
@@ -101,12 +109,32 @@ class Watching:
         other.watch, other._found = watch._replace(**rows), list(self._found)
         return other
 
+    def set_span(self, t0: float, t1: float) -> None:
+        """Set the span of the run."""
+        self.watch = self.watch._replace(zeno=_least_gap(t0, t1))
+
     def collect(self, tally: np.ndarray) -> None:
         """Take the occurrences out of the log."""
         logged = int(tally[LOGGED])
         if logged:
             self._found.append(self.watch.log[:logged].copy())
             tally[LOGGED] = 0
+
+    @property
+    def n_found(self) -> int:
+        """Number of blocks of occurrences so far, for `forget_from`."""
+        return len(self._found)
+
+    def forget_from(self, n_found: int) -> None:
+        """Forget the occurrences since there were `n_found` blocks of them."""
+        del self._found[n_found:]
+
+    def finish(self, tally: np.ndarray, u: Any, v: Any, h: float) -> None:
+        """Write the state at the end of the run, if the last of the wanted times is still missing."""
+        row = int(tally[NEXT])
+        if self.times is not None and row == len(self.times) - 1:
+            self.watch.u_rows[row], self.watch.v_rows[row], self.watch.h_rows[row] = u, v, h
+            tally[NEXT] += 1
 
     def occurrences(self) -> dict[str, Occurrences]:
         """Return the occurrences of each event so far."""
@@ -120,19 +148,40 @@ class Watching:
             result[name] = Occurrences(mine[:, 1].copy(), *states)
         return result
 
-    def rows(self, tally: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return t, u, v and the steps at the wanted times that the run has reached."""
-        count = int(tally[NEXT])
+    def rows(self, tally: np.ndarray) -> Rows | None:
+        """Return the states at the wanted times that the run has reached; None if no times were given."""
+        if self.times is None:
+            return None
         watch = self.watch
-        u, v = (x[:count, 0] if self._is_scalar else x[:count] for x in (watch.u_rows, watch.v_rows))
-        return watch.times[:count], u, v, watch.h_rows[:count]
+        return Rows(watch.times, watch.h_rows, watch.u_rows, watch.v_rows).at(slice(int(tally[NEXT])))
 
     def name(self, k: int) -> str:
         """Return the name of the event k."""
         return list(self.events)[k]
 
 
+def _least_gap(t0: float, t1: float) -> float:
+    """Return the time within which resets that follow each other do not end."""
+    return _ZENO * (t1 - t0) + 16 * float(np.spacing(max(abs(t0), abs(t1))))
+
+
 def _compiled(name: str, event: Event, form: Form) -> tuple[Any, Any]:
     g = check_callback(event.g, "event", form, f"g of events[{name!r}]")
     apply = event.apply and check_callback(event.apply, "apply", form, f"apply of events[{name!r}]")
     return g, apply
+
+
+def ended_by_event(stepper: Any) -> tuple[Status, str]:
+    """Return the status and the message of a run that an event ended."""
+    name, t = stepper.ended_by, stepper.t
+    if stepper.ended == TERMINAL:
+        return Status.TERMINATED, f"The event {name!r} ended the run at t = {t:g}."
+    return Status.ZENO, (
+        f"The resets of the event {name!r} follow each other within the resolution of t at t = {t:g}, as the impacts "
+        "of a ball that comes to rest do; end the run before with a terminal event, or let apply bring it to rest."
+    )
+
+
+def not_a_number(name: str, t: float) -> ValueError:
+    """Return the error for an event whose g is NaN."""
+    return ValueError(f"g of events[{name!r}] is NaN in the step after t = {t:g}; it must be a number in every state.")

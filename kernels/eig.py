@@ -134,12 +134,10 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
         f"    V[j] = {synchronised('v[j]', '[j]', '-')}",
         f"return (u, v, V, {rows}), success",
     ]
-    functions = [scalar, vector, complete, start_scalar, start_vector]
+    start = ["def start(u, v, a, h):", f"return 0 * u, a{', 0 * u' * (p - 1)}"]
+    functions = [scalar, vector, complete, start_scalar, start_vector, start]
     text = "\n\n".join("\n    ".join(lines) for lines in functions) + "\n\n" + c.source()
     defined = define(text, f"EIG-{grade}", {"__name__": __name__})
-
-    def start(u, v, a, h):
-        return (0 * u, a, *(0 * u,) * (p - 1))
 
     return SimpleNamespace(
         ROWS=3 + p,
@@ -148,7 +146,7 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
         TURN=p,
         START="rk8",
         START_STEPS=p - 1,
-        start=start,
+        start=defined["start"],
         start_step_scalar=defined["start_step_scalar"],
         start_step_vector=defined["start_step_vector"],
         **{name: element(defined[name]) for name in ("constants", "complete", "step_scalar", "step_vector")},

@@ -11,7 +11,7 @@ from typing import Any
 
 from .dense import evaluate
 from .jit import bound, element, outlined
-from .protocol import ENDED_BY, EVENTS, GAP, LOGGED, SCALAR, Form, function_at
+from .protocol import ENDED_BY, EVENTS, GAP, LOGGED, NEXT, SCALAR, Form, function_at
 
 #: What became of a step with events. A later one of these outcomes takes precedence.
 PASSED, RESET, TERMINAL, ZENO, NOT_A_NUMBER = range(5)
@@ -158,6 +158,20 @@ def take(watch, tally, k, t, n, u, v, p):
     if outcome >= TERMINAL:
         tally[ENDED_BY] = k
     return outcome
+
+
+@outlined
+def write_time(watch, tally, t, h, t_end, n, coefficients, u_end, v_end):
+    """Write the state at the next of `watch.times`."""
+    row = int(tally[NEXT])
+    u, v = watch.u_rows[row], watch.v_rows[row]
+    if watch.times[row] == t_end:
+        for j in range(n):
+            u[j], v[j] = u_end[j], v_end[j]
+    else:
+        evaluate(coefficients, (watch.times[row] - t) / h, n, u, v)
+    watch.h_rows[row] = h
+    tally[NEXT] += 1
 
 
 def functions(form: Form) -> SimpleNamespace:

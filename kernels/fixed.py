@@ -30,6 +30,7 @@ from .protocol import (
     stack_rows,
     vector_type,
 )
+from .source import define
 from .wide import has_wide_vectors, wide_vectors
 
 #: Largest number of degrees of freedom for which the inline mode keeps all rows on the stack. With more, rows on the
@@ -161,15 +162,12 @@ class Formulas:
         self.past: int = getattr(defined, "PAST", 0)
         self.matrix: bool = getattr(defined, "MATRIX", False)
         self.turn: int = getattr(defined, "TURN", 6)
-        self.start: Callable = getattr(defined, "start", self._zeros)
+        self.start: Callable = getattr(defined, "start", None) or _start_at_zero(self.past)
         starter = getattr(defined, "START", None)
         self.starter = formulas(f"{__package__}.{starter}") if starter else None
         self.start_steps: int = getattr(defined, "START_STEPS", 0)
         if bool(self.starter) != (self.start_steps > 0):
             raise TypeError(f"kernel {module.__name__!r} must define START and START_STEPS together or neither.")
-
-    def _zeros(self, u: Any, v: Any, a: Any, h: float) -> tuple:
-        return (0 * u,) * self.past
 
     @property
     def own_rows(self) -> int:
@@ -223,6 +221,11 @@ class Formulas:
         return starter_is_own and self.module.__name__.rpartition(".")[0] == __package__
 
 
+def _start_at_zero(past: int) -> Callable:
+    """Return a function `start` for past values that the first steps do not need."""
+    return define(f"def start(u, v, a, h):\n    return ({'0 * u, ' * past})\n", "start", {})["start"]
+
+
 def formulas(name: str, arguments: tuple = ()) -> Formulas:
     """Return the formulas of a module, given by its name. A module that was reloaded is read again."""
     module = importlib.import_module(name)  # not from sys.modules, where another thread may just be importing it
@@ -254,12 +257,29 @@ def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False, i
 def _compile_pointer_kernel(
     names: dict[str, Any], form: Form, label: str, takes_jacobian: bool = False, n: int = 0
 ) -> Any:
-    rhs_at, jacobian_at = function_at(form.rhs), function_at(form.jacobian)
-    names |= {"N": n, "RHS": element(lambda callbacks: rhs_at(callbacks[0]))}
-    names["JACOBIAN"] = element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian)
-    callbacks = Tuple((int64, int64 if takes_jacobian else none))
+    callbacks, functions = pointer_callbacks(form, takes_jacobian)
+    names |= {"N": n, **functions}
     signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
     return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)
+
+
+def pointer_callbacks(form: Form, takes_jacobian: bool) -> tuple[Any, dict[str, Any]]:
+    """Return the type of the argument `callbacks` of a kernel, and the functions that take the callbacks out of it."""
+    rhs_at, jacobian_at = function_at(form.rhs), function_at(form.jacobian)
+    names = {
+        "RHS": element(lambda callbacks: rhs_at(callbacks[0])),
+        "JACOBIAN": element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian),
+    }
+    return Tuple((int64, int64 if takes_jacobian else none)), names
+
+
+def inline_callbacks(rhs: Any, jacobian: Any) -> tuple[Any, dict[str, Any]]:
+    """Return the same for a kernel with its callbacks inlined."""
+    names = {
+        "RHS": element(lambda callbacks: rhs),
+        "JACOBIAN": element((lambda callbacks: jacobian) if jacobian else no_jacobian),
+    }
+    return Tuple(()), names
 
 
 @functools.cache
@@ -287,12 +307,11 @@ def inline_kernel(method: Formulas, form: Form, rhs: Any, jacobian: Any, n: int)
 
     If `n` is not 0, the kernel is valid for n degrees of freedom only, and keeps its rows on the stack.
     """
-    names = {**method.names(form), "N": n}
-    names["RHS"] = element(lambda callbacks: rhs)
-    names["JACOBIAN"] = element((lambda callbacks: jacobian) if jacobian else no_jacobian)
+    callbacks, functions = inline_callbacks(rhs, jacobian)
+    names = {**method.names(form), "N": n, **functions}
     if n:
         for name in {"STEP", "START_STEP"} & names.keys():
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": n}))
     template = scalar if form is SCALAR else stacked if n else vector
-    signature = int64(Tuple(()), form.state, vector_type, vector_type, form.run)
+    signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
     return compile_kernel(template, names, signature)

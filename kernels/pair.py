@@ -1,4 +1,3 @@
-# ruff: noqa: F821
 """The steps of variable length of a Runge-Kutta pair: a trial step, the estimate of its error, and dense output.
 
 The formulas are those of `eig3.kernels.tableau`, with the step as a factor of the sums: coefficients that contain powers

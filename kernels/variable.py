@@ -15,7 +15,7 @@ from typing import Any
 from numba.types import Tuple, UniTuple, int64
 
 from .dense import COEFFICIENTS, evaluate
-from .events import EPSILON, NOT_A_NUMBER, PASSED, RESET, TERMINAL, functions
+from .events import EPSILON, NOT_A_NUMBER, PASSED, RESET, TERMINAL, functions, write_time
 from .jit import bound, compile_kernel, element, outlined
 from .pair import A_END, U_END, V_END, A, U, V
 from .protocol import (
@@ -54,7 +54,7 @@ _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 10.0
 _RESOLUTION = 8 * EPSILON  # least step, relative to the time
 _FIRST = 1e-6  # fraction of the span that is taken where there is nothing to estimate a first step from
 _LEAST_ERROR = 1e-4  # the last error counts as at least this in the next step
-_LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
+LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 
 
 def variable(callbacks, state, tally, span, watch):
@@ -68,7 +68,7 @@ def variable(callbacks, state, tally, span, watch):
         copy_rows(y, kept, N)
     u, v, u_end, v_end = y[U], y[V], y[U_END], y[V_END]
     u_there, v_there, coefficients = watch.work[2], watch.work[3], watch.work[4:]
-    has_events, has_times = len(watch.events) > 0, len(watch.times) > 0
+    has_events, has_times, has_rows = len(watch.events) > 0, len(watch.times) > 0, len(span.t_rows) > 0
     t, h, was_rejected = tally[TIME], tally[STEP], False
     taken, row, ended = 0, 0, GOING
     if h == 0:
@@ -79,7 +79,7 @@ def variable(callbacks, state, tally, span, watch):
         if remaining <= 0:
             ended = AT_END
             break
-        if int(tally[LOGGED]) + len(watch.events) > len(watch.log) or (not has_times and row + 2 > len(span.t_rows)):
+        if int(tally[LOGGED]) + len(watch.events) > len(watch.log) or (has_rows and row + 2 > len(span.t_rows)):
             ended = FULL
             break
         is_last = h >= remaining
@@ -125,12 +125,12 @@ def variable(callbacks, state, tally, span, watch):
             tally[EVALUATIONS] += DENSE_COST
         if outcome == PASSED:
             ADVANCE(y, n)
-            if not has_times and (span.first + taken) % span.every == 0:
+            if has_rows and (span.first + taken) % span.every == 0:
                 row = write_row(span, row, t_end, step, n, u, v)
         else:
             if s < 1.0:
                 evaluate(coefficients, s, n, u_end, v_end)
-            if not has_times and span.every == 1:
+            if has_rows and span.every == 1:
                 row = write_row(span, row, t_stop, s * step, n, u_end, v_end)
             for j in range(n):
                 u[j], v[j] = u_there[j], v_there[j]
@@ -139,8 +139,8 @@ def variable(callbacks, state, tally, span, watch):
             tally[EVALUATIONS] += 1
             tally[STEP_BEFORE], tally[ERROR] = h, 1.0
             if outcome == RESET:
-                h = min(h, _LATER * tally[GAP])
-            if outcome != TERMINAL and not has_times and (span.first + taken) % span.every == 0:
+                h = min(h, LATER * tally[GAP])
+            if outcome != TERMINAL and has_rows and (span.first + taken) % span.every == 0:
                 row = write_row(span, row, t_stop, s * step, n, u, v)
         t = t_stop
         if span.is_relative == 1:
@@ -161,20 +161,6 @@ def write_row(span, row, t, h, n, u, v):
     for j in range(n):
         span.u_rows[row, j], span.v_rows[row, j] = u[j], v[j]
     return row + 1
-
-
-@outlined
-def write_time(watch, tally, t, h, t_end, n, coefficients, u_end, v_end):
-    """Write the state at the next of `watch.times`."""
-    row = int(tally[NEXT])
-    u, v = watch.u_rows[row], watch.v_rows[row]
-    if watch.times[row] == t_end:
-        for j in range(n):
-            u[j], v[j] = u_end[j], v_end[j]
-    else:
-        evaluate(coefficients, (watch.times[row] - t) / h, n, u, v)
-    watch.h_rows[row] = h
-    tally[NEXT] += 1
 
 
 def first_step(f, t, n, y, tally, span):

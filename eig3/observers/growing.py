@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.protocol import SCALAR, Form
 from ..memory import available_memory
 
 _UNCHECKED = 2**26  # bytes by which the history grows before the free memory is looked at again
@@ -23,8 +25,13 @@ class Rows(NamedTuple):
     def empty(cls, count: int, n: int) -> Rows:
         return cls(np.empty(count), np.empty(count), np.empty((count, n)), np.empty((count, n)))
 
-    def __getitem__(self, which: slice) -> Rows:  # type: ignore[override]
+    def at(self, which: slice | np.ndarray) -> Rows:
+        """Return some of the rows."""
         return Rows(*(x[which] for x in self))
+
+    def in_form(self, form: Form) -> tuple[np.ndarray, np.ndarray]:
+        """Return u and v, of the shape (rows,) for one degree of freedom."""
+        return (self.u[:, 0], self.v[:, 0]) if form is SCALAR else (self.u, self.v)
 
     @property
     def nbytes(self) -> int:
@@ -59,6 +66,7 @@ class GrowingHistory:
                     "t_eval with the times that you need."
                 )
 
-    def joined(self) -> Rows:
-        """Return all rows."""
-        return Rows(*(np.concatenate(parts) for parts in zip(*self.blocks, strict=True)))
+    @staticmethod
+    def join(blocks: Sequence[Rows]) -> Rows:
+        """Return the rows of some blocks."""
+        return Rows(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))

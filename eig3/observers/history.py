@@ -75,9 +75,14 @@ class History:
             t, u, v = self._t[:count], self._u[:count], self._v[:count]
             saved = slice(self.every - 1 - first % self.every, None, self.every)
         stepper.advance(count, every, u, v, cancel)
-        chunk = Chunk(first, every, t, u, v, saved, stepper).until(stepper)
-        self._write_times(chunk.t, begin, every)
-        return chunk
+        chunk = Chunk(first, every, t, u, v, saved, stepper)
+        complete = chunk.until(stepper)
+        self._write_times(complete.t, begin, every)
+        if not (stepper.is_over and every == 1):
+            return complete
+        rows = stepper.index - first  # the state at the event that ended the run follows them
+        t[rows], u[rows], v[rows] = stepper.t, stepper.u, stepper.v
+        return chunk._replace(t=t[: rows + 1], u=u[: rows + 1], v=v[: rows + 1])
 
     def _write_times(self, t: np.ndarray, begin: int, every: int) -> None:
         """Write the times after `every` times begin, begin + 1, ... steps."""
@@ -92,11 +97,12 @@ class History:
 
     def see(self, chunk: Chunk) -> None:
         """Save states of a chunk that contains every state."""
-        stepper = chunk.stepper
         if chunk.every < self.every:  # otherwise the rows of the chunk are rows of the history
-            rows = slice(chunk.first // self.every + 1, stepper.index // self.every + 1)
-            self.t[rows], self.u[rows], self.v[rows] = (x[chunk.saved] for x in (chunk.t, chunk.u, chunk.v))
-        self._commit(stepper.index // self.every + 1, stepper)
+            begin = chunk.first // self.every + 1
+            for all_rows, rows in ((self.t, chunk.t), (self.u, chunk.u), (self.v, chunk.v)):
+                saved = rows[chunk.saved]
+                all_rows[begin : begin + len(saved)] = saved
+        self._commit(chunk.stepper.index // self.every + 1, chunk.stepper)
 
     def _commit(self, rows: int, stepper: Stepper) -> None:
         if self._files:
@@ -111,7 +117,7 @@ class History:
     def close(self, stepper: Stepper) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return t, u and v of the saved states. The last one is the state of `stepper`."""
         if self._closed is None:
-            rows = n_rows(stepper.index, self.every)
+            rows = n_rows(stepper.index + stepper.is_over, self.every)
             self.t[rows - 1] = self._t_end if stepper.index == self._n_steps else stepper.t
             self.u[rows - 1], self.v[rows - 1] = stepper.u, stepper.v
             if self._files:

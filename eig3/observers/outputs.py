@@ -61,6 +61,10 @@ class Output:
         """The extremes over the steps so far."""
         return as_extremes(self._extremes, self._quantity.shape)
 
+    def at(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the values in other states."""
+        return self._quantity.evaluate(t, u, v, self._params, self._quantity.no_extremes()).copy()
+
     def close(self, index: int, rows: int) -> np.ndarray:
         """Return the values at the saved states of a run that ends at a step index.
 
