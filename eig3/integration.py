@@ -215,6 +215,8 @@ def _carry_out(begin: Callable[[], _Run | VariableRun], cancel: Cancel | None, r
             stop = _Stop(interrupt, check_cancel(cancel))
             run = begin()
             run.march(stop)
+        if isinstance(run, _Run):
+            run.judge_growth()  # which Ctrl-C may end, because it takes some time
         with DeferredInterrupt():
             solution = run.result()
             _write(run, solution)
@@ -458,7 +460,6 @@ class _Run:
             if self.bar:
                 self.bar.close()
         self.stepper.note_pace()
-        self._judge_growth()
 
     def _march_to(self, end: int, stop: _Stop) -> None:
         stepper, most, growth = self.stepper, end, 0
@@ -521,7 +522,7 @@ class _Run:
             f"its residual is {stepper.residual:.3g}; {', '.join(remedies[:-1])} or {remedies[-1]} may help.",
         )
 
-    def _judge_growth(self) -> None:
+    def judge_growth(self) -> None:
         """Change the status to DIVERGED if the motion stayed finite, but grew because of its step."""
         suspect = self.growth.suspect if self.status is Status.COMPLETED else None
         blow_up = suspect and find_blow_up(self.stepper, suspect)

@@ -88,7 +88,7 @@ class WatchedStepper(Stepper):
         )
 
     def fork(self) -> WatchedStepper:
-        other = super().fork()
+        other: Any = super().fork()
         other.watching = self.watching.fork()
         return other
 

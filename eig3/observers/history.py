@@ -80,9 +80,9 @@ class History:
         self._write_times(complete.t, begin, every)
         if not (stepper.is_over and every == 1):
             return complete
-        rows = stepper.index - first  # the state at the event that ended the run follows them
-        t[rows], u[rows], v[rows] = stepper.t, stepper.u, stepper.v
-        return chunk._replace(t=t[: rows + 1], u=u[: rows + 1], v=v[: rows + 1])
+        taken = stepper.index - first  # the state at the event that ended the run follows the steps
+        t[taken], u[taken], v[taken] = stepper.t, stepper.u, stepper.v
+        return chunk._replace(t=t[: taken + 1], u=u[: taken + 1], v=v[: taken + 1])
 
     def _write_times(self, t: np.ndarray, begin: int, every: int) -> None:
         """Write the times after `every` times begin, begin + 1, ... steps."""
