@@ -259,6 +259,10 @@ class Stepper:
 
     __copy__ = fork
 
+    def extended(self, t_end: float) -> Stepper:
+        """Return an independent stepper at the same state of a run that ends at t_end."""
+        return self.fork()
+
     def __deepcopy__(self, memo: dict) -> Stepper:
         return self.fork()
 

@@ -13,6 +13,7 @@ from .observers.progress import Progress
 from .quantities import Functions, Quantity, as_extremes
 from .solution import Solution, Status
 from .stepper import Cancel
+from .storage import Place
 from .variable_stepper import VariableStepper
 from .watching import ended_by_event, not_a_number
 
@@ -70,6 +71,7 @@ class VariableRun:
 
     def __init__(self, stepper: VariableStepper, every: int, functions: Functions, progress: bool) -> None:
         self.stepper, self.every, self._shows_progress = stepper, every, progress
+        self.place: Place | None = None
         self.history = GrowingHistory()
         self.history.append(self._present(0.0))
         invariants, outputs = functions.quantities(stepper.form)

@@ -89,11 +89,19 @@ class WatchedStepper(Stepper):
         )
 
     def fork(self) -> WatchedStepper:
-        other = super().fork()
+        other: Any = super().fork()
         other.watching = self.watching.fork()
         return other
 
     __copy__ = fork
+
+    def extended(self, t_end: float) -> WatchedStepper:
+        if self.watching.times is not None:
+            raise ValueError("a run with t_eval cannot be extended: integrate anew, with t_eval over the longer span.")
+        other = self.fork()
+        other._t_end = t_end
+        other.watching.set_span(self.t0, t_end)
+        return other
 
     def _compiled(self, running: Method, jacobian: Any) -> Any:
         formulas, order, form, rhs = running.formulas, self.method.order, self.form, self._rhs
