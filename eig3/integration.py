@@ -101,8 +101,8 @@ def integrate(
     h : float
         The step. If it does not divide the span, the run uses the next shorter step that does. Give either h or rtol.
     rtol : float
-        The relative tolerance. The steps then have such lengths that the estimated error of each step, in the root mean
-        square over u and v of all degrees of freedom, is at most ``atol + rtol * size``.
+        The relative tolerance. The steps then have such lengths that the estimated error of each step is at most
+        ``atol + rtol * size``, for u and v of each degree of freedom. With EIG-3, this holds for u only.
     atol : float or array_like, shape (n,) or (2, n), optional
         The absolute tolerance: a number, one for each degree of freedom, or a row for u and a row for v. The size of
         each value is then its own. Without atol, the size is the largest |u| of all degrees of freedom so far, and the

@@ -22,6 +22,7 @@ from .methods import Method
 from .solution import Solution
 from .stepper import Stepper
 from .storage import Place
+from .tolerances import Motion
 
 _START = ("u0", "v0", "params")
 _OF_RHS = ("rhs", "integrals")  # these fields change only with the right-hand side
@@ -153,6 +154,8 @@ class Problem:
         start: Any = self.u0, self.v0
         if self.integrals:
             start = [_with_integrals(x, len(self.integrals)) for x in start]
+            if options.get("rtol") is not None:
+                options["atol"] = Motion(options.get("atol"), np.size(self.u0))
         return self._run(integrate, self.rhs, span, *start, **options)
 
     def ensemble(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,16 @@ from .methods import METHODS, RK5, RK8, Method
 
 LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off decides about the steps
 _RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
+
+
+class Motion(NamedTuple):
+    """The argument `atol` of a run in which only the first `n` degrees of freedom are a motion.
+
+    The others are integrals over time, which do not act on the motion: they do not decide about the steps.
+    """
+
+    atol: ArrayLike | None
+    n: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +65,9 @@ def check_tolerances(
     """Check the tolerances of a run with n degrees of freedom."""
     if rtol is None:
         raise ValueError("atol needs rtol beside it: the relative tolerance, such as 1e-6.")
+    n_integrals = 0
+    if isinstance(atol, Motion):
+        n_integrals, (atol, n) = n - atol.n, atol
     relative = reals(rtol, "rtol")
     if relative.ndim or not LEAST_RTOL <= relative < 1:
         raise ValueError(
@@ -66,10 +79,12 @@ def check_tolerances(
     try:
         rows = np.array(np.broadcast_to(absolute, (2, n)))
     except ValueError:
+        each = f"{n} numbers for the degrees of freedom, " if n > 1 else ""
         raise ValueError(
-            f"atol must be a number, {n} numbers for the degrees of freedom, or an array of shape (2, {n}) with a row "
-            f"for u and a row for v, not of the shape {absolute.shape}."
+            f"atol must be a number, {each}or an array of shape (2, {n}) with a row for u and a row for v, not of the "
+            f"shape {absolute.shape}."
         ) from None
+    rows = np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1)
     return Tolerances(
         float(relative),
         rows,

@@ -38,8 +38,8 @@ class Span(NamedTuple):
     """The steps of variable length to take: at most `count` from step index `first`, to `t_end` at most.
 
     Every `every`-th state is written to the rows, and `atol` has a row for u and one for v. If `is_relative` is 1,
-    `rtol` is relative to the largest value of all degrees of freedom so far. If `may_shorten` is 0, a last step that
-    would have to be shortened is not taken.
+    `rtol` is relative to the largest value so far of all degrees of freedom whose `atol` is finite. If `may_shorten` is
+    0, a last step that would have to be shortened is not taken.
     """
 
     t_end: Any

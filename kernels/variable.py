@@ -94,7 +94,7 @@ def variable(callbacks, state, tally, span, watch):
         TRIAL(f, t, step, tally[STEP_BEFORE], p, n, y)
         tally[EVALUATIONS] += COST
         if span.is_relative == 1 and tally[V_SIZE] == 0:
-            set_sizes(tally, y, n, _FIRST * remaining)
+            set_sizes(tally, y, n, span.atol, _FIRST * remaining)
         square = SQUARE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, tally[U_SIZE], tally[V_SIZE])
         if not square <= 1.0:
             tally[REJECTED] += 1
@@ -146,7 +146,8 @@ def variable(callbacks, state, tally, span, watch):
         t = t_stop
         if span.is_relative == 1:
             for j in range(n):
-                tally[U_SIZE], tally[V_SIZE] = max(tally[U_SIZE], abs(u[j])), max(tally[V_SIZE], abs(v[j]))
+                if span.atol[0, j] < math.inf:
+                    tally[U_SIZE], tally[V_SIZE] = max(tally[U_SIZE], abs(u[j])), max(tally[V_SIZE], abs(v[j]))
         if outcome > RESET:
             ended = outcome
             break
@@ -165,7 +166,7 @@ def write_row(span, row, t, h, n, u, v):
 
 
 @element
-def set_sizes(tally, y, n, least):
+def set_sizes(tally, y, n, atol, least):
     """Write the sizes of u and v from which tolerances relative to the motion begin, if there is some motion.
 
     A velocity that is zero gets the size sqrt(u a) of an oscillation, and a displacement that is zero a part of
@@ -173,8 +174,9 @@ def set_sizes(tally, y, n, least):
     """
     u_size, v_size, a_size = 0.0, 0.0, 0.0
     for j in range(n):
-        u_size, v_size = max(u_size, abs(y[U][j])), max(v_size, abs(y[V][j]))
-        a_size = max(a_size, abs(y[A][j]), abs(y[A_END][j]))
+        if atol[0, j] < math.inf:
+            u_size, v_size = max(u_size, abs(y[U][j])), max(v_size, abs(y[V][j]))
+            a_size = max(a_size, abs(y[A][j]), abs(y[A_END][j]))
     if v_size == 0:
         v_size = math.sqrt(u_size * a_size) if u_size > 0 else least * a_size
     if u_size == 0:
@@ -194,7 +196,7 @@ def first_step(f, t, n, y, tally, span):
     if span.is_relative == 1:
         for j in range(n):
             a_end[j] = a[j]
-        set_sizes(tally, y, n, least)
+        set_sizes(tally, y, n, span.atol, least)
     size, slope = 0.0, 0.0
     for j in range(n):
         u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), tally[U_SIZE]) + TINY
