@@ -133,11 +133,6 @@ class MappedRows:
         self.arrays = {name: file.array for name, file in self._files.items()}
 
 
-def is_mapped(directory: Path) -> bool:
-    """Return whether a directory has the files of `MappedRows`."""
-    return (directory / COUNTS).is_file()
-
-
 def read_mapped(directory: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return the complete rows of the arrays with these names, and what the run has counted up to there.
 
