@@ -36,7 +36,7 @@ from .tolerances import check_tolerances, method_for
 from .variable_run import VariableRun
 from .variable_stepper import VariableStepper
 from .watched_stepper import WatchedStepper
-from .watching import ended_by_event
+from .watching import check_events, ended_by_event
 
 _CHUNK_SECONDS = 0.1  # duration of a chunk, after which its observers see it
 _CHUNK_GROWTH = 16  # largest factor from the steps of a watched chunk to the steps of the next
@@ -274,7 +274,7 @@ def _fixed_run(
     save_every = None if t_eval is not None else save_every
     every = _stride(save_every, n_steps)
     options |= {"h": h, "t0": t0, "method": method}
-    if events or t_eval is not None:
+    if check_events(events) or t_eval is not None:
         stepper: Stepper = WatchedStepper(rhs, u0, v0, t_end=t1, events=events, t_eval=t_eval, **options)
     else:
         stepper = Stepper(rhs, u0, v0, **options)

@@ -92,7 +92,7 @@ class VariableRun:
                     self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
                     break
                 left = stepper.tolerances.max_steps - stepper.index
-                if not left:
+                if not left and stepper.t < stepper.t_end:
                     self._end(
                         Status.TOO_MANY_STEPS,
                         f"The run took max_steps = {stepper.index} steps up to t = {stepper.t:g}; take a larger "
@@ -100,7 +100,7 @@ class VariableRun:
                     )
                     break
                 before = self._percent
-                self._advance(min(self._count, left))
+                self._advance(min(self._count, max(1, left)))
                 bar.add(self._percent - before)
                 self._judge()
         stepper.note_pace()

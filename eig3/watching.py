@@ -24,7 +24,7 @@ _ZENO = 1e-12  # resets that follow each other within this part of the span do n
 def check_events(events: Any) -> Mapping[str, Event]:
     """Return the events by name."""
     if events is None:
-        return {}
+        events = {}
     if not isinstance(events, Mapping) or not all(isinstance(event, Event) for event in events.values()):
         raise TypeError("events must be a dictionary of names and events, such as {'impact': eig3.Event(g)}.")
     return events
