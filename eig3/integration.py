@@ -104,8 +104,8 @@ def integrate(
         The relative tolerance. The steps then have such lengths that the estimated error of each step, in the root mean
         square over u and v of all degrees of freedom, is at most ``atol + rtol * size``.
     atol : float or array_like, shape (n,) or (2, n), optional
-        The absolute tolerance: a number, one for each degree of freedom, or a row for u and a row for v. The size of each
-        value is then its own. Without atol, the size is the largest |u| of all degrees of freedom so far, and the
+        The absolute tolerance: a number, one for each degree of freedom, or a row for u and a row for v. The size of
+        each value is then its own. Without atol, the size is the largest |u| of all degrees of freedom so far, and the
         largest |v|: no unit has to be known, and a value that passes through zero does not shorten the steps.
     params : float or array_like
         The parameters. rhs gets them as p, a one-dimensional array of float64.
@@ -190,7 +190,7 @@ def integrate(
         span = check_span(t_span)
         check_progress(progress)
         functions = check_functions(invariants, outputs)
-        common = {"params": params, "inline": inline, "events": events, "t_eval": t_eval}
+        common: dict[str, Any] = {"params": params, "inline": inline, "events": events, "t_eval": t_eval}
         if t_eval is not None and save_every not in (1, None):
             raise ValueError("save_every and t_eval exclude each other: give one of them.")
         if t_eval is not None and save_to is not None:
@@ -199,10 +199,8 @@ def integrate(
         if h is not None:
             _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
             return _fixed_run(rhs, span, u0, v0, h, method or "eig3", save_every, functions, progress, place, **common)
-        if place:
-            raise ValueError("save_to needs a fixed step: give h instead of rtol, or leave save_to out.")
         limits = rtol, atol, h_max, first_step, max_steps
-        return _variable_run(rhs, span, u0, v0, limits, method, save_every, functions, progress, **common)
+        return _variable_run(rhs, span, u0, v0, limits, method, save_every, functions, progress, place, **common)
 
     return _carry_out(begin, cancel, raise_on_failure)
 
@@ -218,12 +216,12 @@ def _carry_out(begin: Callable[[], _Run | VariableRun], cancel: Cancel | None, r
         if isinstance(run, _Run):
             run.judge_growth()  # which Ctrl-C may end, because it takes some time
         with DeferredInterrupt():
-            solution = run.result()
+            solution = _result(run)
             _write(run, solution)
     except BaseException as error:  # raised by rhs, or after Ctrl-C
         with DeferredInterrupt() as again:
             if run or isinstance(error, KeyboardInterrupt):
-                error.solution = run and run.result(error)  # type: ignore[attr-defined]
+                error.solution = run and _result(run, error)  # type: ignore[attr-defined]
             if run:
                 with contextlib.suppress(OSError):  # the rows are there, and their number
                     _write(run, error.solution)  # type: ignore[attr-defined]
@@ -232,6 +230,14 @@ def _carry_out(begin: Callable[[], _Run | VariableRun], cancel: Cancel | None, r
         raise
     if raise_on_failure and not solution.success:
         raise IntegrationError(solution)
+    return solution
+
+
+def _result(run: _Run | VariableRun, error: BaseException | None = None) -> Solution:
+    """Return the run up to now, which can go on; `error` is the exception that ended it, if there was one."""
+    solution = run.result(error)
+    if not isinstance(error, Exception):  # after which some observers may not have seen the last chunk
+        solution._extend = partial(_extend, run)
     return solution
 
 
@@ -304,6 +310,7 @@ def _variable_run(
     save_every: int | None,
     functions: Functions,
     progress: bool,
+    place: Place | None,
     **options: Any,
 ) -> VariableRun:
     """Return a run with tolerances at its start."""
@@ -315,11 +322,11 @@ def _variable_run(
     options |= {"method": method_for(method, tolerances.rtol), "tolerances": tolerances}
     stepper = VariableStepper(rhs, span, u0, v0, **options)
     every = NEVER if save_every is None else check_count(save_every, "save_every")
-    return VariableRun(stepper, every, functions, progress)
+    return VariableRun.begin(stepper, every, functions, progress, place)
 
 
 def _extend(
-    run: _Run,
+    run: _Run | VariableRun,
     t_end: float,
     *,
     save_to: str | PathLike[str] | None,
@@ -553,8 +560,6 @@ class _Run:
         solution.extremes = {each.name: each.extremes for each in followed}
         solution.events, solution.outputs = events, outputs
         solution.notes = (*self._notes(), *stepper.notes)
-        if not isinstance(error, Exception):  # after which some observers may not have seen the last chunk
-            solution._extend = partial(_extend, self)
         return solution
 
     def _solution(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> Solution:

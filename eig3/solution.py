@@ -102,8 +102,8 @@ class Solution:
     n_rejected : int
         Number of steps that were repeated with a shorter step, because their error was beyond the tolerances.
     steps : ndarray, shape (m,), or None
-        With tolerances, the length of the step that led to each saved state, or that contains its time. The first is
-        that of the first step. None for a fixed step.
+        With tolerances, the length of the step that led to each saved state, or that contains its time, and 0 for the
+        first state. None for a fixed step.
     labels : Labels or None
         Names and units of the degrees of freedom, in a run of a problem.
     reason : callable or None

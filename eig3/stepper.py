@@ -6,6 +6,7 @@ import math
 import operator
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from .accelerations import accelerations
 from .callbacks import check_callback
 from .checks import check_params, check_state
+from .growing import Rows
 from .guard import first_acceleration, guarded
 from .inlining import inlined
 from .kernels.fixed import STACKED_DEGREES
@@ -22,7 +23,6 @@ from .kernels.protocol import ENDED_BY, ERROR, EVALUATIONS, EVENTS, REJECTED, SC
 from .kernels.variable import GOING, WORK, inline_variable_kernel, variable_kernel
 from .memory import aligned
 from .methods import Method
-from .observers.growing import Rows
 from .tolerances import Tolerances
 from .watching import Watching
 
@@ -173,6 +173,20 @@ class VariableStepper:
         self.watching.collect(self._tally)
         return rows.at(slice(written))
 
+    @property
+    def counts(self) -> dict[str, float]:
+        """What the run has counted so far."""
+        return {
+            "n_steps": self.index,
+            "n_rhs": self.n_rhs,
+            "n_rejected": self.n_rejected,
+            "kernel_seconds": self.seconds,
+        }
+
+    def present(self, h: float) -> Rows:
+        """Return the present state as a row, with the step h that led there."""
+        return Rows(np.array([self.t]), np.array([h]), *(self._state[row : row + 1].copy() for row in (U, V)))
+
     def shorten(self) -> None:
         """Allow the last step to be shortened, so that it ends at the end of the span."""
         self._may_shorten = True
@@ -183,6 +197,15 @@ class VariableStepper:
         other._state, other._tally = aligned(self._state.shape), self._tally.copy()
         np.copyto(other._state, self._state)
         other.watching = self.watching.fork()
+        return other
+
+    def extended(self, t_end: float) -> VariableStepper:
+        """Return an independent stepper at the same state, for a run to a later end."""
+        if self.watching.times is not None:
+            raise ValueError("a run with t_eval cannot be extended: integrate anew, with t_eval over the longer span.")
+        other = self.fork()
+        other.t_end, other._may_shorten = t_end, False
+        other.watching.set_span(self.t0, t_end)
         return other
 
     def _component(self, row: int) -> Any:

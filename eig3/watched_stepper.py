@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .growing import Rows
 from .inlining import inlined
 from .kernels.events import NOT_A_NUMBER, RESET, ZENO
 from .kernels.protocol import ENDED_BY, EVENTS, TIME, Run
 from .kernels.variable import GOING
 from .kernels.watched import FAILED, inline_watched_kernel, watched_kernel, work_rows
 from .methods import Method
-from .observers.growing import Rows
 from .stepper import Stepper
 from .watching import Watching, not_a_number
 

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from .callbacks import check_callback
 from .checks import reals
 from .events import Event, Occurrences
+from .growing import Rows
 from .kernels.events import TERMINAL
 from .kernels.protocol import EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
-from .observers.growing import Rows
 from .solution import Status
 
 _LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
@@ -98,7 +98,7 @@ class Watching:
         """Write the state at the start, if it is wanted."""
         tally[EVENTS:] = self.entries()
         if self.times is not None and self.times[0] == t0:
-            self.watch.u_rows[0], self.watch.v_rows[0] = u, v
+            self.watch.u_rows[0], self.watch.v_rows[0], self.watch.h_rows[0] = u, v, 0.0
             tally[NEXT] = 1
 
     def fork(self) -> Watching:

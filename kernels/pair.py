@@ -1,8 +1,8 @@
 """The steps of variable length of a Runge-Kutta pair: a trial step, the estimate of its error, and dense output.
 
-The formulas are those of `eig3.kernels.tableau`, with the step as a factor of the sums: coefficients that contain powers
-of h would have to be computed anew for each step. With the weights e_i of the estimate, where the last stage is the
-acceleration at the end of the step, the errors are
+The formulas are those of `eig3.kernels.tableau`, with the step as a factor of the sums: coefficients that contain
+powers of h would have to be computed anew for each step. With the weights e_i of the estimate, where the last stage is
+the acceleration at the end of the step, the errors are
 
     error of v = h sum_i e_i a_i        error of u = h^2 sum_i (e A)_i a_i
 """

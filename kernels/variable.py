@@ -42,13 +42,14 @@ from .protocol import (
     vector_type,
 )
 
-#: How the kernel ended, besides the outcomes of events: the steps are taken, the end is reached, the next step would have
-#: to be shortened to reach it, the step is below the resolution of t, or there is no room for rows or occurrences.
+#: How the kernel ended, besides the outcomes of events: the steps are taken, the end is reached, the next step would
+#: have to be shortened to reach it, the step is below the resolution of t, or there is no room for rows or occurrences.
 GOING, AT_END, BEFORE_END, TOO_SMALL, FULL = range(10, 15)
 
 #: The rows of `Watch.work` for n degrees of freedom: two for the search of roots, u and v there, and the dense output.
 WORK = 4 + COEFFICIENTS
 
+_PART = 1e-3  # of v^2 / a, the size of a displacement that starts at zero
 TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
 
 _RESOLUTION = 8 * EPSILON  # least step, relative to the time
@@ -93,7 +94,7 @@ def variable(callbacks, state, tally, span, watch):
         TRIAL(f, t, step, tally[STEP_BEFORE], p, n, y)
         tally[EVALUATIONS] += COST
         if span.is_relative == 1 and tally[V_SIZE] == 0:
-            set_sizes_at_rest(tally, y[A_END], n, _FIRST * remaining)
+            set_sizes(tally, y, n, _FIRST * remaining)
         square = SQUARE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, tally[U_SIZE], tally[V_SIZE])
         if not square <= 1.0:
             tally[REJECTED] += 1
@@ -164,11 +165,21 @@ def write_row(span, row, t, h, n, u, v):
 
 
 @element
-def set_sizes_at_rest(tally, a, n, time):
-    """Give a system at rest the size of its motion after a short time with the accelerations `a`."""
+def set_sizes(tally, y, n, least):
+    """Write the sizes of u and v from which tolerances relative to the motion begin, if there is some motion.
+
+    A velocity that is zero gets the size sqrt(u a) of an oscillation, and a displacement that is zero a part of
+    v^2 / a. Where this is zero too, the size is that after the time `least`.
+    """
+    u_size, v_size, a_size = 0.0, 0.0, 0.0
     for j in range(n):
-        tally[V_SIZE] = max(tally[V_SIZE], time * abs(a[j]))
-    tally[U_SIZE] = max(tally[U_SIZE], time * tally[V_SIZE])
+        u_size, v_size = max(u_size, abs(y[U][j])), max(v_size, abs(y[V][j]))
+        a_size = max(a_size, abs(y[A][j]), abs(y[A_END][j]))
+    if v_size == 0:
+        v_size = math.sqrt(u_size * a_size) if u_size > 0 else least * a_size
+    if u_size == 0:
+        u_size = _PART * v_size * v_size / a_size if a_size > 0 and v_size > least * a_size else least * v_size
+    tally[U_SIZE], tally[V_SIZE] = u_size, v_size
 
 
 def first_step(f, t, n, y, tally, span):
@@ -182,9 +193,8 @@ def first_step(f, t, n, y, tally, span):
     least = _FIRST * length
     if span.is_relative == 1:
         for j in range(n):
-            tally[U_SIZE], tally[V_SIZE] = max(tally[U_SIZE], abs(u[j])), max(tally[V_SIZE], abs(v[j]))
-        if tally[V_SIZE] == 0:
-            set_sizes_at_rest(tally, a, n, least)
+            a_end[j] = a[j]
+        set_sizes(tally, y, n, least)
     size, slope = 0.0, 0.0
     for j in range(n):
         u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), tally[U_SIZE]) + TINY
@@ -211,8 +221,8 @@ def first_step(f, t, n, y, tally, span):
 def variable_kernel(module: str, form: Form, n: int) -> Any:
     """Compile the kernel of a method for a right-hand side given as an address, or load it from the disk.
 
-    `module` is the name of a file of this folder with the formulas `variable`, see `eig3.kernels.pair`. If `n` is not 0,
-    the kernel is valid for n degrees of freedom only.
+    `module` is the name of a file of this folder with the formulas `variable`, see `eig3.kernels.pair`. If `n` is not
+    0, the kernel is valid for n degrees of freedom only.
 
     It is called as ``kernel((rhs,), state, tally, span, watch)``.
     """
