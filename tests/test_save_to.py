@@ -330,3 +330,36 @@ def test_damage_is_found(name, tmp_path):
     os.truncate(tmp_path / name, (tmp_path / name).stat().st_size // 2)
     with pytest.raises(ValueError, match="damaged"):
         eig3.load(tmp_path)
+
+
+@pytest.mark.parametrize("save_every", [1, 7, None])
+@pytest.mark.parametrize("system", [SCALAR, VECTOR])
+def test_runs_with_tolerances_are_saved_too(system, save_every, tmp_path):
+    arguments, options = system
+    options = {"params": options["params"], "rtol": 1e-6, "save_every": save_every}
+    if system is SCALAR:
+        options |= {"invariants": {"e": energy}, "outputs": {"o": energy}}
+    memory = eig3.integrate(*arguments, **options)
+    run = eig3.integrate(*arguments, **options, save_to=tmp_path)
+    for each in (run, eig3.load(tmp_path)):
+        assert_same(each, memory)
+        np.testing.assert_array_equal(each.steps, memory.steps)
+        assert each.n_rejected == memory.n_rejected
+        assert isinstance(each.u, np.memmap)
+
+
+def test_a_full_disk_ends_a_run_with_tolerances_without_loss(tmp_path, monkeypatch):
+    arguments, options = SCALAR
+    options = {"params": options["params"], "rtol": 1e-9, "h_max": 1e-3}
+    memory = eig3.integrate(*arguments, **options)
+    monkeypatch.setattr(os, "posix_fallocate", fail_after(200_000))
+    with pytest.raises(OSError, match="disk has no space") as caught:
+        eig3.integrate(*arguments, **options, save_to=tmp_path)
+    monkeypatch.undo()
+    loaded = eig3.load(tmp_path)
+    assert loaded.status is eig3.Status.INTERRUPTED
+    rows = len(loaded.t)
+    assert 1000 < rows < len(memory.t)
+    for name in ("t", "u", "v"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(memory, name)[:rows])
+    np.testing.assert_array_equal(caught.value.solution.u, loaded.u)
