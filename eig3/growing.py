@@ -57,7 +57,7 @@ class GrowingHistory:
         shape = () if form is SCALAR else (n,)
         shapes = {"t": (), "steps": (), "u": shape, "v": shape}
         self._files = None if directory is None else MappedRows(directory, shapes)
-        self._joined: Rows | None = None
+        self._is_full = False
 
     def append(self, rows: Rows) -> None:
         """Add a copy of some rows.
@@ -65,13 +65,17 @@ class GrowingHistory:
         Raises
         ------
         MemoryError, OSError
-            If there is no space left in memory or on the disk. The rows up to now stay as they are.
+            If there is no space left in memory or on the disk. The rows for which there is space are kept.
         """
-        if not len(rows.t):
+        if not len(rows.t) or self._is_full:
             return
         if self._files:
             u, v = rows.in_form(self._form)
-            self._files.append(t=rows.t, steps=rows.h, u=u, v=v)
+            try:
+                self._files.append(t=rows.t, steps=rows.h, u=u, v=v)
+            except OSError:
+                self._is_full = True  # the rows that are left out would be a gap before later ones
+                raise
             return
         self._blocks.append(Rows(*(x.copy() for x in rows)))
         self._size += rows.nbytes

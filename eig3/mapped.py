@@ -102,15 +102,26 @@ class MappedRows:
         self._refer()
 
     def append(self, **blocks: np.ndarray) -> None:
-        """Add rows to each array, by name. They are not counted before `commit`."""
-        end = self.count + len(next(iter(blocks.values())))
+        """Add rows to each array, by name. They are not counted in the files before `commit`.
+
+        Raises
+        ------
+        OSError
+            If the disk is full. The rows for which there is space are added.
+        """
+        count = len(next(iter(blocks.values())))
         held = min(len(array) for array in self.arrays.values())
-        if end > held:
-            most = _MOST_BYTES // max(file.row_bytes for file in self._files.values())
-            self.reserve(max(end, held + min(held, max(1, most))))
-        for name, block in blocks.items():
-            self.arrays[name][self.count : end] = block
-        self.count = end
+        try:
+            if self.count + count > held:
+                most = _MOST_BYTES // max(file.row_bytes for file in self._files.values())
+                self.reserve(max(self.count + count, held + min(held, max(1, most))))
+        except OSError:
+            count = held - self.count
+            raise
+        finally:
+            for name, block in blocks.items():
+                self.arrays[name][self.count : self.count + count] = block[:count]
+            self.count += count
 
     def commit(self, count: int, **counts: float) -> None:
         """Say that the first `count` rows are complete, and what the run has counted up to there."""
@@ -131,11 +142,6 @@ class MappedRows:
 
     def _refer(self) -> None:
         self.arrays = {name: file.array for name, file in self._files.items()}
-
-
-def is_mapped(directory: Path) -> bool:
-    """Return whether a directory has the files of `MappedRows`."""
-    return (directory / COUNTS).is_file()
 
 
 def read_mapped(directory: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -17,7 +17,7 @@ import numpy as np
 from .events import Occurrences
 from .extremes import Extremes
 from .labels import Labels
-from .mapped import check_directory, is_mapped, read_mapped
+from .mapped import check_directory, read_mapped
 from .methods import METHODS, Method, shown
 from .solution import Solution, Status
 
@@ -122,7 +122,7 @@ def load(path: str | PathLike[str]) -> Solution:
         the user that is not imported yet.
     """
     target = Path(path)
-    if is_mapped(target):
+    if (target / _RUN).is_file():
         return _load_directory(target)
     target = _file(path)
     if Path(path).is_dir() and not target.exists():

@@ -40,6 +40,7 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
     """
     count = len(watch.events)
     roots, ends = watch.work[0], watch.work[1]
+    roots[0] = _NEVER  # if there are no events, but only wanted times
     tolerance = 2 * EPSILON * max(abs(t), abs(t_end)) / h
     for k in range(count):
         ends[k] = EVENT(watch.events[k, _G], t_end, u_end, v_end, p)

@@ -49,7 +49,8 @@ def march_vector(step, complete, f, y, c, n, run, first, last, row):
             write(complete, y, c, n, run, row)
             row += 1
             left = run.every
-    complete(y, c, run.h, n)
+    if last > first:  # otherwise the last step may be one of the starter, which has no need of it
+        complete(y, c, run.h, n)
     return y, last, row
 
 

@@ -118,7 +118,7 @@ def test_an_exception_leaves_the_rows_before_it(tmp_path):
     loaded = eig3.load(tmp_path)
     assert loaded.status is eig3.Status.INTERRUPTED
     assert "raised ValueError" in loaded.message
-    assert loaded.t[-1] == 5.0
+    assert loaded.t[-1] == 5.0 + H  # the step from t = 5 to here evaluates rhs at t = 5
     assert_same(loaded, caught.value.solution)
 
 
@@ -158,7 +158,7 @@ def test_a_killed_process_leaves_what_it_had_computed(form, tmp_path):
     directory = tmp_path / "run"
     process = subprocess.Popen([sys.executable, script, form, directory])
     try:
-        while not (directory / COUNTS).exists() or len(eig3.load(directory).t) < 2:
+        while not (directory / "run.npz").exists() or len(eig3.load(directory).t) < 2:
             assert process.poll() is None
             time.sleep(0.01)
     finally:
@@ -205,7 +205,8 @@ def test_a_full_disk_is_an_error_before_the_run(limit, tmp_path, monkeypatch):
         eig3.integrate(*arguments, **options, save_to=tmp_path)
     assert caught.value.errno == errno.ENOSPC
     assert not any(tmp_path.iterdir())
-    assert eig3.integrate(*arguments, **options, save_every=None, save_to=tmp_path).success is True
+    monkeypatch.undo()
+    assert eig3.integrate(*arguments, **options, save_to=tmp_path).success
 
 
 def test_too_little_free_space_is_an_error_that_names_a_save_every(tmp_path, monkeypatch):
@@ -329,3 +330,36 @@ def test_damage_is_found(name, tmp_path):
     os.truncate(tmp_path / name, (tmp_path / name).stat().st_size // 2)
     with pytest.raises(ValueError, match="damaged"):
         eig3.load(tmp_path)
+
+
+@pytest.mark.parametrize("save_every", [1, 7, None])
+@pytest.mark.parametrize("system", [SCALAR, VECTOR])
+def test_runs_with_tolerances_are_saved_too(system, save_every, tmp_path):
+    arguments, options = system
+    options = {"params": options["params"], "rtol": 1e-6, "save_every": save_every}
+    if system is SCALAR:
+        options |= {"invariants": {"e": energy}, "outputs": {"o": energy}}
+    memory = eig3.integrate(*arguments, **options)
+    run = eig3.integrate(*arguments, **options, save_to=tmp_path)
+    for each in (run, eig3.load(tmp_path)):
+        assert_same(each, memory)
+        np.testing.assert_array_equal(each.steps, memory.steps)
+        assert each.n_rejected == memory.n_rejected
+        assert isinstance(each.u, np.memmap)
+
+
+def test_a_full_disk_ends_a_run_with_tolerances_without_loss(tmp_path, monkeypatch):
+    arguments, options = SCALAR
+    options = {"params": options["params"], "rtol": 1e-9, "h_max": 1e-3}
+    memory = eig3.integrate(*arguments, **options)
+    monkeypatch.setattr(os, "posix_fallocate", fail_after(200_000))
+    with pytest.raises(OSError, match="disk has no space") as caught:
+        eig3.integrate(*arguments, **options, save_to=tmp_path)
+    monkeypatch.undo()
+    loaded = eig3.load(tmp_path)
+    assert loaded.status is eig3.Status.INTERRUPTED
+    rows = len(loaded.t)
+    assert 1000 < rows < len(memory.t)
+    for name in ("t", "u", "v"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(memory, name)[:rows])
+    np.testing.assert_array_equal(caught.value.solution.u, loaded.u)
