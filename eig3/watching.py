@@ -17,6 +17,7 @@ from .kernels.events import TERMINAL
 from .kernels.protocol import EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
 from .solution import Status
 
+_LOG_ROWS = 32  # occurrences of each event in the log, at least
 _LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
 _ZENO = 1e-12  # resets that follow each other within this part of the span do not end
 
@@ -73,7 +74,7 @@ class Watching:
             for (g, apply), event in zip(self._callbacks, self.events.values(), strict=True)
         ]
         count, rows = len(table), 0 if self.times is None else len(self.times)
-        log = np.empty((max(count, _LOG_VALUES // (2 + 4 * n)) if count else 0, 2 + 4 * n))
+        log = np.empty((count and max(_LOG_ROWS * count, _LOG_VALUES // (2 + 4 * n)), 2 + 4 * n))
         times = np.empty(0) if self.times is None else self.times
         self.watch = Watch(
             np.array(table, dtype=np.int64).reshape(count, 4),
@@ -177,8 +178,9 @@ def ended_by_event(stepper: Any) -> tuple[Status, str]:
     if stepper.ended == TERMINAL:
         return Status.TERMINATED, f"The event {name!r} ended the run at t = {t:g}."
     return Status.ZENO, (
-        f"The resets of the event {name!r} follow each other within the resolution of t at t = {t:g}, as the impacts "
-        "of a ball that comes to rest do; end the run before with a terminal event, or let apply bring it to rest."
+        f"The resets of the event {name!r} follow each other at t = {t:g} in ever shorter times, or by thousands in "
+        "one step, as the impacts of a ball that comes to rest do; end the run before with a terminal event, or let "
+        "apply bring the motion to rest."
     )
 
 

@@ -73,15 +73,15 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
             else:
                 for j in range(n):
                     u[j], v[j] = u_end[j], v_end[j]
-        outcome = max(outcome, TAKE(watch, tally, k, t + s * h if s < 1.0 else t_end, n, u, v, p))
+        outcome = max(outcome, TAKE(watch, tally, k, t + s * h if s < 1.0 else t_end, n, ends, u, v, p))
         roots[k] += _NEVER
     if outcome == PASSED:
         s = 1.0
     for k in range(count):
         if outcome == PASSED:
             tally[EVENTS + 2 * k] = ends[k] if ends[k] != 0 else tally[EVENTS + 2 * k]
-        elif roots[k] - _NEVER >= s - tolerance:  # it has just occurred: its sign after the reset is not known
-            tally[EVENTS + 2 * k] = 0.0
+        elif roots[k] - _NEVER >= s - tolerance:  # it has just occurred
+            tally[EVENTS + 2 * k] = ends[k] if watch.events[k, _APPLY] != 0 else 0.0
         else:
             tally[EVENTS + 2 * k] = EVENT(watch.events[k, _G], t + s * h, u, v, p)
     return outcome, s
@@ -103,11 +103,18 @@ def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, 
     bisection, and as few as the secant method if g is smooth: I. F. D. Oliveira and R. H. C. Takahashi, ACM
     Transactions on Mathematical Software 47 (2020), 5.
     """
-    low, high = 0.0 if before != 0 else _JUST_AFTER, 1.0
+    low, high = 0.0, 1.0
     evaluate(coefficients, low, n, u, v)
-    g_low, g_high = EVENT(address, t + low * h, u, v, p), g_end
+    g_low, g_high = EVENT(address, t, u, v, p), g_end
     if before == 0:
-        before = g_low
+        g_start, low = g_low, _JUST_AFTER
+        evaluate(coefficients, low, n, u, v)
+        g_low = EVENT(address, t + low * h, u, v, p)
+        before = g_low - g_start  # g_start may be on either side of zero, by round-off
+        while low < 0.5 and not g_low * before > 0:
+            low *= 2
+            evaluate(coefficients, low, n, u, v)
+            g_low = EVENT(address, t + low * h, u, v, p)
     is_rising = before < 0
     has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
     if before == 0 or not has_changed or direction == (-1 if is_rising else 1):
@@ -137,8 +144,12 @@ def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, 
     return high
 
 
-def take(watch, tally, k, t, n, u, v, p):
-    """Write an occurrence of the event k to the log, apply its reset to u and v, and return the outcome."""
+def take(watch, tally, k, t, n, ends, u, v, p):
+    """Write an occurrence of the event k to the log, apply its reset to u and v, and return the outcome.
+
+    The value of g after a reset that moves it away from zero is written to `ends`. If g stays where it is, which is
+    zero up to round-off, zero is written: the next step then shows the sign that it gets.
+    """
     row, address = watch.log[int(tally[LOGGED])], watch.events[k, _APPLY]
     tally[LOGGED] += 1
     row[0], row[1] = k, t
@@ -146,7 +157,10 @@ def take(watch, tally, k, t, n, u, v, p):
     for j in range(n):
         row[2 + j], row[2 + n + j] = u[j], v[j]
     if address != 0:
+        g = EVENT(watch.events[k, _G], t, u, v, p)
         APPLY(address, t, u, v, p)
+        g_after = EVENT(watch.events[k, _G], t, u, v, p)
+        ends[k] = g_after if abs(g_after) > 2 * abs(g) else 0.0
         tally[GAP] = t - tally[EVENTS + 2 * k + 1]
         tally[EVENTS + 2 * k + 1] = t
         outcome = RESET if tally[GAP] > watch.zeno else ZENO

@@ -16,13 +16,14 @@ from typing import Any
 from numba.types import UniTuple, int64
 
 from .dense import quintic
-from .events import NOT_A_NUMBER, PASSED, RESET, functions, write_time
+from .events import NOT_A_NUMBER, PASSED, RESET, ZENO, functions, write_time
 from .fixed import Formulas, inline_callbacks, nothing, pointer_callbacks
 from .jit import bound, compile_kernel, element, outlined
 from .march import settle
 from .pair import A_END, U_END, V_END, A, U, V
 from .protocol import (
     ANEW,
+    ENDED_BY,
     EVALUATIONS,
     GAP,
     LOGGED,
@@ -52,7 +53,7 @@ def scalar(callbacks, state, settings, tally, run, watch):
     pair = rows(watch.work[WORK:], PAIR_ROWS)
     y, i, row, last, ended = floats(state, VALUES), run.first, 0, run.first + run.count, GOING
     while i < last and ended == GOING:
-        if int(tally[LOGGED]) + len(watch.events) > len(watch.log):
+        if 2 * int(tally[LOGGED]) > len(watch.log):
             ended = FULL
             break
         first, begun = i, int(tally[ANEW]) + START_STEPS
@@ -120,7 +121,7 @@ def vector(callbacks, state, settings, tally, run, watch):
     pair = rows(watch.work[WORK:], PAIR_ROWS)
     y, i, row, last, ended = rows(state, OWN_ROWS), run.first, 0, run.first + run.count, GOING
     while i < last and ended == GOING:
-        if int(tally[LOGGED]) + len(watch.events) > len(watch.log):
+        if 2 * int(tally[LOGGED]) > len(watch.log):
             ended = FULL
             break
         first, begun = i, int(tally[ANEW]) + START_STEPS
@@ -197,6 +198,10 @@ def search(f, watch, tally, t, t_grid, n, p):
     t_end, reach, result = t_grid, 0.0, PASSED
     while True:
         h = t_end - t
+        if int(tally[LOGGED]) + len(watch.events) > len(watch.log):  # of resets in this step alone
+            copy_two(u_end, v_end, u, v, n)
+            tally[TIME], tally[ENDED_BY] = t, watch.log[int(tally[LOGGED]) - 1, 0]
+            return ZENO
         outcome, s = LOOK_WITHIN(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
         if outcome == NOT_A_NUMBER:
             copy_two(u_end, v_end, u, v, n)
