@@ -12,8 +12,8 @@ from ..scene.effect import Link, distance
 class BreakingString(Link):
     """A linear spring that breaks when its tension reaches its strength, and is without force from then on.
 
-    This is an event: ``solution.events["breaking string 0"]`` has the time, and the degree of freedom "breaking string 0"
-    of the problem is 0 while the string is whole and 1 after. The energy that the string has when it breaks is lost.
+    This is an event: ``solution.events["breaking string 0"]`` has the time. The degree of freedom "breaking string 0"
+    of the problem is 0 while the string is whole and 1 after. The energy of the string is lost when it breaks.
 
     Parameters
     ----------

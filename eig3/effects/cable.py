@@ -41,8 +41,8 @@ class Cable(Link):
     """A spring with a damper that pulls and never pushes: it goes slack.
 
     While the cable is longer than its natural length, its tension at the distance r, which grows at the rate r', is
-    stiffness (r - length) + damping r', or 0 where this would push. Where the cable goes slack or taut the force changes
-    its form. This is an event, so that a step ends there: the method keeps its order, and
+    stiffness (r - length) + damping r', or 0 where this would push. Where the cable goes slack or taut the force
+    changes its form. This is an event, so that a step ends there: the method keeps its order, and
     ``solution.events["cable 0"]`` has the times.
 
     Parameters

@@ -13,10 +13,10 @@ from .restitution import rebound
 class MassImpact(Link):
     """Impacts between two masses, or between a mass and a support, which may move.
 
-    They strike each other where their distance is `reach`. An impact multiplies the speed along the line through them by
-    the restitution and keeps their momentum. It is an event: the run finds its time, and
-    ``solution.events["mass impact 0"]`` has the velocities before and after. Each pair has an event of its own, which is
-    compiled for itself: for contacts between hundreds of pairs take `MassContact`.
+    They strike each other where their distance is `reach`. An impact multiplies the speed along the line through them
+    by the restitution and keeps their momentum. It is an event: the run finds its time, and
+    ``solution.events["mass impact 0"]`` has the velocities before and after. Each pair has an event of its own, which
+    is compiled for itself: for contacts between hundreds of pairs take `MassContact`.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class MassImpact(Link):
 
     reach: ArrayLike = 0.0
     restitution: ArrayLike = 0.5
-    slow: ArrayLike = 1e-3
+    slow: ArrayLike = 1e-2
 
     nonnegative = ("reach", "restitution", "slow")
     crossing = -1

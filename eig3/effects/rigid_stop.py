@@ -27,9 +27,9 @@ class RigidStop(Body):
     restitution : float or array_like
         The speed after an impact as a part of the speed before it, from 0 to 1.
     slow : float or array_like
-        The speed from which on an impact loses no more, m/s: the mass leaves with its own speed if it is slower, and never
-        with a lower speed than this if it was faster. A mass that is pressed against the stop thus keeps bouncing at about
-        this speed, which stands for its rest. With 0, its impacts would follow each other without end.
+        An impact at this speed or below loses none of it, and a faster one leaves at least this speed, m/s. A mass that
+        is pressed against the stop thus keeps bouncing at this speed, which stands for its rest. With 0, its impacts
+        would follow each other without end.
 
     Raises
     ------
@@ -41,7 +41,7 @@ class RigidStop(Body):
     normal: ArrayLike
     offset: ArrayLike = 0.0
     restitution: ArrayLike = 0.5
-    slow: ArrayLike = 1e-3
+    slow: ArrayLike = 1e-2
 
     vectors = ("normal",)
     nonnegative = ("restitution", "slow")

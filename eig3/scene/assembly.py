@@ -143,8 +143,8 @@ class Group:
 class Assembly:
     """The content of a scene's code: its masses, groups of effects, and motions of supports.
 
-    `events` are the names of the events, in the order in which their effects were added, and `states` the names of those
-    that have a state.
+    `events` are the names of the events, in the order in which their effects were added, and `states` the names of
+    those that have a state.
     """
 
     cloud: Cloud
@@ -188,7 +188,7 @@ class Assembly:
         return self.follows_work or any(law.effect.reads_velocity() for law in self.laws)
 
     def start(self, values: np.ndarray) -> np.ndarray:
-        """Return u0 or v0 from the positions or velocities of all points: by coordinate, then by mass; then the states."""
+        """Return u0 or v0 from the positions or velocities of all points, by coordinate and mass; then the states."""
         return np.concatenate([values[self.cloud.masses > 0].T.ravel(), np.zeros(len(self.states))])
 
 

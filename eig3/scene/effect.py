@@ -43,11 +43,11 @@ class Effect:
     fields, and what `Body`, `Link` or `Motion` offers. A function without v or rate does not read the velocity, and the
     scene then does not compute it.
 
-    ``event`` returns a number, and the event of an effect occurs where this number changes its sign. There the functions
-    ``velocity_after`` of a `Body` or ``rate_after`` of a `Link` return the new velocity, or the new rate at which the
-    distance grows, and ``state_after`` returns the new state. A state is a number that every function of the effect can
-    take as its argument `state`: it is 0 at the start and constant between events. All functions at an event get the
-    values before it. Each of the points or pairs has an event and a state of its own.
+    ``event`` returns a number, and the event of an effect occurs where this number changes its sign. There
+    ``velocity_after`` of a `Body` or ``rate_after`` of a `Link` returns the new velocity, or the new rate at which the
+    distance grows, and ``state_after`` returns the new state, from the values before the event. A state is a number
+    that every function of the effect can take as its argument `state`: it is 0 at the start and constant between events.
+    Each of the points or pairs has an event and a state of its own.
 
     Attributes
     ----------
@@ -232,9 +232,7 @@ class Effect:
             raise TypeError(f"{self.title} must have a function event, at whose zeros {resets[0]} is called.")
         reading = [name for name, function in functions.items() if "state" in arguments(function)]
         if reading and "state_after" not in functions:
-            raise TypeError(
-                f"{self.title} must have a function state_after, since {reading[0]} has the argument state."
-            )
+            raise TypeError(f"{self.title} must have a function state_after, because {reading[0]} reads the state.")
 
     def _check_names(self, what: str) -> None:
         """Check that a class variable is a tuple of names of fields that have a value."""
@@ -326,8 +324,8 @@ class Body(Effect):
                 f = samples[min(int(t / interval), samples.size - 1)]
                 return f * direction[0], f * direction[1]
 
-    The function ``event`` and what happens there, ``velocity_after`` and ``state_after``, can take the same arguments as
-    a force: see `Effect`.
+    The function ``event`` and what happens there, ``velocity_after`` and ``state_after``, can take the same arguments
+    as a force: see `Effect`.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {

@@ -82,8 +82,8 @@ class Scene:
     """Points in one to three dimensions and the effects on them.
 
     The vector u of a scene's problem has the Cartesian coordinates of the masses: the first coordinate of every mass,
-    in the order in which the masses were added, then the second of every mass, then the third. The states of effects, such
-    as whether a string has broken, follow. `Points.of` gives the part of some masses.
+    in the order in which the masses were added, then the second of every mass, then the third. The states of effects,
+    such as whether a string has broken, follow. `Points.of` gives the part of some masses.
 
     Parameters
     ----------
@@ -196,8 +196,8 @@ class Scene:
             Follow the work, J, done by effects without a potential and by supports that move. The method integrates it
             with the motion and to the same order. ``solution.integrals["work"]`` is the work at the saved times, and
             ``solution.drift["energy"]`` is the largest change of the mechanical energy less the work, which is constant
-            in the exact motion. What an impact takes from the energy is part of the work. A scene whose mechanical energy
-            is constant follows no work.
+            in the exact motion. What an event takes from the energy is part of the work. A scene whose mechanical
+            energy is constant follows no work.
 
         Returns
         -------
