@@ -335,6 +335,7 @@ WRONG = {
         ValueError,
         "restitution of MassImpact must not be above 1.",
     ),
+    "no slow speed": (lambda: MassImpact(0.0, 1.0, 0.0), ValueError, "slow of MassImpact must be positive."),
     "a long normal": (lambda: RigidStop((1.0, 1.0)), ValueError, "normal of RigidStop must be a unit vector."),
     "a negative strength": (lambda: BreakingString(1.0, 1.0, -1.0), ValueError, "strength of BreakingString must not"),
     "NaN": (lambda: LinearDamper(math.nan), ValueError, "damping of LinearDamper must be finite."),

@@ -30,7 +30,7 @@ class MassImpact(Link):
     Raises
     ------
     ValueError
-        For a reach, restitution or slow below 0, a restitution above 1, a reach of 0 in two or three dimensions, or
+        For a reach or restitution below 0, a restitution above 1, a slow that is not positive, a reach of 0 in two or three dimensions, or
         points that are not further apart than the reach at the start.
     """
 
@@ -38,13 +38,14 @@ class MassImpact(Link):
     restitution: ArrayLike = 0.5
     slow: ArrayLike = 1e-2
 
-    nonnegative = ("reach", "restitution", "slow")
+    nonnegative = ("reach", "restitution")
     crossing = -1
     source = "Newton's law of restitution"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.require(self._reals("restitution") <= 1, "restitution must not be above 1")
+        self.require(self._reals("slow") > 0, "slow must be positive")
 
     def check(self, dimension):
         super().check(dimension)

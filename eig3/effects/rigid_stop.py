@@ -28,14 +28,13 @@ class RigidStop(Body):
         The speed after an impact as a part of the speed before it, from 0 to 1.
     slow : float or array_like
         An impact at this speed or below loses none of it, and a faster one leaves at least this speed, m/s. A mass that
-        is pressed against the stop thus keeps bouncing at this speed, which stands for its rest. With 0, its impacts
-        would follow each other without end.
+        is pressed against the stop thus keeps bouncing at this speed, which stands for its rest.
 
     Raises
     ------
     ValueError
-        For a normal that is not a unit vector, a restitution below 0 or above 1, slow below 0, or a mass that does not
-        start on the free side.
+        For a normal that is not a unit vector, a restitution below 0 or above 1, a slow that is not positive, or a
+        mass that does not start on the free side.
     """
 
     normal: ArrayLike
@@ -44,7 +43,7 @@ class RigidStop(Body):
     slow: ArrayLike = 1e-2
 
     vectors = ("normal",)
-    nonnegative = ("restitution", "slow")
+    nonnegative = ("restitution",)
     crossing = -1
     source = "Newton's law of restitution"
 
@@ -52,6 +51,7 @@ class RigidStop(Body):
         super().__post_init__()
         self.require_unit("normal")
         self.require(self._reals("restitution") <= 1, "restitution must not be above 1")
+        self.require(self._reals("slow") > 0, "slow must be positive")
 
     def check_points(self, masses, positions, columns):
         super().check_points(masses, positions, columns)

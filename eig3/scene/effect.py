@@ -46,8 +46,8 @@ class Effect:
     ``event`` returns a number, and the event of an effect occurs where this number changes its sign. There
     ``velocity_after`` of a `Body` or ``rate_after`` of a `Link` returns the new velocity, or the new rate at which the
     distance grows, and ``state_after`` returns the new state, from the values before the event. A state is a number
-    that every function of the effect can take as its argument `state`: it is 0 at the start and constant between events.
-    Each of the points or pairs has an event and a state of its own.
+    that every function of the effect can take as its argument `state`: it is 0 at the start and constant between
+    events. Each of the points or pairs has an event and a state of its own.
 
     Attributes
     ----------
