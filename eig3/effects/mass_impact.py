@@ -30,8 +30,8 @@ class MassImpact(Link):
     Raises
     ------
     ValueError
-        For a reach or restitution below 0, a restitution above 1, a slow that is not positive, a reach of 0 in two or three dimensions, or
-        points that are not further apart than the reach at the start.
+        For a reach or restitution below 0, a restitution above 1, a slow that is not positive, a reach of 0 in two or
+        three dimensions, or points that are not further apart than the reach at the start.
     """
 
     reach: ArrayLike = 0.0

@@ -45,7 +45,7 @@ def index(x):  # type: ignore[no-untyped-def]
 
 @cached_jit
 def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
-    """Leave the state as it is: where a force changes its form, a step ends and the method starts anew."""
+    """Leave the state as it is. A step ends at an event with a reset, and where a force changes its form it should too."""
 
 
 def compiled(assembly: Assembly) -> tuple[Any, Any, dict[str, Event], np.ndarray]:
