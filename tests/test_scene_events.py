@@ -150,8 +150,8 @@ def tethered(damping, t_end=1.2):
 def test_a_cable_goes_taut_and_slack_at_the_times_of_the_closed_form(damping, run):
     """The tension k x + c x' of a damped half-wave ends at the phase pi - 2 asin(zeta).
 
-    A fixed step goes over the jump of the acceleration, c v / m, or of its rate, k v / m, where the cable goes taut. This
-    displaces the mass, of the speed v, by at most h^2 / 2 or h^3 / 6 times the jump.
+    A fixed step goes over the jump of the acceleration, c v / m, or of its rate, k v / m, where the cable goes taut.
+    This displaces the mass, of the speed v, by at most h^2 / 2 or h^3 / 6 times the jump.
     """
     omega, zeta = 5.0, damping / (2 * math.sqrt(50.0 * 2.0))
     taut = (math.pi - 2 * math.asin(zeta)) / (omega * math.sqrt(1 - zeta**2))

@@ -42,8 +42,8 @@ class Cable(Link):
 
     While the cable is longer than its natural length, its tension at the distance r, which grows at the rate r', is
     stiffness (r - length) + damping r', or 0 where this would push. Where the cable goes slack or taut the force
-    changes its form. This is an event: ``solution.events["cable 0"]`` has the times, and the method starts anew there. With
-    a fixed step, the step in which it occurs is less accurate; with tolerances it is as accurate as the others.
+    changes its form. This is an event: ``solution.events["cable 0"]`` has the times, and the method starts anew there.
+    With a fixed step, the step in which it occurs is less accurate; with tolerances it is as accurate as the others.
 
     Parameters
     ----------

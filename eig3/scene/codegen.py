@@ -45,7 +45,7 @@ def index(x):  # type: ignore[no-untyped-def]
 
 @cached_jit
 def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
-    """Leave the state as it is. A step ends at an event with a reset, and where a force changes its form it should too."""
+    """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
 
 
 def compiled(assembly: Assembly) -> tuple[Any, Any, dict[str, Event], np.ndarray]:
