@@ -212,14 +212,17 @@ def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> As
 
 def _numbered(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Placement], list[str], list[str]]:
     """Give numbers to the events and states of all members, as columns; return their names too."""
-    numbered, events, states = [], [], []
+    count, dimension = int(np.count_nonzero(cloud.masses)), cloud.positions.shape[1]
+    numbered: list[Placement] = []
+    events: list[str] = []
+    states: list[str] = []
     counts: Counter[str] = Counter()
     for effect, numbers, columns in placements:
-        functions = effect.functions()
         if columns is None:
-            columns = effect.columns((np.count_nonzero(cloud.masses),), cloud.positions.shape[1])
+            columns = effect.columns((count,), dimension)
+        functions = effect.functions()
         if "event" in functions:
-            size = numbers[0].size if numbers else np.count_nonzero(cloud.masses)
+            size = numbers[0].size if numbers else count
             title = words(effect.title)
             names = [f"{title} {counts[title] + k}" for k in range(size)]
             counts[title] += size
