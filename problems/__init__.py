@@ -13,6 +13,7 @@ from .hardening_spring import hardening_spring
 from .henon_heiles import henon_heiles
 from .hertz_impact import hertz_impact
 from .kepler import kepler
+from .pounding_buildings import pounding_buildings
 from .quarter_car import quarter_car
 from .rail_joint import rail_joint
 from .rotor import rotor
@@ -37,6 +38,7 @@ __all__ = [
     "henon_heiles",
     "hertz_impact",
     "kepler",
+    "pounding_buildings",
     "quarter_car",
     "rail_joint",
     "rotor",

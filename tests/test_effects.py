@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from eig3 import effects
 from eig3.effects import (
+    BreakingString,
+    Cable,
     CoulombFriction,
     Gravity,
     HardeningSpring,
@@ -15,8 +17,10 @@ from eig3.effects import (
     LinearDamper,
     LinearSpring,
     MassContact,
+    MassImpact,
     PlaneContact,
     QuadraticDrag,
+    RigidStop,
     RotatingFrame,
     SampledAcceleration,
     SampledMotion,
@@ -49,6 +53,11 @@ CATALOGUE = {
     "damped rough plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4, damping=0.1, friction=0.3),
     "mass contact": lambda d: MassContact(400.0, 1.4 + 0.3 * d),
     "damped mass contact": lambda d: MassContact(400.0, 1.4 + 0.3 * d, damping=0.1),
+    "rigid stop": lambda d: RigidStop(unit(d), -1.0),
+    "mass impact": lambda d: MassImpact(0.3),
+    "cable": lambda d: Cable(50.0, 0.8),
+    "damped cable": lambda d: Cable(50.0, 0.8, 2.0),
+    "breaking string": lambda d: BreakingString(50.0, 0.8, 80.0),
     "friction": lambda d: CoulombFriction(0.3, 9.81, 0.05),
     "friction on a plane": lambda d: CoulombFriction(0.3, 9.81, 0.05, unit(d)),
     "rotating frame": lambda d: RotatingFrame(0.7 if d == 2 else (0.2, -0.4, 0.7)),
@@ -99,19 +108,20 @@ def test_a_force_is_minus_the_gradient_of_its_potential(name, dimension):
 
     Python runs the code of the scene. The next test compiles the force, and the one after it the energy.
     """
-    problem = scene_with(name, dimension)
-    if problem.energy is None:
-        effect = CATALOGUE[name](dimension)
-        assert "potential" not in effect.functions() or isinstance(effect, effects.Motion)
+    has_potential = "potential" in CATALOGUE[name](dimension).functions()
+    problem = scene_with(name, dimension, work=has_potential)
+    if not has_potential:
+        assert problem.energy is None or problem.energy_of(problem.u0, 0 * problem.v0) == 0
         return
     u, rest, step = problem.u0, np.zeros(problem.u0.size), 1e-6
+    coordinates = np.arange(2 * dimension)  # a state may follow
     energy, a = problem.energy.py_func, np.full(u.size, np.nan)
     gradient = [
         (energy(0.0, u + step * e, rest, problem.params) - energy(0.0, u - step * e, rest, problem.params)) / (2 * step)
-        for e in np.eye(u.size)
+        for e in np.eye(u.size)[coordinates]
     ]
     problem.rhs.py_func(0.0, u, rest, problem.params, a)
-    force = a * np.tile(MASSES, dimension)
+    force = a[coordinates] * np.tile(MASSES, dimension)
     assert np.abs(force).max() > 0.1
     np.testing.assert_allclose(force, -np.array(gradient), rtol=1e-6, atol=1e-6)
 
@@ -127,11 +137,11 @@ def test_the_force_depends_on_the_velocity_if_the_effect_reads_it(name, dimensio
 def test_the_change_of_energy_is_the_work_done(name):
     """With RK4 at h = 1e-4 and energies of some 10 J.
 
-    The error is round-off where the force is smooth. The kink of a contact leaves some h^2, and a jump of the support's
-    velocity leaves h times the jump of the power.
+    The error is round-off where the force is smooth. The kink of a contact or cable leaves some h^2, and a jump of the
+    support's velocity leaves h times the jump of the power.
     """
     solution = scene_with(name, 2, work=True).integrate(h=1e-4, method="rk4", save_every=None)
-    bound = 1e-3 if name == "sampled motion" else 1e-6 if "contact" in name else 1e-9
+    bound = 1e-3 if name == "sampled motion" else 1e-6 if "contact" in name or "cable" in name else 1e-9
     assert solution.drift["energy"] <= bound
 
 
@@ -319,6 +329,15 @@ WRONG = {
         TypeError,
         "values of SampledAcceleration must be made of real numbers",
     ),
+    "a negative restitution": (lambda: RigidStop(1.0, 0.0, -0.1), ValueError, "restitution of RigidStop must not be"),
+    "a restitution above 1": (
+        lambda: MassImpact(0.0, 1.1),
+        ValueError,
+        "restitution of MassImpact must not be above 1.",
+    ),
+    "no slow speed": (lambda: MassImpact(0.0, 1.0, 0.0), ValueError, "slow of MassImpact must be positive."),
+    "a long normal": (lambda: RigidStop((1.0, 1.0)), ValueError, "normal of RigidStop must be a unit vector."),
+    "a negative strength": (lambda: BreakingString(1.0, 1.0, -1.0), ValueError, "strength of BreakingString must not"),
     "NaN": (lambda: LinearDamper(math.nan), ValueError, "damping of LinearDamper must be finite."),
 }
 

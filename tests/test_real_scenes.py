@@ -1,4 +1,4 @@
-"""The four scenes of `eig3.problems`: against written equations, against SciPy, and by their energy."""
+"""The scenes of `eig3.problems`: against written equations, against SciPy, and by their energy."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,8 @@ from eig3.problems.shear_building import quake
 
 from .conftest import acceleration
 
-SCENES = [problems.quarter_car, problems.rail_joint, problems.shear_building, problems.curtain]
+JUMPS = [problems.quarter_car, problems.shear_building, problems.pounding_buildings]
+SCENES = [*JUMPS, problems.rail_joint, problems.curtain]
 
 
 @pytest.mark.parametrize("build", SCENES)
@@ -20,9 +21,8 @@ def test_the_change_of_energy_is_the_work_done(build):
     solution = problem.integrate(h=problem.h, save_every=100)
     assert solution.success
     work = np.ptp(solution.integrals["work"])
-    jumps = build in (problems.quarter_car, problems.shear_building)
     assert work > 0
-    assert solution.drift["energy"] < (2e-2 if jumps else 1e-3) * work
+    assert solution.drift["energy"] < (2e-2 if build in JUMPS else 1e-3) * work
 
 
 def test_the_quarter_car_has_the_textbook_equations():
@@ -62,6 +62,33 @@ def test_the_building_follows_scipy():
         y = solve_ivp(f, (t[k], t[k + 1]), y, rtol=1e-8, atol=1e-10, method="DOP853").y[:, -1]
     error = np.abs(problem.integrate(h=5e-4, save_every=None).u[-1] - y[:3]).max()
     assert error < 1e-4 * np.abs(x).max()  # of first order at the corners; ten times the error found
+
+
+def test_every_impact_of_floors_keeps_momentum_and_loses_speed_by_the_restitution():
+    """The times of impacts agree for a fixed step, of first order at the corners of the record, and for a tolerance."""
+    problem = problems.pounding_buildings(gap=0.01, m=(20e3, 30e3))
+    fixed = problem.integrate(h=problem.h, save_every=None).events
+    found = problem.integrate(rtol=1e-8, save_every=None).events
+    assert [len(each) for each in fixed.values()] == [len(each) for each in found.values()]
+    assert sum(len(each) for each in found.values()) > 10
+    for k, each in enumerate(found.values()):
+        np.testing.assert_allclose(each.t, fixed[f"mass impact {k}"].t, rtol=0, atol=1e-4)
+        before, after = (v[:, [k, 3 + k]] for v in (each.v, each.v_after))
+        np.testing.assert_allclose(each.u[:, k], each.u[:, 3 + k], rtol=0, atol=1e-9)  # they meet, to the root's error
+        rate, left = -np.diff(before), np.diff(after)
+        rebound = np.maximum(0.65 * rate, np.minimum(rate, 0.01))  # an impact leaves 10 mm/s, or what it had
+        np.testing.assert_allclose(left, rebound, rtol=1e-12)  # round-off
+        np.testing.assert_allclose(after @ (20, 30), before @ (20, 30), rtol=0, atol=1e-12)
+
+
+def test_buildings_far_apart_move_as_each_alone():
+    """To round-off, which the positions of the left building in place of displacements make larger."""
+    pair = problems.pounding_buildings(gap=2.0, t_end=10.0)
+    both = pair.integrate(h=1e-3, save_every=None)
+    assert not any(len(found) for found in both.events.values())
+    for k, stiffness in ((0, 6e6), (3, 18e6)):
+        alone = problems.shear_building(stiffness=stiffness, t_end=10.0).integrate(h=1e-3, save_every=None)
+        np.testing.assert_allclose(both.u[-1, k : k + 3] + 2.0 * (k == 0), alone.u[-1], rtol=0, atol=1e-11)
 
 
 def test_the_record_is_like_an_earthquake():

@@ -15,7 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from .effect import Body, Effect, Link, Motion
+from .effect import FORCES, RESETS, Body, Effect, Link, Motion
+from .names import words
+
+#: The columns of the number of each member's event and of the number of its state, among all of the scene.
+EVENT, STATE = "=event", "state"
 
 #: An effect, the numbers of the points in each of its arguments (empty for all masses), and its parameters by name.
 Placement = tuple[Effect, tuple[np.ndarray, ...], "dict[str, np.ndarray] | None"]
@@ -64,8 +68,10 @@ class Law:
     columns: dict[str, Any]
 
     @property
-    def has_potential(self) -> bool:
-        return "potential" in self.effect.functions()
+    def is_conservative(self) -> bool:
+        """Whether the law does no work besides the change of its potential."""
+        functions = self.effect.functions()
+        return not functions.keys() & RESETS and ("potential" in functions or not functions.keys() & FORCES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,12 +141,18 @@ class Group:
 
 @dataclass(frozen=True)
 class Assembly:
-    """The content of a scene's code: its masses, groups of effects, and motions of supports."""
+    """The content of a scene's code: its masses, groups of effects, and motions of supports.
+
+    `events` are the names of the events, in the order in which their effects were added, and `states` the names of
+    those that have a state.
+    """
 
     cloud: Cloud
     bodies: list[Group]
     links: list[Group]
     motions: list[Law]
+    events: list[str]
+    states: list[str]
     follows_work: bool
 
     @property
@@ -153,21 +165,31 @@ class Assembly:
         return int(np.count_nonzero(self.cloud.masses))
 
     @property
+    def coordinates(self) -> int:
+        """The number of coordinates of masses. The states follow them in u."""
+        return self.n * self.dimension
+
+    @property
+    def degrees(self) -> int:
+        """The number of coordinates and states."""
+        return self.coordinates + len(self.states)
+
+    @property
     def laws(self) -> list[Law]:
         return [law for group in self.bodies + self.links for law in group.laws]
 
     @property
     def is_conservative(self) -> bool:
         """Whether the sum of the kinetic energy and the potentials is constant."""
-        return all(law.has_potential for law in self.laws) and not any(group.motions for group in self.links)
+        return all(law.is_conservative for law in self.laws) and not any(group.motions for group in self.links)
 
     @property
     def reads_velocity(self) -> bool:
         return self.follows_work or any(law.effect.reads_velocity() for law in self.laws)
 
     def start(self, values: np.ndarray) -> np.ndarray:
-        """Return u0 or v0 from the positions or velocities of all points: by coordinate, then by mass."""
-        return values[self.cloud.masses > 0].T.ravel()
+        """Return u0 or v0 from the positions or velocities of all points, by coordinate and mass; then the states."""
+        return np.concatenate([values[self.cloud.masses > 0].T.ravel(), np.zeros(len(self.states))])
 
 
 def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> Assembly:
@@ -180,11 +202,42 @@ def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> As
     """
     if not (cloud.masses > 0).any():
         raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
+    placements, events, states = _numbered(cloud, placements)
     motions, moves = _motions(cloud, placements)
     bodies = _fused(_body_groups(cloud, placements))
     links = _fused(_link_groups(cloud, placements, moves))
-    assembly = Assembly(cloud, bodies, links, motions, follows_work=False)
+    assembly = Assembly(cloud, bodies, links, motions, events, states, follows_work=False)
     return replace(assembly, follows_work=work and not assembly.is_conservative)
+
+
+def _numbered(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Placement], list[str], list[str]]:
+    """Give numbers to the events and states of all members, as columns; return their names too."""
+    count, dimension = int(np.count_nonzero(cloud.masses)), cloud.positions.shape[1]
+    numbered: list[Placement] = []
+    events: list[str] = []
+    states: list[str] = []
+    counts: Counter[str] = Counter()
+    for effect, numbers, columns in placements:
+        if columns is None:
+            columns = effect.columns((count,), dimension)
+        functions = effect.functions()
+        if "event" in functions:
+            size = numbers[0].size if numbers else count
+            title = words(effect.title)
+            names = [f"{title} {counts[title] + k}" for k in range(size)]
+            counts[title] += size
+            columns = {**columns, EVENT: len(events) + np.arange(size)}
+            events += names
+            if "state_after" in functions:
+                columns[STATE] = len(states) + np.arange(size)
+                states += names
+        numbered.append((effect, numbers, columns))
+    return numbered, events, states
+
+
+def count_states(cloud: Cloud, placements: Sequence[Placement]) -> int:
+    """Return the number of states of a scene."""
+    return len(_numbered(cloud, placements)[2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,17 +297,14 @@ def _merged(laws: list[Law]) -> Law:
 
 
 def _body_groups(cloud: Cloud, placements: Sequence[Placement]) -> list[Group]:
-    dimension = cloud.positions.shape[1]
     masses = np.arange(np.count_nonzero(cloud.masses))
     kinds: dict[Any, list[Group]] = {}
     for effect, numbers, columns in placements:
         if not isinstance(effect, Body):
             continue
-        if columns is None:
-            columns = effect.columns(masses.shape, dimension)
         first = cloud.free[numbers[0]] if numbers else masses
         # effects on all masses are grouped apart from effects on some: their loop needs no table of indices
-        kinds.setdefault((_kind(effect), not numbers), []).append(Group([Law(effect, columns)], first))
+        kinds.setdefault((_kind(effect), not numbers), []).append(Group([Law(effect, columns or {})], first))
     joined = [_joined(groups) for groups in kinds.values()]
     return [group.take(np.argsort(group.first, kind="stable")) for group in joined]
 
@@ -377,6 +427,9 @@ def note(assembly: Assembly) -> str:
         for law in group.laws:
             acting[law.effect.title] += group.first.size
     lines += [f"{count} x {title}" for title, count in acting.items()]
+    if assembly.events:
+        others = f" to {assembly.events[-1]!r}" * (len(assembly.events) > 1)
+        lines.append(f"{len(assembly.events)} event{'s' * bool(others)}: {assembly.events[0]!r}{others}")
     reads = [law.effect.title for law in assembly.laws if law.effect.reads_velocity()]
     reads += ["the work that is followed"] * assembly.follows_work
     if reads:

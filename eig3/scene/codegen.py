@@ -7,6 +7,9 @@ are not part of the source.
 In the source, i and j are indices of masses and s is the index of a member of a group; w is an inverse mass; dx, dy, dz
 is the vector between the ends of a link, ex, ey, ez its rate, and r its length; fx, fy, fz is the force of the link on
 its first end, divided by the mass if all masses are equal.
+
+An event of an effect is two functions: where it occurs, and what happens to the state there. They stand for one member
+of a group, so that the indices of its masses are numbers in the source.
 """
 
 from __future__ import annotations
@@ -20,14 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from ..callbacks import jit
+from ..callbacks import cached_jit, jit
+from ..events import Event
 from ..kernels.jit import callable_element
 from ..kernels.source import define
-from .assembly import Assembly
+from .assembly import STATE, Assembly
+from .effect import FORCES, RESETS
 from .packing import Block, Column, Packing, Symbols, entry
 
-_BODY = ("force", "acceleration")
-_LINK = ("tension", "density")
+_BODY, _LINK = FORCES[:2], FORCES[2:]
 _TINY = (
     2.0**-1000
 )  # added under a root to avoid a division by 0 where points coincide; too small to change other values
@@ -39,8 +43,13 @@ def index(x):  # type: ignore[no-untyped-def]
     return np.int64(np.uint32(x))
 
 
-def compiled(assembly: Assembly) -> tuple[Any, Any, np.ndarray]:
-    """Return the right-hand side of a scene, its energy or None, and their parameters.
+@cached_jit
+def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
+    """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
+
+
+def compiled(assembly: Assembly) -> tuple[Any, Any, dict[str, Event], np.ndarray]:
+    """Return the right-hand side of a scene, its energy or None, its events, and the parameters of these functions.
 
     Scenes that differ only in parameters get the same functions.
     """
@@ -51,36 +60,55 @@ def compiled(assembly: Assembly) -> tuple[Any, Any, np.ndarray]:
     source.rhs()
     if assembly.follows_work or assembly.is_conservative:
         source.energy()
+    source.events()
     functions = _functions(str(source), tuple(packing.functions.items()))
-    return functions["rhs"], functions.get("energy"), packing.params
+    events = {
+        name: Event(functions[f"event_{k}"], direction, apply=functions.get(reset))
+        for k, (name, direction, reset) in enumerate(zip(assembly.events, source.crossings, source.resets, strict=True))
+    }
+    return functions["rhs"], functions.get("energy"), events, packing.params
 
 
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-    return define(text, "scene", {"jit": jit, "sqrt": math.sqrt, "tiny": _TINY, "index": index, **dict(names)})
+    known = {"jit": jit, "sqrt": math.sqrt, "tiny": _TINY, "index": index, "unchanged": unchanged}
+    return define(text, "scene", {**known, **dict(names)})
 
 
 class _Source:
-    """Writes the functions of one scene."""
+    """Writes the functions of one scene.
+
+    Attributes
+    ----------
+    crossings : list of int
+        The direction of each event.
+    resets : list of str
+        The name of the function called at each event; empty if there is none.
+    """
 
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
         self._n = assembly.n
         self._axes = "xyz"[: assembly.dimension]
         self._follows_work = assembly.follows_work
-        self._work = assembly.n * assembly.dimension  # the index of the degree of freedom whose velocity is the work
+        self._coordinates = assembly.coordinates
+        self._work = assembly.degrees  # the index of the degree of freedom whose velocity is the work
         self._weight = packing.weight
-        self._motions, self._bodies, self._links = packing.motions, packing.bodies, packing.links
+        self._motions, self._blocks = packing.motions, packing.bodies + packing.links
+        self._bodies = _acting(packing.bodies, _BODY)
+        self._links = _acting(packing.links, _LINK)
+        self.crossings = [0] * len(assembly.events)
+        self.resets = [""] * len(assembly.events)
         self._lines: list[str] = []
         self._depth = 0
 
     def __str__(self) -> str:
         return "\n".join(self._lines) + "\n"
 
-    # The three functions
+    # The functions
 
     def rhs(self) -> None:
         """Write the function of the accelerations."""
-        with self._function("rhs(t, u, v, p, a)"):
+        with self._function("rhs(t, u, v, p, a)", self._links):
             on_all = [block for block in self._bodies if block.size == self._n and len(block.runs) == 1]
             rows = [block for block in self._links if block.is_row and len(block.runs) == 1 and block.size > 1]
             row = max(rows, key=lambda block: block.size, default=None)
@@ -94,13 +122,15 @@ class _Source:
                     self._rows(block)
                 elif block is not row and block not in holding:
                     self._pairs(block)
+            for k in range(self._coordinates, self._work):  # the states
+                self._write(f"a[{k}] = 0.0")
             if self._follows_work:
                 with self._indented(f"if a.size > {self._work}:"):  # a run that follows the work
                     self._write(f"a[{self._work}] = power(t, u, v, p)")
 
     def power(self) -> None:
         """Write the function of the power of the effects without a potential and of the supports."""
-        with self._function("power(t, u, v, p)"):
+        with self._function("power(t, u, v, p)", self._links):
             self._write("total = 0.0")
             for block in self._some(self._bodies, has_potential=False):
                 with self._members(block, *_BODY) as (s, i, _):
@@ -126,7 +156,7 @@ class _Source:
 
     def energy(self) -> None:
         """Write the function of the kinetic energy and the potentials, less the work in a run that follows it."""
-        with self._function("energy(t, u, v, p)"):
+        with self._function("energy(t, u, v, p)", self._links):
             self._write("total = 0.0")
             if self._follows_work:
                 with self._indented(f"if v.size > {self._work}:"):
@@ -141,6 +171,21 @@ class _Source:
                 with self._near_members(block, "potential") as (s, i, j):
                     self._potentials(block, s, self._length(block, s, i, j, "potential"))
             self._write("return total")
+
+    def events(self) -> None:
+        """Write the two functions of each event."""
+        for block in self._blocks:
+            for law in block.having("event"):
+                one = replace(block, laws=[law])
+                for s, k in enumerate(law.events.tolist()):
+                    i, j = block.group.first[s], -1 if block.group.second is None else block.group.second[s]
+                    self.crossings[k] = law.crossing
+                    self._event(one, f"event_{k}", str(s), str(i), str(j))
+                    if any(name in law.functions for name in RESETS):
+                        self.resets[k] = f"reset_{k}"
+                        self._reset(one, self.resets[k], str(s), str(i), str(j))
+                    elif any(name in law.functions for name in FORCES):
+                        self.resets[k] = "unchanged"
 
     # The parts of these functions
 
@@ -222,6 +267,56 @@ class _Source:
         for axis in self._axes:
             self._write(f"{axis}_before = f{axis}")
 
+    def _event(self, block: Block, name: str, s: str, i: str, j: str) -> None:
+        """Write the function whose zeros are the event of one member."""
+        with self._function(f"{name}(t, u, v, p)", [block]):
+            offered = self._offered(block, s, i, j, "event")
+            self._write(f"return float({block.laws[0].call('event', s, offered)})")
+
+    def _reset(self, block: Block, name: str, s: str, i: str, j: str) -> None:
+        """Write the function that changes the state at the event of one member.
+
+        In a run that follows the work, the change of the energy is added to the work.
+        """
+        law = block.laws[0]
+        with self._function(f"{name}(t, u, v, p)", [block]):
+            if self._follows_work:
+                self._write("before = energy(t, u, v, p)")
+            offered = self._offered(block, s, i, j, *RESETS)
+            if "state_after" in law.functions:
+                self._write(f"state = {law.call('state_after', s, offered)}")
+            if "velocity_after" in law.functions:
+                self._write(f"after = {law.call('velocity_after', s, offered)}")
+                for k, axis in enumerate(self._axes):
+                    self._write(f"{self._at('v', axis, i)} = after[{k}]")
+            if "rate_after" in law.functions:
+                self._write(f"change = {law.call('rate_after', s, offered)} - {offered['rate']}")
+                self._strike(block, i, j)
+            if "state_after" in law.functions:
+                self._write(f"{law.columns[STATE].of(s)} = state")
+            if self._follows_work:
+                with self._indented(f"if v.size > {self._work}:"):
+                    self._write(f"v[{self._work}] += energy(t, u, v, p) - before")
+
+    def _strike(self, block: Block, i: str, j: str) -> None:
+        """Change the rate of a link by opposite impulses on its ends, or by one on the mass of a link to a support."""
+        ends = [("+=", i, "change")]
+        if block.joins_masses:
+            self._write(f"impulse = change / ({self._w(i)} + {self._w(j)})")
+            ends = [("-=", i, f"impulse * {self._w(i)}"), ("+=", j, f"impulse * {self._w(j)}")]
+        for axis in self._axes:
+            along = f" * d{axis} * inverse" if len(self._axes) > 1 else " * -1" * (block.group.sign < 0)
+            for sign, end, kick in ends:
+                self._write(f"{self._at('v', axis, end)} {sign} {kick}{along}")
+
+    def _offered(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
+        """Compute the values that these functions of one member can take."""
+        self._constants([block], *functions)
+        if block.is_link:
+            self._separation(block, s, i, j)
+            return self._length(block, s, i, j, *functions)
+        return self._mass(block, i, *functions)
+
     def _given(self, block: Block, s: str, i: str, *more: str) -> tuple[list[str], list[str]]:
         """Compute the accelerations and forces of the laws of a body on mass i; return their names."""
         offered = self._mass(block, i, *_BODY, *more)
@@ -263,7 +358,8 @@ class _Source:
 
     def _length(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         """Compute the values that these functions of a link's laws, and its pull, need; call `_separation` first."""
-        needs_rate = block.reads("rate", *functions) or "power" in functions
+        strikes = "rate_after" in functions and bool(block.having("rate_after"))
+        needs_rate = block.reads("rate", *functions) or strikes or "power" in functions
         needs_inverse = needs_rate or ("tension" in functions and bool(block.having("tension")))
         if needs_rate:
             for axis in self._axes:
@@ -448,14 +544,14 @@ class _Source:
         self._depth -= 1
 
     @contextmanager
-    def _function(self, head: str) -> Iterator[None]:
-        """Write a function that starts with values for its loops: the common inverse mass, and moved supports."""
+    def _function(self, head: str, links: Iterable[Block]) -> Iterator[None]:
+        """Write a function that starts with values for these links: the common inverse mass, and moved supports."""
         self._lines += [""] * bool(self._lines)
         self._write("@jit")
         with self._indented(f"def {head}:"):
             if self._weight.is_uniform:
                 self._write(f"w = {self._weight.of('')}")
-            for number in sorted({number for block in self._links for number in block.group.motions}):
+            for number in sorted({number for block in links for number in block.group.motions}):
                 motion = self._motions[number]
                 for line in motion.constants("motion"):
                     self._write(line)
@@ -469,6 +565,12 @@ class _Source:
         for axis in (axis for axis in self._axes if self._direction(motion, axis) != "0.0"):
             for value in ("shift", "speed"):
                 self._write(f"{axis}_{value}_{name} = {value} * {self._direction(motion, axis, member)}")
+
+
+def _acting(blocks: list[Block], forces: tuple[str, ...]) -> list[Block]:
+    """Return the blocks with only those of their laws that are forces."""
+    acting = [replace(block, laws=block.having(*forces)) for block in blocks]
+    return [block for block in acting if block.laws]
 
 
 def _holds_end(block: Block, row: Block) -> bool:

@@ -19,7 +19,14 @@ from ..checks import reals
 from ..kernels.jit import compiled
 from .fields import annotations_of, check_fields
 
+#: The functions that cause accelerations.
+FORCES = ("force", "acceleration", "tension", "density")
+#: The functions that change the state where the event of an effect occurs.
+RESETS = ("velocity_after", "rate_after", "state_after")
+
 _REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
+_OF_BODY = ("t", "x", "v", "m", "state")
+_OF_LINK = ("t", "r", "rate", "state")
 _ARRAY = numba.types.Array(numba.float64, 1, "C", readonly=True)
 
 
@@ -36,6 +43,12 @@ class Effect:
     fields, and what `Body`, `Link` or `Motion` offers. A function without v or rate does not read the velocity, and the
     scene then does not compute it.
 
+    ``event`` returns a number, and the event of an effect occurs where this number changes its sign. There
+    ``velocity_after`` of a `Body` or ``rate_after`` of a `Link` returns the new velocity, or the new rate at which the
+    distance grows, and ``state_after`` returns the new state, from the values before the event. A state is a number
+    that every function of the effect can take as its argument `state`: it is 0 at the start and constant between
+    events. Each of the points or pairs has an event and a state of its own.
+
     Attributes
     ----------
     dimensions : tuple of int
@@ -48,6 +61,9 @@ class Effect:
         many points rather than many effects to one point each.
     nonnegative : tuple of str
         The fields that must not be negative. This is checked when the effect is made.
+    crossing : {-1, 0, 1}
+        The changes of sign at which the event occurs: 1 from negative to positive only, -1 from positive to negative
+        only, 0 both.
     source : str
         Where the formula comes from.
     """
@@ -56,6 +72,7 @@ class Effect:
     vectors: ClassVar[tuple[str, ...]] = ()
     arrays: ClassVar[tuple[str, ...]] = ()
     nonnegative: ClassVar[tuple[str, ...]] = ()
+    crossing: ClassVar[int] = 0
     source: ClassVar[str] = ""
 
     offers: ClassVar[
@@ -102,7 +119,8 @@ class Effect:
     def reads_velocity(self) -> bool:
         """Return whether the accelerations that the effect causes depend on the velocities."""
         functions = self.functions()
-        return any({"v", "rate"} & set(arguments(functions[name])) for name in functions if name != "potential")
+        acting = [functions[name] for name in (*FORCES, "motion") if name in functions]
+        return any({"v", "rate"} & set(arguments(function)) for function in acting)
 
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
         """Return the parameters that the functions read, for points of a shape.
@@ -189,6 +207,7 @@ class Effect:
                 raise TypeError(
                     f"{name} of {self.title} has the argument {unknown[0]}, but can take only {', '.join(offered)}."
                 )
+        self._check_event(functions)
         if self.cutoff and self.cutoff not in _fields(self):
             raise TypeError(f"cutoff of {self.title} must be the name of a field, not {self.cutoff!r}.")
         for name in self._read():
@@ -203,6 +222,17 @@ class Effect:
                 raise TypeError(
                     f"{name} of {self.title} must be computed in __post_init__, because the field has init=False."
                 )
+
+    def _check_event(self, functions: dict[str, Any]) -> None:
+        """Refuse what happens at an event without an event, and a state that never changes."""
+        if self.crossing not in (-1, 0, 1):
+            raise ValueError(f"crossing of {self.title} must be -1, 0 or 1, not {self.crossing!r}.")
+        resets = [name for name in RESETS if name in functions]
+        if resets and "event" not in functions:
+            raise TypeError(f"{self.title} must have a function event, at whose zeros {resets[0]} is called.")
+        reading = [name for name, function in functions.items() if "state" in arguments(function)]
+        if reading and "state_after" not in functions:
+            raise TypeError(f"{self.title} must have a function state_after, because {reading[0]} reads the state.")
 
     def _check_names(self, what: str) -> None:
         """Check that a class variable is a tuple of names of fields that have a value."""
@@ -228,7 +258,8 @@ class Effect:
             returned = function.overloads[types].signature.return_type
         except Exception as error:
             raise TypeError(f"{name} of {self.title} does not compile: {gist(error)}.") from error
-        numbers = {"force": dimension, "acceleration": dimension, "motion": 2}.get(name)
+        vectors = dict.fromkeys(("force", "acceleration", "velocity_after"), dimension)
+        numbers = {**vectors, "motion": 2}.get(name)
         parts = [returned] if numbers is None else list(returned) if isinstance(returned, numba.types.BaseTuple) else []
         if len(parts) != (numbers or 1) or not all(isinstance(unliteral(part), _REAL) for part in parts):
             wanted = "a number" if numbers is None else f"a tuple of {numbers} number{'s' * (numbers > 1)}"
@@ -292,14 +323,16 @@ class Body(Effect):
             def force(t, samples, interval, direction):
                 f = samples[min(int(t / interval), samples.size - 1)]
                 return f * direction[0], f * direction[1]
+
+    The function ``event`` and what happens there, ``velocity_after`` and ``state_after``, can take the same arguments
+    as a force: see `Effect`.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
-        "force": ("t", "x", "v", "m"),
-        "acceleration": ("t", "x", "v", "m"),
-        "potential": ("x", "m"),
+        **dict.fromkeys(("force", "acceleration", "event", "velocity_after", "state_after"), _OF_BODY),
+        "potential": ("x", "m", "state"),
     }
-    needs: ClassVar[tuple[str, ...]] = ("force", "acceleration")
+    needs: ClassVar[tuple[str, ...]] = ("force", "acceleration", "event")
     takes: ClassVar[tuple[int, ...]] = (0, 1)
 
     def check_points(
@@ -318,6 +351,9 @@ class Link(Effect):
     `vectors`, `arrays` and `nonnegative`. In one dimension r has a sign: it is positive while the two points are in the
     same order as at the start, and negative after they have passed each other.
 
+    The function ``event`` and what happens there, ``rate_after`` and ``state_after``, can take the same arguments as a
+    tension: see `Effect`. The scene gives the two ends the velocities that have the new rate and the same momentum.
+
     A field named ``length`` is a natural length: where it is not 0, the points must not coincide at the start.
 
     Attributes
@@ -329,11 +365,10 @@ class Link(Effect):
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
-        "tension": ("t", "r", "rate"),
-        "density": ("t", "r", "rate"),
-        "potential": ("r",),
+        **dict.fromkeys(("tension", "density", "event", "rate_after", "state_after"), _OF_LINK),
+        "potential": ("r", "state"),
     }
-    needs: ClassVar[tuple[str, ...]] = ("tension", "density")
+    needs: ClassVar[tuple[str, ...]] = ("tension", "density", "event")
     takes: ClassVar[tuple[int, ...]] = (2,)
 
     def check_points(
@@ -352,6 +387,11 @@ class Link(Effect):
     def needs_direction(self, columns: dict[str, np.ndarray]) -> Any:
         """Return for each pair whether its points must not coincide at the start."""
         return columns.get("length", np.zeros(1)) != 0
+
+
+def distance(positions: list[np.ndarray]) -> np.ndarray:
+    """Return the distance of each pair of points."""
+    return np.linalg.norm(positions[1] - positions[0], axis=-1)
 
 
 class Motion(Effect):

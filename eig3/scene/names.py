@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import keyword
+import re
 import unicodedata
 from collections.abc import Container
 
 _REFUSED = {*keyword.kwlist, "__debug__"}  # Python allows no assignment to __debug__, which is not a keyword
+
+
+def words(title: str) -> str:
+    """Return the words of a class's name: those of RigidStop are "rigid stop"."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", title).lower()
 
 
 def identifier(wanted: str, taken: Container[str] = ()) -> str:

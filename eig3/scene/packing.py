@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .assembly import Assembly, Group, Law
+from .assembly import EVENT, STATE, Assembly, Group, Law
 from .effect import arguments
-from .names import identifier
+from .names import identifier, words
 
 
 @dataclass(frozen=True)
@@ -73,6 +72,18 @@ class Arrays:
         return f"p[index({self.starts.of(member)}) : index({self.ends.of(member)})]"
 
 
+@dataclass(frozen=True)
+class State:
+    """The place of a state in u. Its number among the states is in p."""
+
+    first: int
+    number: Column
+    is_uniform = False
+
+    def of(self, member: str) -> str:
+        return entry("u", self.first, f"index({self.number.of(member)})")
+
+
 def entry(array: str, offset: int, index: str) -> str:
     """Return the source of array[offset + index]."""
     if index.isdecimal():
@@ -87,20 +98,26 @@ class Symbols:
     Attributes
     ----------
     functions : dict of str to jitted function
-    columns : dict of str to Column, Array or Arrays
+    columns : dict of str to Column, Array, Arrays or State
     members : int
         The number of motions that the law stands for; 1 for other effects.
     names : dict of str to str
         Names in the source of functions, of parameters with one value for all members, and, as "=force", of results.
     cutoff : str
         The parameter that is the cutoff, or empty.
+    crossing : int
+        That of the effect.
+    events : ndarray of int
+        The number of each member's event; empty for an effect without an event.
     """
 
     functions: dict[str, Any]
-    columns: dict[str, Column | Array | Arrays]
+    columns: dict[str, Column | Array | Arrays | State]
     members: int
     names: dict[str, str]
-    cutoff: str = ""
+    cutoff: str
+    crossing: int
+    events: np.ndarray
 
     def reads(self, name: str, *functions: str) -> bool:
         """Return whether one of these functions has an argument of this name."""
@@ -148,6 +165,10 @@ class Block:
         return self.group.second is not None
 
     @property
+    def is_link(self) -> bool:
+        return self.joins_masses or self.anchor is not None
+
+    @property
     def is_row(self) -> bool:
         """Whether every link joins masses with consecutive indices."""
         return self.group.difference == 1
@@ -185,6 +206,7 @@ class Packing:
             for number in range(len(assembly.motions) + max((len(g.motions) for g in assembly.links), default=0))
         }
         self.functions: dict[str, Any] = {}
+        self._first_state = assembly.coordinates
         self.weight = self._column(1 / assembly.cloud.masses[assembly.cloud.masses > 0])
         self.motions = [self._symbols(law) for law in assembly.motions]
         self.bodies = [self._block(group) for group in assembly.bodies]
@@ -212,16 +234,20 @@ class Packing:
 
     def _symbols(self, law: Law) -> Symbols:
         effect, functions = law.effect, law.effect.functions()
-        columns = {
+        columns: dict[str, Any] = {
             name: self._array(values) if name in effect.arrays else self._column(values)
             for name, values in law.columns.items()
+            if name != EVENT
         }
+        if STATE in columns:
+            columns[STATE] = State(self._first_state, columns[STATE])
         members = len(law.columns["direction"]) if "direction" in law.columns else 1
-        stem = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", effect.title).lower()
+        stem = words(effect.title).replace(" ", "_")
         names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
         names |= {f"={function}": self._name(f"{stem}_{function[0]}") for function in functions}
         self.functions.update({names[name]: function for name, function in functions.items()})
-        return Symbols(functions, columns, members, names, effect.cutoff)
+        events = law.columns.get(EVENT, np.empty(0, dtype=np.int64))
+        return Symbols(functions, columns, members, names, effect.cutoff, effect.crossing, events)
 
     def _array(self, values: np.ndarray | list[np.ndarray]) -> Array | Arrays:
         if not isinstance(values, list):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..checks import check_span, reals
 from ..problem import Problem
 from . import codegen
-from .assembly import Cloud, Placement, assemble, note, sources
+from .assembly import Cloud, Placement, assemble, count_states, note, sources
 from .effect import Effect
 
 __all__ = ["Points", "Scene"]
@@ -82,8 +82,8 @@ class Scene:
     """Points in one to three dimensions and the effects on them.
 
     The vector u of a scene's problem has the Cartesian coordinates of the masses: the first coordinate of every mass,
-    in the order in which the masses were added, then the second of every mass, then the third. `Points.of` gives the
-    part of some masses.
+    in the order in which the masses were added, then the second of every mass, then the third. The states of effects,
+    such as whether a string has broken, follow. `Points.of` gives the part of some masses.
 
     Parameters
     ----------
@@ -196,13 +196,16 @@ class Scene:
             Follow the work, J, done by effects without a potential and by supports that move. The method integrates it
             with the motion and to the same order. ``solution.integrals["work"]`` is the work at the saved times, and
             ``solution.drift["energy"]`` is the largest change of the mechanical energy less the work, which is constant
-            in the exact motion. A scene whose mechanical energy is constant follows no work.
+            in the exact motion. What an event takes from the energy is part of the work. A scene whose mechanical
+            energy is constant follows no work.
 
         Returns
         -------
         Problem
-            Its `energy`, J, is None if an effect has no potential and the work is not followed. Its `names` are x0, x1,
-            ..., then y0, ... and z0, ..., by the number of the mass. Its `note` lists what the scene contains. To read
+            Its `energy`, J, is None if it is not constant, because an effect has no potential or an event changes the
+            state, and the work is not followed. Its `names` are x0, x1, ..., then y0, ... and z0, ..., by the number of
+            the mass, and the names of events with a state. Its `events` have names such as "rigid stop 0": those of one
+            kind are numbered in the order in which they were added. Its `note` lists what the scene contains. To read
             the code, use ``inspect.getsource(problem.rhs.py_func)``.
 
         Raises
@@ -213,7 +216,7 @@ class Scene:
         check_span(t_span)
         cloud = self._cloud()
         assembly = assemble(cloud, self._placements, work=work)
-        rhs, energy, params = codegen.compiled(assembly)
+        rhs, energy, events, params = codegen.compiled(assembly)
         return Problem(
             name=name,
             rhs=rhs,
@@ -224,8 +227,10 @@ class Scene:
             energy=energy,
             source=sources(assembly),
             note=note(assembly),
-            names=tuple(f"{axis}{j}" for axis in "xyz"[: self.dimension] for j in range(assembly.n)),
+            names=(*(f"{axis}{j}" for axis in "xyz"[: self.dimension] for j in range(assembly.n)), *assembly.states),
+            units=("m",) * assembly.coordinates + ("-",) * len(assembly.states) if assembly.states else "m",
             integrals=("work",) if assembly.follows_work else (),
+            events=events,
         )
 
     def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:
@@ -275,9 +280,10 @@ class Scene:
             raise ValueError("fixed points have no values in a run; only masses do.")
         count = np.count_nonzero(free >= 0)
         size = values.shape[-1] if values.ndim else 0
-        if size != count * self.dimension:
+        expected = count * self.dimension + count_states(self._cloud(), self._placements)
+        if size != expected:
             raise ValueError(
-                f"values must have {count * self.dimension} degrees of freedom on the last axis, such as those of "
+                f"values must have {expected} degrees of freedom on the last axis, such as those of "
                 f"solution.u of this scene, not {size}."
             )
         columns = free[numbers][..., np.newaxis] + count * np.arange(self.dimension)

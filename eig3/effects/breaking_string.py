@@ -1,0 +1,64 @@
+"""A string that breaks."""
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..kernels.jit import callable_element
+from ..scene.effect import Link, distance
+
+
+@dataclass(frozen=True, eq=False)
+class BreakingString(Link):
+    """A linear spring that breaks when its tension reaches its strength, and is without force from then on.
+
+    This is an event: ``solution.events["breaking string 0"]`` has the time. The degree of freedom "breaking string 0"
+    of the problem is 0 while the string is whole and 1 after. The energy of the string is lost when it breaks.
+
+    Parameters
+    ----------
+    stiffness : float or array_like
+        N/m.
+    length : float or array_like
+        Natural length, m.
+    strength : float or array_like
+        The largest tension, N.
+
+    Raises
+    ------
+    ValueError
+        For stiffness, length or strength below 0, or a tension at the start that is not below the strength.
+    """
+
+    stiffness: ArrayLike
+    length: ArrayLike
+    strength: ArrayLike
+
+    nonnegative = ("stiffness", "length", "strength")
+    crossing = 1
+    source = "Hooke, up to a strength"
+
+    def check_points(self, masses, positions, columns):
+        super().check_points(masses, positions, columns)
+        pull = columns["stiffness"] * (distance(positions) - columns["length"])
+        self.require(pull < columns["strength"], "strength must be above the tension at the start")
+
+    @staticmethod
+    @callable_element
+    def tension(r, state, stiffness, length):
+        return stiffness * (r - length) * (1 - state)
+
+    @staticmethod
+    @callable_element
+    def potential(r, state, stiffness, length):
+        return stiffness / 2 * (r - length) * (r - length) * (1 - state)
+
+    @staticmethod
+    @callable_element
+    def event(r, state, stiffness, length, strength):
+        return stiffness * (r - length) - strength if state == 0 else -1.0
+
+    @staticmethod
+    @callable_element
+    def state_after():
+        return 1.0

@@ -1,0 +1,385 @@
+"""Events of effects: where they occur, what happens there, and what of it is in the code of a scene."""
+
+import inspect
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3.effects import Body, BreakingString, Cable, Gravity, LinearSpring, Link, MassImpact, RigidStop, SupportMotion
+from eig3.problems.bouncing_ball import impact_times
+from eig3.scene import Scene
+
+G = 9.81
+
+
+def code(function):
+    return inspect.getsource(inspect.unwrap(function.py_func))
+
+
+# Impacts
+
+
+def dropped(dimension=1, slow=0.01, t_end=1.68, **options):
+    """A ball that falls from 1 m on a floor, and moves along it too."""
+    up = np.eye(dimension)[-1]
+    scene = Scene(dimension)
+    place, speed = (1.0, 0.0) if dimension == 1 else (up, 0.7 * np.eye(dimension)[0])
+    scene.mass(2.0, place, speed)
+    scene.add(Gravity(-G * up))
+    scene.add(RigidStop(up, 0.0, 0.6, slow))
+    return scene.problem((0.0, t_end), **options)
+
+
+@pytest.mark.parametrize("run", [{"h": 1e-3}, {"h": 1e-2, "method": "rk4"}, {"rtol": 1e-9}])
+def test_a_ball_strikes_the_floor_at_the_times_of_the_closed_form(run):
+    """Each method computes a parabola exactly: the errors are those of the roots, and 1e-11 of the span."""
+    solution = dropped().integrate(**run)
+    found = solution.events["rigid stop 0"]
+    assert len(found) == 5
+    np.testing.assert_allclose(found.t, impact_times(5, 0.6, 1.0, G), rtol=0, atol=1e-11)
+    speeds = math.sqrt(2 * G) * 0.6 ** np.arange(6)
+    np.testing.assert_allclose(found.v[:, 0], -speeds[:5], rtol=1e-10)
+    np.testing.assert_allclose(found.v_after[:, 0], -0.6 * found.v[:, 0], rtol=1e-15)
+    np.testing.assert_array_equal(found.u_after, found.u)
+
+
+def test_an_impact_changes_the_normal_velocity_only():
+    normal = np.array([0.6, 0.8])
+    scene = Scene(2)
+    ball = scene.mass(1.0, (1.0, 1.0), (-0.5, -2.0))
+    scene.add(RigidStop(normal, 0.3, 0.5), ball)
+    found = scene.problem((0.0, 2.0)).integrate(h=1e-2).events["rigid stop 0"]
+    before, after = ball.of(found.v), ball.of(found.v_after)
+    assert len(found) == 1
+    assert ball.of(found.u)[0] @ normal == pytest.approx(0.3, abs=1e-12)
+    assert after[0] @ normal == pytest.approx(-0.5 * before[0] @ normal, rel=1e-14)
+    along = np.array([0.8, -0.6])
+    assert after[0] @ along == pytest.approx(before[0] @ along, rel=1e-14)
+
+
+@pytest.mark.parametrize("run", [{"h": 1e-3}, {"rtol": 1e-6}])
+def test_a_ball_comes_to_rest_in_small_bounces(run):
+    """At the speed slow it rises by slow^2 / (2 g)."""
+    solution = dropped(slow=0.02, t_end=3.0).integrate(**run)
+    assert solution.status is eig3.Status.COMPLETED
+    rest = solution.t > 2.0  # the closed form ends at 1.81 s
+    assert solution.u[rest].min() > -1e-12
+    assert solution.u[rest].max() < 1.001 * 0.02**2 / (2 * G)
+
+
+@pytest.mark.parametrize("dimension", [1, 3])
+def test_the_loss_of_impacts_is_in_the_work(dimension):
+    """The energy at the end of the run, less that at the start. Along the floor nothing acts."""
+    assert dropped(dimension).energy is None
+    solution = dropped(dimension, work=True).integrate(h=1e-3)
+    loss = 2.0 * G * (0.6**10 - 1)
+    assert solution.integrals["work"][-1] == pytest.approx(loss, rel=1e-9)
+    assert solution.drift["energy"] < 1e-9
+
+
+def pair(dimension, flipped=False):
+    """Two balls of different mass that fly towards each other, beside the line through their centres."""
+    rng = np.random.default_rng(dimension)
+    offset = 0.2 * rng.standard_normal(dimension) * (np.arange(dimension) > 0)
+    along = np.eye(dimension)[0]
+    places, speeds = np.array([-along, along + offset]), np.array([1.3 * along, -0.4 * along])
+    scene = Scene(dimension)
+    order = [1, 0] if flipped else [0, 1]
+    shape = (2,) if dimension == 1 else (2, dimension)
+    balls = scene.mass([[1.5, 0.7][k] for k in order], places[order].reshape(shape), speeds[order].reshape(shape))
+    scene.add(MassImpact(0.6, 0.8), *balls)
+    return balls, np.array([1.5, 0.7])[order], scene.problem((0.0, 2.0), work=True)
+
+
+@pytest.mark.parametrize(("dimension", "flipped"), [(1, False), (1, True), (2, False), (3, True)])
+def test_an_impact_of_masses_keeps_their_momenta(dimension, flipped):
+    """To round-off; the distance is that of the root."""
+    balls, m, problem = pair(dimension, flipped)
+    solution = problem.integrate(h=1e-2)
+    found = solution.events["mass impact 0"]
+    assert len(found) == 1
+    x, before, after = (balls.of(s)[0].reshape(2, dimension) for s in (found.u, found.v, found.v_after))
+    line = (x[1] - x[0]) / np.linalg.norm(x[1] - x[0])
+    assert np.linalg.norm(x[1] - x[0]) == pytest.approx(0.6, abs=1e-12)
+    rates = [(v[1] - v[0]) @ line for v in (before, after)]
+    assert rates[1] == pytest.approx(-0.8 * rates[0], rel=1e-14)
+    np.testing.assert_allclose(m @ after, m @ before, rtol=0, atol=1e-15)
+    for i in range(dimension):
+        for j in range(i):
+            spins = [m @ (x[:, i] * v[:, j] - x[:, j] * v[:, i]) for v in (before, after)]
+            assert spins[1] == pytest.approx(spins[0], abs=1e-15)
+    reduced = m.prod() / m.sum()
+    assert solution.integrals["work"][-1] == pytest.approx((0.8**2 - 1) * reduced * rates[0] ** 2 / 2, rel=1e-12)
+
+
+@eig3.jit
+def advancing(t):
+    return 0.5 * t, 0.5
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_wall_that_moves_drives_a_mass_away(side):
+    """At (1 + restitution) times its speed, from rest; the work is that of the wall."""
+    scene = Scene(1)
+    wall, ball = scene.fixed(-side * 1.0), scene.mass(3.0, 0.0)
+    scene.add(SupportMotion(advancing, [side]), wall)
+    scene.add(MassImpact(0.25, 0.4), wall, ball)
+    solution = scene.problem((0.0, 3.0), work=True).integrate(h=1e-2)
+    assert solution.events["mass impact 0"].t == pytest.approx([1.5], abs=1e-12)
+    assert solution.v[-1] == pytest.approx(side * 1.4 * 0.5, rel=1e-14)
+    assert solution.integrals["work"][-1] == pytest.approx(1.5 * 0.7**2, rel=1e-14)
+
+
+# Cables and strings
+
+
+def tethered(damping, t_end=1.2):
+    """A mass that flies away from a post until a cable stops it: taut from 0.25 s on."""
+    scene = Scene(2)
+    post, ball = scene.fixed((0.0, 0.0)), scene.mass(2.0, (0.3, 0.4), (1.2, 1.6))
+    scene.add(Cable(50.0, 1.0, damping), post, ball)
+    return scene.problem((0.0, t_end))
+
+
+@pytest.mark.parametrize("damping", [0.0, 4.0])
+@pytest.mark.parametrize("run", [{"h": 5e-3, "method": "rk8"}, {"rtol": 1e-11}])
+def test_a_cable_goes_taut_and_slack_at_the_times_of_the_closed_form(damping, run):
+    """The tension k x + c x' of a damped half-wave ends at the phase pi - 2 asin(zeta).
+
+    A fixed step goes over the jump of the acceleration, c v / m, or of its rate, k v / m, where the cable goes taut.
+    This displaces the mass, of the speed v, by at most h^2 / 2 or h^3 / 6 times the jump.
+    """
+    omega, zeta = 5.0, damping / (2 * math.sqrt(50.0 * 2.0))
+    taut = (math.pi - 2 * math.asin(zeta)) / (omega * math.sqrt(1 - zeta**2))
+    solution = tethered(damping).integrate(**run)
+    found = solution.events["cable 0"]
+    assert len(found) == 2
+    jump = 5e-3**2 / 2 * damping / 2.0 if damping else 5e-3**3 / 6 * 50.0 / 2.0
+    np.testing.assert_allclose(found.t, [0.25, 0.25 + taut], rtol=0, atol=jump if "h" in run else 1e-10)
+    np.testing.assert_array_equal(found.v_after, found.v)
+    if "rtol" in run:  # a step ends there
+        assert np.isin(found.t, solution.t).all()
+
+
+def hanging(strength=30.0, **options):
+    """A mass dropped on a string, which breaks at twice the mass's weight at most."""
+    scene = Scene(2)
+    post, ball = scene.fixed((0.0, 0.0)), scene.mass(2.0, (0.0, -1.0))
+    scene.add(Gravity((0.0, -G)))
+    scene.add(BreakingString(200.0, 1.0, strength), post, ball)
+    return ball, scene.problem((0.0, 1.0), **options)
+
+
+@pytest.mark.parametrize("run", [{"h": 1e-3, "method": "rk4"}, {"rtol": 1e-11}])
+def test_a_string_breaks_at_its_strength(run):
+    """The stretch is g / omega^2 (1 - cos(omega t)) before, and the mass falls freely after."""
+    ball, problem = hanging(work=True)
+    assert problem.names == ("x0", "y0", "breaking string 0")
+    assert problem.units == ("m", "m", "-")
+    solution = problem.integrate(**run)
+    omega, stretch = 10.0, 30.0 / 200.0
+    t = math.acos(1 - stretch * omega**2 / G) / omega
+    found = solution.events["breaking string 0"]
+    np.testing.assert_allclose(found.t, [t], rtol=0, atol=1e-9)
+    assert ball.of(found.u)[0, 1] == pytest.approx(-1.0 - stretch, abs=1e-10)
+    assert (found.u[0, 2], found.u_after[0, 2]) == (0, 1)
+    apart = solution.t != found.t[0]  # a step may end there
+    np.testing.assert_array_equal(solution.u[apart, 2], solution.t[apart] > found.t[0])
+    fall = 1.0 - t
+    height = -1.0 - stretch - G / omega * math.sin(omega * t) * fall - G / 2 * fall**2
+    assert ball.of(solution.u)[-1, 1] == pytest.approx(height, abs=1e-8)
+    assert solution.integrals["work"][-1] == pytest.approx(-(30.0**2) / (2 * 200.0), rel=1e-9)
+    assert solution.drift["energy"] < 1e-7
+
+
+def test_a_strong_string_does_not_break():
+    _, problem = hanging(strength=2.001 * 2.0 * G)
+    solution = problem.integrate(h=1e-3)
+    assert len(solution.events["breaking string 0"]) == 0
+    assert not solution.u[:, 2].any()
+    assert problem.critical_step().h == pytest.approx(0.9 * 2 / 10.0, rel=1e-6)
+
+
+def test_a_run_goes_on_with_a_broken_string():
+    _, problem = hanging()
+    whole = problem.integrate(rtol=1e-10)
+    first = problem.integrate(rtol=1e-10, t_end=0.5)
+    rest = problem.with_(u0=first.u[-1], v0=first.v[-1], t_span=(0.5, 1.0)).integrate(rtol=1e-10)
+    assert len(rest.events["breaking string 0"]) == 0
+    np.testing.assert_allclose(rest.u[-1], whole.u[-1], rtol=0, atol=1e-9)
+
+
+# The code of a scene, and its errors
+
+
+def row(reverse=False):
+    """Strings of different strength on five masses, added in any order, and a stop for two of the masses."""
+    scene = Scene(1)
+    posts, masses = scene.fixed(np.zeros(5)), scene.mass(1.0, np.ones(5))
+    scene.add(Gravity(G))
+    order = np.arange(5)[:: -1 if reverse else 1]
+    scene.add(BreakingString(100.0, 1.0, 5.0 + order), posts[order], masses[order])
+    scene.add(RigidStop(-1.0, [-2.0, -3.0]), masses[[3, 1]])
+    return masses, scene.problem((0.0, 1.0))
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_events_are_numbered_as_their_effects_were_added(reverse):
+    masses, problem = row(reverse)
+    names = [f"breaking string {k}" for k in range(5)]
+    assert list(problem.events) == [*names, "rigid stop 0", "rigid stop 1"]
+    assert problem.names[5:] == tuple(names)
+    assert "7 events: 'breaking string 0' to 'rigid stop 1'" in problem.note
+    solution = problem.integrate(rtol=1e-9)
+    for k in range(5):
+        found = solution.events[f"breaking string {k}"]
+        mass = 4 - k if reverse else k
+        assert masses[mass].of(found.u) == pytest.approx([1.0 + (5.0 + mass) / 100.0], abs=1e-10)
+        np.testing.assert_array_equal(np.flatnonzero(found.u_after[0] != found.u[0]), [5 + k])
+    for k, (mass, place) in enumerate(((3, 2.0), (1, 3.0))):
+        found = solution.events[f"rigid stop {k}"]
+        assert masses[mass].of(found.u)[0] == pytest.approx(place, abs=1e-10)
+
+
+def test_the_code_has_the_events_that_the_scene_names_only():
+    scene = Scene(1)
+    a, b = scene.mass(1.0, [0.0, 1.0])
+    scene.add(LinearSpring(10.0, 1.0), a, b)
+    plain = scene.problem((0.0, 1.0))
+    assert plain.events == {}
+    assert "event" not in code(plain.rhs)
+    scene.add(RigidStop(1.0, -1.0), a)
+    problem = scene.problem((0.0, 1.0))
+    same, own = (re.sub(r"p\[\d+\]", "p[]", code(each.rhs)).rstrip() for each in (plain, problem))
+    assert own == same
+    assert list(problem.events) == ["rigid stop 0"]
+    for function in (problem.events["rigid stop 0"].g, problem.events["rigid stop 0"].apply):
+        assert "rigid_stop" in code(function)
+        assert "spring" not in code(function)
+        assert "energy" not in code(function)
+
+
+def test_a_scene_that_conserves_energy_has_an_energy_with_events():
+    assert tethered(0.0).energy is not None
+    assert tethered(4.0).energy is None
+    assert hanging()[1].energy is None
+
+
+@dataclass(frozen=True, eq=False)
+class Gate(Body):
+    """Counts how often a mass passes a place, and pushes it back more each time."""
+
+    place: float
+    push: float
+
+    crossing = 1
+
+    @staticmethod
+    @eig3.jit
+    def event(x, place):
+        return x[0] - place
+
+    @staticmethod
+    @eig3.jit
+    def state_after(state):
+        return state + 1
+
+    @staticmethod
+    @eig3.jit
+    def force(state, push):
+        return (-push * state,)
+
+
+def test_a_state_may_count():
+    """The mass comes back from each push, and leaves again at an opposite stop."""
+    scene = Scene(1)
+    ball = scene.mass(1.0, 0.0, 1.0)
+    scene.add(Gate(0.5, 2.0), ball)
+    scene.add(RigidStop(1.0, -0.25, 1.0), ball)
+    solution = scene.problem((0.0, 5.0)).integrate(h=1e-3)
+    found = solution.events["gate 0"]
+    assert len(found) > 1
+    np.testing.assert_array_equal(found.u_after[:, 1], np.arange(1, len(found) + 1))
+    np.testing.assert_array_equal(solution.u[:, 1], np.searchsorted(found.t, solution.t))
+
+
+@eig3.jit
+def zero(x):
+    return x[0]
+
+
+@eig3.jit
+def distance(r):
+    return r
+
+
+@eig3.jit
+def number(v):
+    return v[0]
+
+
+@eig3.jit
+def reading(state):
+    return (state,)
+
+
+def effect(kind, **members):
+    return dataclass(frozen=True, eq=False)(type("Own", (kind,), members))()
+
+
+def one(added, dimension=1, place=1.0):
+    scene = Scene(dimension)
+    scene.add(added, scene.mass(1.0, place))
+
+
+def two(added, dimension=1, places=(0.0, 1.0)):
+    scene = Scene(dimension)
+    scene.add(added, *scene.mass(1.0, places))
+
+
+WRONG = {
+    "no event": (
+        lambda: one(effect(Body, velocity_after=number, force=staticmethod(number))),
+        "Own must have a function event, at whose zeros velocity_after is called.",
+    ),
+    "a state that never changes": (
+        lambda: one(effect(Body, force=reading)),
+        "Own must have a function state_after, because force reads the state.",
+    ),
+    "a wrong crossing": (
+        lambda: two(effect(Link, event=distance, crossing=2)),
+        "crossing of Own must be -1, 0 or 1, not 2.",
+    ),
+    "a number for a velocity": (
+        lambda: one(effect(Body, event=zero, velocity_after=number)),
+        "velocity_after of Own must return a tuple of 1 number here, not float64.",
+    ),
+    "behind the stop": (
+        lambda: one(RigidStop(1.0, 1.0)),
+        "offset of RigidStop must leave each mass on the free side at the start.",
+    ),
+    "touching masses": (
+        lambda: two(MassImpact(1.0)),
+        "reach of MassImpact must be below the distance at the start.",
+    ),
+    "points in a plane": (
+        lambda: two(MassImpact(), 2, ((0, 0), (1, 0))),
+        "reach of MassImpact must be positive in a scene of two or three dimensions.",
+    ),
+    "a string that is broken": (
+        lambda: two(BreakingString(10.0, 0.5, 5.0)),
+        "strength of BreakingString must be above the tension at the start.",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_events_raise_an_error_of_one_sentence(name):
+    build, sentence = WRONG[name]
+    with pytest.raises((TypeError, ValueError)) as caught:
+        build()
+    assert str(caught.value) == sentence
