@@ -13,6 +13,7 @@ from .observers.progress import Progress
 from .quantities import Functions, Quantity, as_extremes
 from .solution import Solution, Status
 from .stepper import Cancel
+from .storage import Place
 from .variable_stepper import VariableStepper
 from .watching import ended_by_event, not_a_number
 
@@ -70,6 +71,7 @@ class VariableRun:
 
     def __init__(self, stepper: VariableStepper, every: int, functions: Functions, progress: bool) -> None:
         self.stepper, self.every, self._shows_progress = stepper, every, progress
+        self.place: Place | None = None
         self.history = GrowingHistory()
         self.history.append(self._present(0.0))
         invariants, outputs = functions.quantities(stepper.form)
@@ -90,7 +92,7 @@ class VariableRun:
                     self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
                     break
                 left = stepper.tolerances.max_steps - stepper.index
-                if not left:
+                if not left and stepper.t < stepper.t_end:
                     self._end(
                         Status.TOO_MANY_STEPS,
                         f"The run took max_steps = {stepper.index} steps up to t = {stepper.t:g}; take a larger "
@@ -98,7 +100,7 @@ class VariableRun:
                     )
                     break
                 before = self._percent
-                self._advance(min(self._count, left))
+                self._advance(min(self._count, max(1, left)))
                 bar.add(self._percent - before)
                 self._judge()
         stepper.note_pace()

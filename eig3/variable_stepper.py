@@ -5,15 +5,17 @@ from __future__ import annotations
 import copy
 import importlib
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .accelerations import accelerations
-from .callbacks import check_callback, compile_for_own_arrays
+from .callbacks import check_callback
 from .checks import check_params, check_state
 from .guard import first_acceleration, guarded
+from .inlining import inlined
 from .kernels.fixed import STACKED_DEGREES
 from .kernels.pair import A, U, V
 from .kernels.protocol import ENDED_BY, ERROR, EVALUATIONS, EVENTS, REJECTED, SCALAR, STEP, STEP_BEFORE, TIME, Span
@@ -77,10 +79,10 @@ class VariableStepper:
         n = self.n
         self._pace_key = self.method.variable, n, inline
         if inline:
-            compile_for_own_arrays(rhs, "rhs", self.form)
             literal = n if n <= STACKED_DEGREES else 0
+            make = partial(inline_variable_kernel, self.method.variable, self.form, literal, rhs)
             self._callbacks: tuple = ()
-            self._kernel = inline_variable_kernel(self.method.variable, self.form, literal, rhs)
+            self._kernel = inlined(make, (self.method.variable, literal, "variable"), self.form, rhs)
         else:
             self._callbacks = (self._callback.address,)
             self._kernel = variable_kernel(self.method.variable, self.form, n if n <= 2 else 0)

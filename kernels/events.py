@@ -78,7 +78,7 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
         s = 1.0
     for k in range(count):
         if outcome == PASSED:
-            tally[EVENTS + 2 * k] = ends[k]
+            tally[EVENTS + 2 * k] = ends[k] if ends[k] != 0 else tally[EVENTS + 2 * k]
         elif roots[k] - _NEVER >= s - tolerance:  # it has just occurred: its sign after the reset is not known
             tally[EVENTS + 2 * k] = 0.0
         else:
@@ -108,11 +108,9 @@ def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, 
     if before == 0:
         before = g_low
     is_rising = before < 0
-    has_changed = g_end >= 0 if is_rising else g_end <= 0
+    has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
     if before == 0 or not has_changed or direction == (-1 if is_rising else 1):
         return _NEVER
-    if g_end == 0:
-        return 1.0
     if (g_low < 0) != is_rising:  # zero, up to round-off
         return low
     spread, radius = _SPREAD / (high - low), high - low
