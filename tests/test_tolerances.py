@@ -106,14 +106,16 @@ def test_order_with_steps_that_become_ever_shorter(problem, method):
     """The error falls with the number of steps by the order of the method, and with the tolerance as its estimate."""
     error = whirl_error if problem == "gyroscopic" else faster_error
     extra = {"forced": (0.0,), "damped": (0.5,), "gyroscopic": ()}[problem]
-    coarse, fine = {"rk5": (1e-5, 1e-9), "rk8": (1e-5, 1e-11), "eig3": (1e-5, 1e-8)}[method]
+    coarse, fine = {"rk5": (1e-8, 1e-12), "rk8": (1e-9, 1e-12), "eig3": (1e-6, 1e-10)}[method]
     (e1, n1), (e2, n2) = error(method, coarse, *extra), error(method, fine, *extra)
     order = math.log(e1 / e2) / math.log(n2 / n1)
-    # the next term of the error and the share of the first short steps change the slope by some percent
-    assert ORDERS[method] * 0.9 < order < ORDERS[method] * 1.12
+    # The next term of the error changes the slope by up to a seventh. EIG-3's estimate is zero where a' is, for one
+    # degree of freedom twice a turn. The longer steps there have the error of another order, and 2 is reached slowly.
+    low, high = (0.85, 1.1) if method == "eig3" and problem != "gyroscopic" else (0.97, 1.15)
+    assert ORDERS[method] * low < order < ORDERS[method] * high
     # The estimate is of the order p = 5, 8 and 3, so that n grows with rtol^(-1/p).
     p = {"rk5": 5, "rk8": 8, "eig3": 3}[method]
-    np.testing.assert_allclose(math.log(n2 / n1) / math.log(coarse / fine), 1 / p, rtol=0.1)
+    np.testing.assert_allclose(math.log(n2 / n1) / math.log(coarse / fine), 1 / p, rtol=0.08)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -130,29 +132,30 @@ def test_without_a_method_the_tolerance_chooses_it():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_scalar_and_vector_form_agree(method):
-    scalar = run(oscillator, params=(2.0, 0.1), method=method)
-    vector = run(oscillator_vector, u0=[1.0], v0=[0.0], params=(2.0, 0.1), method=method)
-    copies = run(oscillator_vector, u0=[1.0] * 3, v0=[0.0] * 3, params=(2.0, 0.1), method=method)
+    scalar = run(oscillator, u0=0.5, v0=0.3, params=(2.0, 0.1), method=method)
+    vector = run(oscillator_vector, u0=[0.5], v0=[0.3], params=(2.0, 0.1), method=method)
+    copies = run(oscillator_vector, u0=[0.5] * 3, v0=[0.3] * 3, params=(2.0, 0.1), method=method)
     for other in (vector, copies):
         assert other.n_steps == scalar.n_steps
-        # the same formulas; round-off in an estimate near zero changes a step by its part of 1e-16 / rtol = 1e-10
-        np.testing.assert_allclose(other.t, scalar.t, rtol=1e-8)
-        np.testing.assert_allclose(other.u[:, 0], scalar.u, rtol=0, atol=1e-8)
+        # the same formulas, but other round-off in the estimates: see test_without_atol_units_do_not_matter
+        np.testing.assert_allclose(other.t, scalar.t, rtol=1e-4)
+        # the errors at 1e-6 of these steps differ by their part of 1e-4, and the motion is compared at equal times
+        np.testing.assert_allclose(other.at(scalar.t)[0][:, 0], scalar.u, rtol=0, atol=1e-5)
 
 
 def test_inline_agrees():
-    inlined, pointed = (run(oscillator, params=(2.0, 0.1), method="eig3", inline=is_inline) for is_inline in (True, False))
+    options = {"u0": 0.5, "v0": 0.3, "params": (2.0, 0.1), "method": "eig3"}
+    inlined, pointed = (run(oscillator, inline=is_inline, **options) for is_inline in (True, False))
     assert inlined.n_steps == pointed.n_steps
-    np.testing.assert_allclose(inlined.u, pointed.u, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(inlined.t, pointed.t, rtol=1e-4)  # as above
+    np.testing.assert_allclose(inlined.at(pointed.t)[0], pointed.u, rtol=0, atol=1e-5)
 
 
 def test_inline_compiles_once(monkeypatch):
-    from eig3.kernels import jit
-
-    solution = run(oscillator, params=(2.0, 0.1), method="eig3", inline=True)
-    monkeypatch.setattr(jit.numba, "njit", None)  # a compilation would call it
-    again = run(oscillator, params=(2.0, 0.1), method="eig3", inline=True)
-    assert np.array_equal(solution.u, again.u)
+    options = {"params": (2.0, 0.1), "method": "eig3", "inline": True}
+    solution = run(oscillator, **options)
+    monkeypatch.delattr(eig3_variable._Formulas, "functions")  # a compilation would call it
+    assert np.array_equal(run(oscillator, **options).u, solution.u)
 
 
 # Tolerances ----------------------------------------------------------------------------------------------------------
@@ -160,11 +163,11 @@ def test_inline_compiles_once(monkeypatch):
 
 def test_a_degree_with_a_large_atol_does_not_count():
     """It leaves a mean square over half the values: that of one degree with sqrt(2) times the tolerance."""
-    alone = run(oscillator_vector, u0=[1.0], v0=[0.0], params=(2.0, 0.1), rtol=1e-13, atol=math.sqrt(2) * 1e-7)
-    both = run(oscillator_vector, u0=[1.0, 2.0], v0=[0.0, 3.0], params=(2.0, 0.1), rtol=1e-13, atol=[1e-7, 1e12])
+    options = {"params": (2.0, 0.1), "rtol": 1e-13, "method": "rk5"}
+    alone = run(oscillator_vector, u0=[0.5], v0=[0.3], atol=math.sqrt(2) * 1e-7, **options)
+    both = run(oscillator_vector, u0=[0.5, 2.0], v0=[0.3, 3.0], atol=[1e-7, 1e12], **options)
     assert both.n_steps == alone.n_steps
-    # rtol times the size is a part of 1e-6 of atol; the steps follow its eighth root
-    np.testing.assert_allclose(both.t, alone.t, rtol=1e-6)
+    np.testing.assert_allclose(both.t, alone.t, rtol=1e-4)  # rtol times the size is a part of 1e-6 of atol
 
 
 def test_rows_of_atol_are_for_u_and_v():
@@ -185,11 +188,13 @@ def test_rows_of_atol_are_for_u_and_v():
 def test_without_atol_units_do_not_matter(method, unit):
     solution = run(u0=0.5, v0=0.3, method=method)
     scaled = run(u0=0.5 * unit, v0=0.3 * unit, method=method)
-    assert scaled.n_steps == solution.n_steps
-    np.testing.assert_allclose(scaled.t, solution.t, rtol=1e-8)  # round-off in the estimates, as above
     slow = run(span=(0, 10 * unit), u0=0.5, v0=0.3 / unit, params=1 / unit, method=method)
-    assert slow.n_steps == solution.n_steps
-    np.testing.assert_allclose(slow.t, unit * solution.t, rtol=1e-8)
+    for t in (scaled.t, slow.t / unit):
+        assert len(t) == len(solution.t)
+        # A power of two changes no digit. Other units change the round-off in the estimates, whose differences make them
+        # some 1e10 times as large: estimates that are 1e-6 of the size of the motion differ by 1e-4, and EIG-3's steps
+        # by the third root.
+        np.testing.assert_allclose(t, solution.t, rtol=0 if math.frexp(unit)[0] == 0.5 else 1e-4)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -450,12 +455,12 @@ def test_the_energy_of_eig3_drifts_with_variable_steps():
     def errors(**options):
         count = {"save_every": None, "invariants": {"energy": energy}}
         drifts = [
-            eig3.integrate(kepler, (0, k * period), u0, v0, **count, **options).drift["energy"] for k in (20, 80)
+            eig3.integrate(kepler, (0, k * period), u0, v0, **count, **options).drift["energy"] for k in (80, 320)
         ]
         return drifts[1] / drifts[0]
 
-    assert errors(rtol=1e-5, method="eig3") > 2.5  # near 4 where it is proportional to the time
-    assert errors(h=0.01, method="eig3") < 1.1
+    assert errors(rtol=1e-5, method="eig3") > 3  # near 4, because it is proportional to the time
+    assert errors(h=0.01, method="eig3") < 1.01
 
 
 # Long and large runs -------------------------------------------------------------------------------------------------
