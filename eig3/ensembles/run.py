@@ -131,9 +131,7 @@ def ensemble(
     If rhs raises an exception, `ensemble` raises it too, and its attribute `solution` has the members up to then.
     """
     if save_to is not None:
-        raise TypeError(
-            "save_to is for single runs: take reduce=, a function that saves what you need of each part."
-        )
+        raise TypeError("save_to is for single runs: take reduce=, a function that saves what you need of each part.")
     check_progress(progress)
     check_executor(executor)
     check_reduce(reduce)
