@@ -172,7 +172,7 @@ def test_outputs_and_extremes(options):
     [{"h": 0.07, "method": "eig3"}, {"h": 0.3, "method": "ab3"}, {"h": 0.3, "method": "eig9"}, {"rtol": 1e-5}],
 )
 def test_between_impacts(options):
-    """No polynomial goes through an impact: for a constant acceleration, every state is exact, however long the steps."""
+    """No polynomial goes through an impact: every state is exact for a constant acceleration, with any steps."""
     times = np.linspace(0, 3.2, 2001)
     problem = bouncing_ball(t_end=3.2)
     solution = problem.integrate(t_eval=times, **options)
