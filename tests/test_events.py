@@ -1,0 +1,571 @@
+"""Events: where they are found, what they do to the run, and how runs with them end."""
+
+import math
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+import eig3
+from eig3 import Event, Status
+from eig3.problems.bouncing_ball import bouncing_ball, impact_times
+
+from .conftest import spring
+
+FIXED = {"h": 1e-2, "method": "eig3"}
+ADAPTIVE = {"rtol": 1e-6, "method": "rk5"}
+
+
+@eig3.jit
+def pendulum(t, u, v, p):
+    return -np.sin(u)
+
+
+@eig3.jit
+def fall(t, u, v, p):
+    return -p[0]
+
+
+@eig3.jit
+def height(t, u, v, p):
+    return u
+
+
+@eig3.jit
+def speed(t, u, v, p):
+    return v
+
+
+@eig3.jit
+def bounce(t, u, v, p):
+    return 0.0, -p[1] * v
+
+
+@eig3.jit
+def swap(t, u, v, p):
+    return u, 2 * v
+
+
+@eig3.jit
+def free(t, u, v, p, a):
+    a[0], a[1] = 0.0, -p[0]
+
+
+@eig3.jit
+def at_wall(t, u, v, p):
+    return p[1] * (u[0] - p[3])
+
+
+@eig3.jit
+def at_floor(t, u, v, p):
+    return p[2] * (u[1] - p[4])
+
+
+@eig3.jit
+def off_wall(t, u, v, p):
+    v[0] = -v[0]
+
+
+@eig3.jit
+def off_floor(t, u, v, p):
+    v[1] = -v[1]
+
+
+@eig3.jit
+def near_one(t, u, v, p):
+    return (t - 1.03) * (t - 1.03) - p[1]
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return v * v / 2 + p[0] * u
+
+
+@eig3.jit
+def vector_fall(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -p[0]
+
+
+@eig3.jit
+def first_height(t, u, v, p):
+    return u[0]
+
+
+@eig3.jit
+def vector_bounce(t, u, v, p):
+    u[0], v[0] = 0.0, -p[1] * v[0]
+
+
+BALL = {"impact": Event(height, direction=-1, apply=bounce)}
+BOX = {"wall": Event(at_wall, apply=off_wall), "floor": Event(at_floor, apply=off_floor)}
+
+
+def swing(events, span=(0, 10), u0=1.0, v0=0.0, rhs=spring, params=1.0, **options):
+    return eig3.integrate(rhs, span, u0, v0, params=params, events=events, **(options or ADAPTIVE))
+
+
+def drop(span, restitution=0.8, h0=1.0, **options):
+    return eig3.integrate(fall, span, h0, 0.0, params=(9.81, restitution), events=BALL, **options)
+
+
+# Zeros ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scipy_pendulum():
+    def rises(t, y):
+        return y[0]
+
+    def falls(t, y):
+        return y[0]
+
+    rises.direction, falls.direction = 1, -1
+    reference = solve_ivp(
+        lambda t, y: (y[1], -math.sin(y[0])),
+        (0, 40),
+        (2.0, 0.0),
+        "DOP853",
+        rtol=1e-13,
+        atol=1e-13,
+        events=(rises, falls),
+    )
+    return reference.t_events, reference.y_events
+
+
+@pytest.mark.parametrize("options", [{"rtol": 1e-11}, {"h": 0.01, "method": "eig9"}], ids=["rk8", "eig9"])
+def test_crossings_of_a_pendulum_are_those_of_scipy(options, scipy_pendulum):
+    events = {"both": Event(height), "up": Event(height, direction=1), "down": Event(height, direction=-1)}
+    found = swing(events, (0, 40), 2.0, rhs=pendulum, params=(), **options).events
+    (up, down), states = scipy_pendulum
+    np.testing.assert_allclose(found["up"].t, up, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found["down"].t, down, rtol=0, atol=1e-9)
+    assert np.array_equal(found["both"].t, np.sort(np.concatenate([found["up"].t, found["down"].t])))
+    np.testing.assert_allclose(found["up"].v, states[0][:, 1], rtol=0, atol=1e-8)
+    # without an `apply`, nothing changes; u is zero to the resolution of t times v
+    for each in found.values():
+        assert np.array_equal(each.v, each.v_after)
+        assert np.abs(each.u).max() < 1e-13
+        assert len(each.jumps) == 0
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+def test_events_without_apply_change_nothing(options):
+    alone, watched = swing(None, **options), swing({"zero": Event(height), "turn": Event(speed)}, **options)
+    for name in ("t", "u", "v"):
+        assert np.array_equal(getattr(alone, name), getattr(watched, name))
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+def test_a_zero_at_the_start_does_not_fire(options):
+    found = swing({"zero": Event(height)}, u0=0.0, v0=1.0, **options).events["zero"]
+    # the error of the motion is 1e-5 at most, and so is that of the times
+    np.testing.assert_allclose(found.t, np.pi * np.arange(1, 4), rtol=0, atol=2e-5)
+
+
+def test_a_zero_at_the_end_of_a_step_fires_once():
+    """u = 1/2 - t^2 / 2 is zero at t = 1, which is the end of a step, without round-off."""
+    for h in (0.25, 0.5, 1.0):
+        found = eig3.integrate(fall, (0, 3), 0.5, 0.0, h=h, params=1.0, events={"zero": Event(height)}).events["zero"]
+        assert found.t.tolist() == [1.0]
+
+
+@pytest.mark.parametrize(("u0", "t0"), [(0.5, 1.0), (0.0, 2.0)])
+@pytest.mark.parametrize("h", [0.25, 0.5, 1.0, 2.0])
+def test_bounces_at_the_ends_of_steps(u0, t0, h):
+    """A flight takes 2 units of time: up to a whole step from zero to zero."""
+    v0 = 0.0 if u0 else 1.0
+    solution = eig3.integrate(fall, (0, 20.5), u0, v0, h=h, params=(1.0, 1.0), events=BALL)
+    expected = np.arange(t0, 20.5, 2.0)
+    np.testing.assert_allclose(solution.events["impact"].t, expected, rtol=0, atol=1e-13)
+    assert solution.u.min() > -1e-13
+
+
+@pytest.mark.parametrize(("gap", "count"), [(0.0, 0), (-1e-3, 0), (1e-8, 0), (0.04, 2)])
+def test_zeros_that_graze(gap, count):
+    """Two zeros within a step are unseen, and a zero without a change of sign is none. t = 1.03 is within a step."""
+    found = swing({"touch": Event(near_one)}, (0, 2), params=(1.0, gap), h=0.125, method="eig3").events["touch"]
+    assert len(found) == count
+    np.testing.assert_allclose(np.abs(found.t - 1.03), math.sqrt(gap) if count else 0, rtol=0, atol=1e-12)
+
+
+@eig3.jit
+def touch_at_one(t, u, v, p):
+    return (t - 1) * (t - 1)
+
+
+def test_a_double_root_at_the_end_of_a_step_does_not_fire():
+    found = swing({"touch": Event(touch_at_one)}, (0, 2), h=0.125, method="eig3").events["touch"]
+    assert len(found) == 0
+
+
+def test_events_in_a_step_are_in_their_order():
+    events = {f"{x}": Event(_reaches(x)) for x in (0.9, 0.3, 0.6)}
+    solution = eig3.integrate(fall, (0, 2), 1.0, 0.0, h=2.0, params=1.0, events=events)
+    for name, occurrences in solution.events.items():
+        np.testing.assert_allclose(occurrences.t, math.sqrt(2 * (1 - float(name))), rtol=1e-14)
+
+
+def _reaches(x):
+    @eig3.jit
+    def g(t, u, v, p):
+        return u - x
+
+    return g
+
+
+# Terminal events -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("save_every", [1, 7, None])
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+def test_terminal_events_end_the_run(options, save_every):
+    solution = swing({"up": Event(height, 1, terminal=True)}, save_every=save_every, **options)
+    assert solution.status is Status.TERMINATED
+    assert solution.success
+    assert "'up'" in solution.message
+    assert solution.t[-1] == solution.events["up"].t[0]
+    assert solution.u[-1] == solution.events["up"].u[0]
+    assert solution.t[-1] == pytest.approx(1.5 * math.pi, abs=3e-5)
+    assert (np.diff(solution.t) > 0).all()
+    whole = swing({}, save_every=save_every, **options)
+    assert np.array_equal(solution.u[:-1], whole.u[: len(solution.u) - 1])
+    if solution.steps is not None:
+        last = swing({"up": Event(height, 1, terminal=True)}, **options)
+        assert solution.steps[-1] == pytest.approx(last.t[-1] - last.t[-2], rel=1e-12)
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+def test_of_two_terminal_events_the_first_ends_the_run(options):
+    events = {"late": Event(speed, 1, terminal=True), "early": Event(height, terminal=True)}
+    solution = swing(events, **options)
+    assert "'early'" in solution.message
+    assert len(solution.events["late"]) == 0
+
+
+def test_a_terminal_event_with_apply_ends_with_its_state():
+    for options in (FIXED, ADAPTIVE):
+        solution = swing({"zero": Event(height, terminal=True, apply=swap)}, **options)
+        assert solution.v[-1] == solution.events["zero"].v_after[0] == 2 * solution.events["zero"].v[0]
+
+
+# Resets --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"h": 1e-2, "method": name} for name in ("eig3", "rk4", "eig9", "ab3", "cd")]
+    + [{"rtol": rtol, "method": name} for name in ("rk5", "rk8", "eig3") for rtol in (1e-3, 1e-8)],
+    ids=lambda options: f"{options['method']}-{next(iter(options.values()))}",
+)
+def test_thirty_impacts(options):
+    """Every method is exact for a constant acceleration, so that only round-off remains."""
+    times = impact_times(30, 0.8, 1.0, 9.81)
+    solution = drop((0, times[-1] + 1e-3), **options)
+    found = solution.events["impact"]
+    assert solution.status is Status.COMPLETED
+    np.testing.assert_allclose(found.t, times, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found.v, -math.sqrt(2 * 9.81) * 0.8 ** np.arange(30), rtol=1e-9)
+    np.testing.assert_allclose(found.v_after, -0.8 * found.v, rtol=1e-15)
+    assert not found.u_after.any()
+    assert len(found.jumps) == 30
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.05, 0.99), st.floats(1e-3, 1e3), st.sampled_from([{"h": 0.07}, {"rtol": 1e-5, "method": "rk5"}]))
+def test_impacts_from_any_height(restitution, h0, options):
+    times = impact_times(8, restitution, h0, 9.81)
+    end = 0.5 * (times[-1] + times[-2])
+    if "h" in options:
+        options = {"h": options["h"] * end}
+    found = drop((0, end), restitution, h0, **options).events["impact"]
+    # the roots are found to 1e-12 of the span
+    np.testing.assert_allclose(found.t, times[:-1], rtol=0, atol=1e-12 * end)
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+def test_resets_in_vector_form(options):
+    """One of two bodies bounces: it does so as alone, and the other one falls."""
+    events = {"impact": Event(first_height, -1, apply=vector_bounce)}
+    params = (9.81, 0.8)
+    solution = eig3.integrate(vector_fall, (0, 2), [1.0, 5.0], [0.0, 0.0], params=params, events=events, **options)
+    alone = drop((0, 2), **options)
+    np.testing.assert_allclose(solution.events["impact"].t, alone.events["impact"].t, rtol=1e-12)
+    assert solution.events["impact"].u.shape == (len(alone.events["impact"]), 2)
+    np.testing.assert_allclose(solution.u[:, 1], 5 - 9.81 / 2 * solution.t**2, rtol=0, atol=1e-11)
+
+
+def test_an_inlined_run_has_the_same_events():
+    inlined, pointed = (drop((0, 2), inline=is_inline, rtol=1e-6, method="eig3") for is_inline in (True, False))
+    np.testing.assert_allclose(inlined.events["impact"].t, pointed.events["impact"].t, rtol=1e-13)
+
+
+def test_states_on_both_sides_of_an_impact_are_saved():
+    solution = drop((0, 2), **ADAPTIVE)
+    impacts = solution.events["impact"]
+    before = np.flatnonzero(np.diff(solution.t) == 0)
+    assert np.array_equal(solution.t[before], impacts.t)
+    assert np.array_equal(solution.v[before], impacts.v)
+    assert np.array_equal(solution.v[before + 1], impacts.v_after)
+
+
+@pytest.mark.parametrize(
+    "options", [ADAPTIVE, {"rtol": 1e-6, "method": "eig3"}, {"h": 0.1, "method": "eig3"}], ids=["rk5", "eig3", "fixed"]
+)
+def test_corners_of_a_box(options):
+    """The body hits both walls at once. If it missed one of them, it would leave the box."""
+    rng = np.random.default_rng(1)
+    for _ in range(400):
+        vx, vy = rng.uniform(0.3, 3, 2)
+        corner, scales, time = rng.uniform(-1, 1, 2), rng.uniform(0.1, 10, 2), rng.uniform(0.5, 2)
+        start = corner + time * np.array([vx, vy])
+        solution = eig3.integrate(
+            free, (0, 3), start, [-vx, -vy], params=(0.0, *scales, *corner), events=BOX, save_every=None, **options
+        )
+        for name in BOX:
+            np.testing.assert_allclose(solution.events[name].t, [time], rtol=0, atol=1e-12)
+        assert (solution.v[-1] == [vx, vy]).all()
+
+
+def test_the_second_of_two_events_at_once_sees_the_state_after_the_first():
+    solution = eig3.integrate(free, (0, 2), [1.0, 1.0], [-1.0, -1.0], params=(0.0, 1, 1, 0, 0), h=0.25, events=BOX)
+    wall, floor = solution.events["wall"], solution.events["floor"]
+    assert wall.t == floor.t == [1.0]
+    assert wall.v_after.tolist() == floor.v.tolist() == [[1.0, -1.0]]
+    assert floor.v_after.tolist() == [[1.0, 1.0]]
+
+
+@eig3.jit
+def hit(t, u, v, p):
+    return u + 0.5
+
+
+@eig3.jit
+def turn_back(t, u, v, p):
+    return -0.5, -v
+
+
+@pytest.mark.parametrize(
+    ("method", "h", "order"), [("ab3", 0.02, 3), ("eig3", 0.02, 2), ("rk4", 0.1, 4), ("eig9", 0.2, 8)]
+)
+def test_the_order_is_kept_through_impacts(method, h, order):
+    """A pendulum against a rigid stop: four impacts, after which a multistep method has to start anew.
+
+    The motion is that of the pendulum between two passages of the stop, again and again.
+    """
+    quarter = swing({"hit": Event(hit, -1)}, (0, 10), rhs=pendulum, params=(), rtol=2.3e-14, method="rk8")
+    first = quarter.events["hit"].t[0]
+    times = first * np.array([1, 3, 5, 7])
+
+    def error(h):
+        events = {"hit": Event(hit, -1, apply=turn_back)}
+        found = swing(events, (0, times[-1] + 0.3), rhs=pendulum, params=(), h=h, method=method).events["hit"]
+        assert len(found) == 4
+        return np.abs(found.t - times).max()
+
+    found = math.log2(error(h) / error(h / 2))
+    # The impacts are anywhere in a step, and the short steps to its end and the start have errors of the same order:
+    # their size differs from run to run. The steps to its end and the dense output are RK8's for EIG-9.
+    assert found > order - 0.7
+
+
+def test_zeno():
+    limit = math.sqrt(2 / 9.81) * 3  # of the impacts, for restitution 1/2
+    for options in (FIXED, ADAPTIVE, {"rtol": 1e-8}, {"rtol": 1e-4, "method": "eig3"}, {"h": 0.7, "method": "ab3"}):
+        solution = drop((0, 10), 0.5, **options)
+        assert solution.status is Status.ZENO
+        assert not solution.success
+        assert "'impact'" in solution.message
+        # the flights are shorter than 1e-12 of the span from there on, and so is the rest of their sum
+        assert solution.t[-1] == pytest.approx(limit, abs=1e-10)
+        assert 30 < len(solution.events["impact"]) < 60
+        late = eig3.integrate(fall, (1e6, 1e6 + 10), 1.0, 0.0, params=(9.81, 0.5), events=BALL, **options)
+        assert late.status is Status.ZENO
+        assert late.t[-1] - 1e6 == pytest.approx(limit, abs=1e-7)
+
+
+def test_many_impacts_in_one_step():
+    """More than fit in the log of the kernel."""
+    fall_time = math.sqrt(2e-10 / 9.81)
+    solution = drop((0, 0.5), 1.0, 1e-10, h=0.25, method="eig3")
+    count = round((0.5 / fall_time + 1) // 2)
+    assert abs(len(solution.events["impact"]) - count) <= 1
+    # each flight adds a round-off of the time, and an error of v that changes the next flights
+    np.testing.assert_allclose(np.diff(solution.events["impact"].t), 2 * fall_time, rtol=1e-5)
+
+
+def test_many_impacts_of_a_large_system():
+    n = 9000  # the log then has few rows
+    u0 = np.ones(n)
+    u0[0] = 1e-4
+    solution = eig3.integrate(
+        vector_fall,
+        (0, 1),
+        u0,
+        np.zeros(n),
+        params=(9.81, 1.0),
+        h=0.5,
+        save_every=None,
+        events={"impact": Event(first_height, -1, apply=vector_bounce)},
+    )
+    fall_time = math.sqrt(2e-4 / 9.81)
+    times = fall_time * np.arange(1, 1 / fall_time, 2)
+    np.testing.assert_allclose(solution.events["impact"].t, times, rtol=0, atol=1e-10)
+
+
+# Long runs and failures ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [{"h": 0.01, "method": "eig3"}, ADAPTIVE], ids=["fixed", "adaptive"])
+def test_a_hundred_thousand_events(options):
+    solution = swing(
+        {"zero": Event(height)}, (0, 1e4 * math.pi + 0.1), 0.0, 10.0, params=10.0, save_every=None, **options
+    )
+    assert solution.status is Status.COMPLETED
+    times = solution.events["zero"].t
+    # the period of EIG-3 is shorter by (omega h)^2 / 24 = 4e-4, that of RK5 by some 1e-7
+    assert abs(len(times) - 1e5) < 100
+    gaps = np.diff(times) * 10 / math.pi
+    np.testing.assert_allclose(gaps, gaps.mean(), rtol=1e-4)
+    np.testing.assert_allclose(gaps.mean(), 1, rtol=1e-3)
+
+
+def test_a_run_with_many_slices_has_the_events_of_one_call():
+    """Invariants divide a run into chunks, whose ends must not change anything."""
+    options = {"h": 1e-4, "method": "eig3"}
+    plain = swing({"zero": Event(height)}, (0, 30), **options)
+    watched = swing({"zero": Event(height)}, (0, 30), invariants={"e": energy}, outputs={"v": speed}, **options)
+    assert np.array_equal(plain.events["zero"].t, watched.events["zero"].t)
+    assert np.array_equal(watched.outputs["v"], watched.v)
+    assert watched.extremes["v"].high == watched.v.max()
+
+
+@eig3.jit
+def nan_after_3(t, u, v, p):
+    return np.nan if t > 3 else u
+
+
+@eig3.jit
+def raises_after_3(t, u, v, p):
+    if t > 3:
+        raise ValueError("g fails")
+    return 1.0
+
+
+@eig3.jit
+def rhs_raises_after_3(t, u, v, p):
+    if t > 3:
+        raise ValueError("rhs fails")
+    return -u
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+@pytest.mark.parametrize(
+    ("g", "rhs", "message"),
+    [
+        (nan_after_3, spring, r"^g of events\['bad'\] is NaN in the step after t = "),
+        (raises_after_3, spring, "^g fails$"),
+        (raises_after_3, rhs_raises_after_3, "fails$"),
+    ],
+)
+def test_exceptions_keep_the_events_before_them(g, rhs, message, options):
+    t_eval = np.linspace(0, 10, 101)
+    for times in (None, t_eval):
+        with pytest.raises(ValueError, match=message) as raised:
+            swing({"zero": Event(height), "bad": Event(g)}, rhs=rhs, t_eval=times, **options)
+        solution = raised.value.solution
+        assert solution.status is Status.INTERRUPTED
+        np.testing.assert_allclose(solution.events["zero"].t, [math.pi / 2], rtol=0, atol=1e-4)
+        # up to the step that fails, of which the longest has 0.3
+        assert 2.5 < solution.t[-1] <= 3
+        np.testing.assert_allclose(solution.u, np.cos(solution.t), rtol=0, atol=1e-3)
+
+
+def test_a_run_that_diverges_says_so():
+    solution = swing({"zero": Event(height)}, (0, 1000), params=10.0, h=1.0, method="eig3")
+    assert solution.status is Status.DIVERGED
+    assert "critical step" in solution.explain()
+
+
+def test_a_motion_that_an_event_makes_grow_is_no_divergence():
+    for options in (FIXED, ADAPTIVE):
+        solution = swing({"kick": Event(height, 1, apply=swap)}, (0, 60), **options)
+        assert solution.status is Status.COMPLETED
+        np.testing.assert_allclose(np.abs(solution.events["kick"].v_after), 2.0 ** np.arange(1, 10), rtol=2e-3)
+
+
+def test_ctrl_c_keeps_the_events(python_handler):
+    for options in ({"h": 1e-3, "method": "eig3"}, ADAPTIVE):
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt) as raised:
+            swing({"zero": Event(height)}, (0, 1e7), save_every=None, **options)
+        solution = raised.value.solution
+        assert solution.status is Status.INTERRUPTED
+        assert abs(len(solution.events["zero"]) - solution.t[-1] / math.pi) < 1e-3 * solution.t[-1] + 2
+
+
+def test_events_outputs_invariants_and_times_together():
+    for options in (FIXED, ADAPTIVE):
+        times = np.linspace(0, 2, 33)
+        solution = drop((0, 2), t_eval=times, outputs={"v": speed}, invariants={"e": energy}, **options)
+        assert np.array_equal(solution.t, times)
+        exact = bouncing_ball(t_end=2.0).exact(times)
+        np.testing.assert_allclose(solution.u, exact[0], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(solution.outputs["v"], exact[1], rtol=0, atol=1e-10)
+        # The energy after the k-th impact is 0.64^k of that at the start. Each impact is within the span.
+        count = len(solution.events["impact"])
+        assert solution.drift["e"] == pytest.approx(9.81 * (1 - 0.64**count), rel=1e-10)
+
+
+def test_the_problem_of_the_ball():
+    problem = bouncing_ball()
+    for options in ({"h": 1e-3}, {"rtol": 1e-8}):
+        solution = problem.integrate(**options)
+        np.testing.assert_allclose(solution.events["impact"].t, impact_times(30, 0.8, 1.0, 9.81), rtol=0, atol=1e-10)
+        assert np.abs(solution.u - problem.exact(solution.t)[0]).max() < 1e-10
+
+
+# Arguments -----------------------------------------------------------------------------------------------------------
+
+
+def plain(t, u, v, p):
+    return u
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        ({"a": height}, "^events must be a dictionary of names and events"),
+        ([Event(height)], "^events must be a dictionary of names and events"),
+        ([], "^events must be a dictionary of names and events"),
+        ({"a": Event(3)}, r"^g of events\['a'\] must be a function"),
+        ({"a": Event(plain)}, r"^g of events\['a'\] must be compiled"),
+        ({"a": Event(bounce)}, r"^g of events\['a'\] must have the form \(t, u, v, p\) -> float"),
+        ({"a": Event(height, apply=height)}, r"^apply of events\['a'\] must have the form \(t, u, v, p\) -> \(u, v\)"),
+        ({"a": Event(height, apply=5)}, r"^apply of events\['a'\] must be a function"),
+        ({"a": Event(first_height)}, r"events\['a'\]"),
+        ({"a": Event(height, apply=vector_bounce)}, r"events\['a'\]"),
+    ],
+)
+def test_bad_events_are_refused(events, message, options):
+    with pytest.raises(TypeError, match=message) as raised:
+        swing(events, **options)
+    assert len(str(raised.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("direction", [2, -2, 0.5, "up", None, True])
+def test_direction_is_checked(direction):
+    with pytest.raises(ValueError, match=r"^direction must be -1, 0 or 1"):
+        Event(height, direction=direction)
+
+
+@pytest.mark.parametrize("terminal", ["no", 2, None])
+def test_terminal_is_checked(terminal):
+    with pytest.raises((TypeError, ValueError), match=r"^terminal must be"):
+        Event(height, terminal=terminal)

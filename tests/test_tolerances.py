@@ -1,0 +1,552 @@
+"""Runs with tolerances: the order and the accuracy, the steps, and how such runs end."""
+
+import math
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import Status
+from eig3.kernels import eig3_variable
+from eig3.kernels.jit import bound
+
+from .conftest import oscillator, oscillator_vector, spring
+
+METHODS = ["rk5", "rk8", "eig3"]
+ORDERS = {"rk5": 5, "rk8": 8, "eig3": 2}
+COSTS = {"rk5": 6, "rk8": 12, "eig3": 1}  # evaluations in a step, whose last one is the first of the next step
+
+
+@eig3.jit
+def faster(t, u, v, p):
+    """From rest at zero, the exact motion is sin(t^2)."""
+    return 2 * np.cos(t * t) - 4 * t * t * u - p[0] * (v - 2 * t * np.cos(t * t))
+
+
+@eig3.jit
+def whirl(t, u, v, p, a):
+    """A gyroscopic force that grows: from (1, 0) at rest, the exact motion is (cos(t^2), sin(t^2))."""
+    a[0] = -2 * u[1] - 2 * t * v[1]
+    a[1] = 2 * u[0] + 2 * t * v[0]
+
+
+@eig3.jit
+def late(t, u, v, p):
+    """A spring whose force begins at t = 1, with the slope p[0] and the jump p[1]."""
+    return (p[0] * (t - 1) + p[1] if t > 1 else 0.0) - u
+
+
+@eig3.jit
+def singular(t, u, v, p):
+    """With u(0) = 1 and v(0) = 2, the exact motion is 1 / (1 - t)^2."""
+    return 6 * u * u
+
+
+@eig3.jit
+def nan_after_3(t, u, v, p):
+    return -u if t < 3 else np.nan
+
+
+@eig3.jit
+def raises_after_3(t, u, v, p):
+    if t > 3:
+        raise ValueError("too late")
+    return -u
+
+
+@eig3.jit
+def kepler(t, u, v, p, a):
+    cube = (u[0] * u[0] + u[1] * u[1]) ** 1.5
+    a[0], a[1] = -u[0] / cube, -u[1] / cube
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return (v[0] * v[0] + v[1] * v[1]) / 2 - 1 / math.sqrt(u[0] * u[0] + u[1] * u[1])
+
+
+@eig3.jit
+def explosion(t, u, v, p):
+    return 1 / (u * u)
+
+
+@eig3.jit
+def ring(t, u, v, p, a):
+    """Masses in a ring of hardening springs: the sum of the velocities is constant."""
+    n = u.size
+    for j in range(n):
+        left, right = u[j] - u[j - 1], u[(j + 1) % n] - u[j]
+        a[j] = right * (1 + right * right) - left * (1 + left * left)
+
+
+def run(rhs=spring, span=(0, 10), u0=1.0, v0=0.0, params=1.0, rtol=1e-6, **options):
+    return eig3.integrate(rhs, span, u0, v0, params=params, rtol=rtol, **options)
+
+
+# Accuracy ------------------------------------------------------------------------------------------------------------
+
+
+def whirl_error(method, rtol):
+    solution = run(whirl, (0, 4), [1.0, 0.0], [0.0, 0.0], (), rtol, method=method)
+    exact = np.stack([np.cos(solution.t**2), np.sin(solution.t**2)], axis=1)
+    return np.abs(solution.u - exact).max(), solution.n_steps
+
+
+def faster_error(method, rtol, damping):
+    solution = run(faster, (0, 4), 0.0, 0.0, damping, rtol, method=method)
+    return np.abs(solution.u - np.sin(solution.t**2)).max(), solution.n_steps
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("problem", ["forced", "damped", "gyroscopic"])
+def test_order_with_steps_that_become_ever_shorter(problem, method):
+    """The error falls with the number of steps by the order of the method, and with the tolerance as its estimate."""
+    error = whirl_error if problem == "gyroscopic" else faster_error
+    extra = {"forced": (0.0,), "damped": (0.5,), "gyroscopic": ()}[problem]
+    coarse, fine = {"rk5": (1e-8, 1e-12), "rk8": (1e-9, 1e-12), "eig3": (1e-6, 1e-10)}[method]
+    (e1, n1), (e2, n2) = error(method, coarse, *extra), error(method, fine, *extra)
+    order = math.log(e1 / e2) / math.log(n2 / n1)
+    # The next term of the error changes the slope by up to a seventh. EIG-3's estimate is zero where a' is, for one
+    # degree of freedom twice a turn. The longer steps there have the error of another order, and 2 is reached slowly.
+    low, high = (0.85, 1.1) if method == "eig3" and problem != "gyroscopic" else (0.97, 1.15)
+    assert ORDERS[method] * low < order < ORDERS[method] * high
+    # The estimate is of the order p = 5, 8 and 3, so that n grows with rtol^(-1/p).
+    p = {"rk5": 5, "rk8": 8, "eig3": 3}[method]
+    np.testing.assert_allclose(math.log(n2 / n1) / math.log(coarse / fine), 1 / p, rtol=0.08)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_error_is_near_the_tolerance(method):
+    solution = run(rtol=1e-7, method=method)
+    # over a radian and a half, the errors of all steps add up to some tens of tolerances; EIG-3 takes hundreds of steps
+    assert np.abs(solution.u - np.cos(solution.t)).max() < {"rk5": 50, "rk8": 50, "eig3": 500}[method] * 1e-7
+
+
+def test_without_a_method_the_tolerance_chooses_it():
+    assert run(rtol=1e-3).method == eig3.RK5()
+    assert run(rtol=1e-5).method == eig3.RK8()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_scalar_and_vector_form_agree(method):
+    scalar = run(oscillator, u0=0.5, v0=0.3, params=(2.0, 0.1), method=method)
+    vector = run(oscillator_vector, u0=[0.5], v0=[0.3], params=(2.0, 0.1), method=method)
+    copies = run(oscillator_vector, u0=[0.5] * 3, v0=[0.3] * 3, params=(2.0, 0.1), method=method)
+    for other in (vector, copies):
+        assert other.n_steps == scalar.n_steps
+        # the same formulas, but other round-off in the estimates: see test_without_atol_units_do_not_matter
+        np.testing.assert_allclose(other.t, scalar.t, rtol=1e-4)
+        # the errors at 1e-6 of these steps differ by their part of 1e-4, and the motion is compared at equal times
+        np.testing.assert_allclose(other.at(scalar.t)[0][:, 0], scalar.u, rtol=0, atol=1e-5)
+
+
+def test_inline_agrees():
+    options = {"u0": 0.5, "v0": 0.3, "params": (2.0, 0.1), "method": "eig3"}
+    inlined, pointed = (run(oscillator, inline=is_inline, **options) for is_inline in (True, False))
+    assert inlined.n_steps == pointed.n_steps
+    np.testing.assert_allclose(inlined.t, pointed.t, rtol=1e-4)  # as above
+    np.testing.assert_allclose(inlined.at(pointed.t)[0], pointed.u, rtol=0, atol=1e-5)
+
+
+def test_inline_compiles_once(monkeypatch):
+    options = {"params": (2.0, 0.1), "method": "eig3", "inline": True}
+    solution = run(oscillator, **options)
+    monkeypatch.delattr(eig3_variable._Formulas, "functions")  # a compilation would call it
+    assert np.array_equal(run(oscillator, **options).u, solution.u)
+
+
+# Tolerances ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_degree_with_a_large_atol_does_not_count():
+    """It leaves a mean square over half the values: that of one degree with sqrt(2) times the tolerance."""
+    options = {"params": (2.0, 0.1), "rtol": 1e-13, "method": "rk5"}
+    alone = run(oscillator_vector, u0=[0.5], v0=[0.3], atol=math.sqrt(2) * 1e-7, **options)
+    both = run(oscillator_vector, u0=[0.5, 2.0], v0=[0.3, 3.0], atol=[1e-7, 1e12], **options)
+    assert both.n_steps == alone.n_steps
+    np.testing.assert_allclose(both.t, alone.t, rtol=1e-4)  # rtol times the size is a part of 1e-6 of atol
+
+
+def test_rows_of_atol_are_for_u_and_v():
+    def steps(atol):
+        return run(oscillator, params=(2.0, 0.1), rtol=1e-13, atol=atol, method="rk5").n_steps
+
+    assert steps([[1e-7], [1e9]]) < steps(1e-7)
+    assert steps([[1e9], [1e-7]]) < steps(1e-7)
+    assert steps([[1e-7], [1e-7]]) == steps(1e-7)
+    # v = 2 u in size, and the steps follow the fifth root of the tolerance
+    loose = run(oscillator, params=(2.0, 0.1), rtol=1e-13, atol=[[1e9], [1e-7]], method="rk5")
+    tight = run(oscillator, params=(2.0, 0.1), rtol=1e-13, atol=[[1e9], [1e-7 / 32]], method="rk5")
+    np.testing.assert_allclose(tight.n_steps / loose.n_steps, 2, rtol=0.1)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("unit", [1e-6, 1e6, 2.0**-60, 2.0**60])
+def test_without_atol_units_do_not_matter(method, unit):
+    solution = run(u0=0.5, v0=0.3, method=method)
+    scaled = run(u0=0.5 * unit, v0=0.3 * unit, method=method)
+    slow = run(span=(0, 10 * unit), u0=0.5, v0=0.3 / unit, params=1 / unit, method=method)
+    for t in (scaled.t, slow.t / unit):
+        assert len(t) == len(solution.t)
+        # A power of two changes no digit. Other units change the round-off in the estimates, whose differences make it
+        # some 1e10 times as large: estimates that are 1e-6 of the size of the motion differ by 1e-4, and EIG-3's steps
+        # by the third root.
+        np.testing.assert_allclose(t, solution.t, rtol=0 if math.frexp(unit)[0] == 0.5 else 1e-4)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("force", [(1.0, 0.0), (0.0, 1.0)], ids=["ramp", "jump"])
+def test_rest_until_a_force_begins(method, force):
+    solution = run(late, (0, 4), 0.0, 0.0, force, 1e-6, method=method)
+    assert solution.status is Status.COMPLETED
+    ramp, jump = force
+    s = np.maximum(solution.t - 1, 0)
+    exact = ramp * (s - np.sin(s)) + jump * (1 - np.cos(s))
+    assert np.abs(solution.u - exact).max() < {"rk5": 1e-4, "rk8": 1e-4, "eig3": 1e-3}[method]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_rest_for_ever(method):
+    solution = run(u0=0.0, v0=0.0, method=method)
+    assert solution.status is Status.COMPLETED
+    assert not solution.u.any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_motion_that_begins_from_rest(method):
+    solution = run(faster, (0, 3), 0.0, 0.0, 0.0, 1e-6, method=method)
+    assert np.abs(solution.u - np.sin(solution.t**2)).max() < 1e-3
+    assert solution.n_steps < {"rk5": 150, "rk8": 80, "eig3": 3000}[method]
+
+
+# Steps ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_are_the_differences_of_the_times(method):
+    solution = run(faster, (0, 4), 0.0, 0.0, 0.3, method=method)
+    assert solution.t[0] == 0
+    assert solution.t[-1] == 4
+    assert len(solution.t) == solution.n_steps + 1
+    # a difference has the round-off of a time, 1e-15
+    np.testing.assert_allclose(solution.steps[1:], np.diff(solution.t), rtol=0, atol=2e-15)
+    np.testing.assert_allclose(solution.steps[1:].sum(), 4, rtol=1e-14)
+    assert solution.steps[0] == solution.steps[1]
+    np.testing.assert_allclose(solution.h, 4 / solution.n_steps, rtol=1e-14)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_number_of_evaluations(method):
+    """One at the start and one for the first step; then those of a step, whether accepted or not."""
+    kinks = run(late, (0, 4), 1.0, 0.0, (5.0, 100.0), method=method)
+    assert kinks.n_rejected > 0
+    assert kinks.n_rhs == 2 + COSTS[method] * (kinks.n_steps + kinks.n_rejected)
+    given = run(late, (0, 4), 1.0, 0.0, (5.0, 100.0), method=method, first_step=0.01)
+    assert given.n_rhs == 1 + COSTS[method] * (given.n_steps + given.n_rejected)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_h_max_and_first_step(method):
+    solution = run(h_max=0.003, first_step=0.001, method=method)
+    assert solution.steps[0] == 0.001
+    assert solution.steps.max() <= 0.003
+    assert solution.n_steps <= 10 / 0.003 + 10
+    assert run(h_max=0.003, first_step=1.0, method=method).steps.max() <= 0.003
+    whole = run(first_step=1000.0, rtol=1e-3, method=method)
+    assert whole.t[-1] == 10
+
+
+def test_the_first_step_that_is_found_can_be_given():
+    u0, v0 = [1.0, 0.0], [0.0, 1.0]
+    found = run(kepler, u0=u0, v0=v0)
+    given = run(kepler, u0=u0, v0=v0, first_step=found.steps[0])
+    assert np.array_equal(found.t, given.t)
+
+
+@pytest.mark.parametrize("save_every", [1, 7, None])
+def test_max_steps_keeps_what_was_computed(save_every):
+    whole = run(method="rk5")
+    part = run(method="rk5", max_steps=20, save_every=save_every)
+    assert part.status is Status.TOO_MANY_STEPS
+    assert not part.success
+    assert "max_steps = 20" in part.message
+    assert part.n_steps == 20
+    rows = [*range(0, 20, save_every or 20), 20]
+    assert np.array_equal(part.t, whole.t[rows])
+    assert np.array_equal(part.u, whole.u[rows])
+
+
+def test_max_steps_that_suffice():
+    needed = run(method="rk5").n_steps
+    assert run(method="rk5", max_steps=needed).status is Status.COMPLETED
+    assert run(method="rk5", max_steps=needed - 1).status is Status.TOO_MANY_STEPS
+
+
+@pytest.mark.parametrize("save_every", [1, 2, 7, 1000, None])
+def test_save_every(save_every):
+    whole = run(method="rk5")
+    some = run(method="rk5", save_every=save_every, outputs={"square": square}, invariants={"cube": cube})
+    rows = sorted({*range(0, whole.n_steps, save_every or whole.n_steps), whole.n_steps})
+    for name in ("t", "u", "v"):
+        assert np.array_equal(getattr(some, name), getattr(whole, name)[rows])
+    assert np.array_equal(some.steps[1:], whole.steps[rows[1:]])
+    np.testing.assert_allclose(some.outputs["square"], some.u**2, rtol=1e-15)
+    # over every step, whatever is saved
+    assert some.extremes["square"].low == pytest.approx((whole.u**2).min(), rel=1e-14)
+    assert some.drift["cube"] == pytest.approx(np.abs(whole.u**3 - 1).max(), rel=1e-14)
+
+
+@eig3.jit
+def square(t, u, v, p):
+    return u * u
+
+
+@eig3.jit
+def cube(t, u, v, p):
+    return u * u * u
+
+
+# How runs end --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_singularity_ends_the_run(method):
+    solution = run(singular, (0, 3), 1.0, 2.0, method=method)
+    assert solution.status is Status.STEP_TOO_SMALL
+    assert not solution.success
+    # The time of the singularity changes by the relative error of the motion.
+    assert abs(solution.t[-1] - 1) < {"rk5": 1e-6, "rk8": 1e-6, "eig3": 1e-4}[method]
+    assert "resolution of t at t = 1" in solution.message
+    assert np.isfinite(solution.u).all()
+
+
+def test_a_right_hand_side_that_becomes_nan_ends_the_run():
+    solution = run(nan_after_3, params=())
+    assert solution.status is Status.STEP_TOO_SMALL
+    assert 3 - 1e-13 < solution.t[-1] <= 3
+    np.testing.assert_allclose(solution.u, np.cos(solution.t), rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_exception_keeps_the_steps_before_it(method):
+    whole = run(params=1.0, method=method)
+    with pytest.raises(ValueError, match="too late") as raised:
+        run(raises_after_3, params=(), method=method)
+    solution = raised.value.solution
+    assert solution.status is Status.INTERRUPTED
+    assert "ValueError" in solution.message
+    count = len(solution.t)
+    np.testing.assert_allclose(solution.t, whole.t[:count], rtol=1e-8)
+    np.testing.assert_allclose(solution.u, whole.u[:count], rtol=0, atol=1e-8)
+    # the next step, or a longer one that would be rejected, evaluates rhs beyond 3
+    assert solution.t[-1] <= 3 < solution.t[-1] + 10 * solution.steps[-1]
+    assert solution.n_steps == count - 1
+
+
+def test_steps_near_zero_may_be_shorter_than_the_resolution_of_the_end():
+    # The first steps take 1e-11, and the energy 1/u is 1e7 = v^2 / 2.
+    solution = run(explosion, (0, 1e5), 1e-7, 0.0)
+    assert solution.status is Status.COMPLETED
+    np.testing.assert_allclose(solution.v[-1], math.sqrt(2e7), rtol=1e-4)
+
+
+def cancel_within(seconds):
+    event = threading.Event()
+    threading.Timer(seconds, event.set).start()
+    return event
+
+
+ENDLESS = {"span": (0, 1e9), "rtol": 1e-10, "save_every": None, "method": "rk5"}
+
+
+def test_a_cancellation_ends_the_run():
+    solution = run(**ENDLESS, cancel=cancel_within(0.1))
+    assert solution.status is Status.INTERRUPTED
+    assert 0 < solution.t[-1] < 1e9
+    assert solution.n_steps > 0
+    assert f"t = {solution.t[-1]:g}" in solution.message
+
+
+def test_ctrl_c_ends_the_run_and_keeps_it(python_handler):
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt) as raised:
+        run(**ENDLESS)
+    solution = raised.value.solution
+    assert solution.status is Status.INTERRUPTED
+    assert solution.n_steps > 0
+
+
+def test_failures_raise_if_asked():
+    with pytest.raises(eig3.IntegrationError, match="max_steps") as raised:
+        run(max_steps=3, raise_on_failure=True)
+    assert raised.value.solution.n_steps == 3
+
+
+# EIG-3 ---------------------------------------------------------------------------------------------------------------
+
+
+def eig3_steps(accelerate, steps, u, v):
+    """The states after steps of EIG-3, from the formulas of the kernel in Python."""
+    trial = bound(eig3_variable.trial, {"accelerate": accelerate})
+    y = np.zeros((7, 1))
+    y[0], y[1] = u, v
+    accelerate(None, 0.0, y[0], y[1], None, y[2])
+    y[6] = y[2]
+    t, h_before, states = 0.0, 0.0, []
+    for h in steps:
+        trial(None, t, h, h_before, None, 1, y)
+        eig3_variable.advance(y, 1)
+        t, h_before = t + h, h
+        states.append((y[0, 0], y[1, 0]))
+    return np.array(states)
+
+
+def minus_u(f, t, u, v, p, a):
+    a[:] = -u
+
+
+def test_eig3_takes_the_steps_of_its_formulas():
+    solution = run(method="eig3", rtol=1e-4)
+    states = eig3_steps(minus_u, solution.steps[1:], 1.0, 0.0)
+    np.testing.assert_allclose(solution.u[1:], states[:, 0], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(solution.v[1:], states[:, 1], rtol=0, atol=1e-13)
+
+
+def test_eig3_with_equal_steps_is_eig3():
+    fixed = eig3.integrate(spring, (0, 10), 1.0, 0.0, h=0.125, params=1.0)
+    np.testing.assert_allclose(eig3_steps(minus_u, [0.125] * 80, 1.0, 0.0)[:, 0], fixed.u[1:], rtol=0, atol=1e-13)
+
+
+def growth_in_two_steps(h1, h2):
+    """The spectral radius of two steps of EIG-3 for u'' = -u, on (u, v, a before)."""
+    trial = bound(eig3_variable.trial, {"accelerate": minus_u})
+    columns = []
+    for unit in np.eye(3):
+        y = np.zeros((7, 1))
+        y[0], y[1], y[6] = unit
+        y[2] = -y[0]
+        for h, h_before in ((h1, h2), (h2, h1)):
+            trial(None, 0.0, h, h_before, None, 1, y)
+            eig3_variable.advance(y, 1)
+        columns.append([y[0, 0], y[1, 0], y[6, 0]])
+    return np.abs(np.linalg.eigvals(np.transpose(columns))).max()
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.6, 0.9, 1.1, 1.5, 4.0])
+def test_stability_of_two_alternating_steps(ratio):
+    """They are unstable from (h1 + h2) max(h1, h2) omega^2 = 4 on, as the velocity Verlet method is."""
+    h1 = math.sqrt(4 / ((1 + ratio) * max(1, ratio)))
+    for part in (0.1, 0.5, 0.9, 0.9999):
+        # eigenvalues on the unit circle, of which two nearly meet at the limit, to the root of round-off
+        np.testing.assert_allclose(growth_in_two_steps(part * h1, part * ratio * h1), 1, rtol=0, atol=1e-7)
+    assert growth_in_two_steps(1.0001 * h1, 1.0001 * ratio * h1) > 1 + 1e-5
+    assert growth_in_two_steps(1.01 * h1, 1.01 * ratio * h1) > 1 + 1e-3
+
+
+def test_the_energy_of_eig3_drifts_with_variable_steps():
+    """The docstring of `integrate` says so; with a fixed step, the error of the energy stays within a bound."""
+    period = 2 * math.pi
+    u0, v0 = [0.5, 0.0], [0.0, math.sqrt(3.0)]  # Kepler's problem with the eccentricity 0.5
+
+    def errors(**options):
+        count = {"save_every": None, "invariants": {"energy": energy}}
+        drifts = [
+            eig3.integrate(kepler, (0, k * period), u0, v0, **count, **options).drift["energy"] for k in (80, 320)
+        ]
+        return drifts[1] / drifts[0]
+
+    assert errors(rtol=1e-5, method="eig3") > 3  # near 4, because it is proportional to the time
+    assert errors(h=0.01, method="eig3") < 1.01
+
+
+# Long and large runs -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_linear_invariants_are_kept(method):
+    rng = np.random.default_rng(1)
+    u0, v0 = rng.normal(size=(2, 7))
+    solution = run(ring, (0, 20), u0, v0, (), 1e-5, method=method)
+    # each step adds a round-off of 1e-16 times the largest values, which are near 3
+    np.testing.assert_allclose(solution.v.sum(axis=1), v0.sum(), rtol=0, atol=1e-16 * 10 * solution.n_steps + 1e-13)
+
+
+def test_a_very_long_run():
+    solution = run(span=(0, 2e5 * math.pi), method="rk8", rtol=1e-9, save_every=100)
+    assert solution.status is Status.COMPLETED
+    assert solution.t[-1] == 2e5 * math.pi
+    assert len(solution.t) == -(-solution.n_steps // 100) + 1
+    # The errors of the steps, which keep one sign, add up: 1e-9 in each of some 4 in a radian.
+    assert abs(solution.u[-1] - 1) < 1e-2
+
+
+def test_more_than_a_million_steps():
+    solution = run(span=(0, 30000), method="eig3", rtol=1e-6)
+    assert solution.n_steps > 1e6
+    assert len(solution.t) == solution.n_steps + 1
+    assert (np.diff(solution.t) > 0).all()
+    assert solution.steps[1:].sum() == pytest.approx(30000, rel=1e-12)
+
+
+def test_a_large_system():
+    n = 1000
+    u0 = 0.3 * np.sin(2 * np.pi * np.arange(n) / n) + 0.1 * np.cos(20 * np.pi * np.arange(n) / n)
+    adaptive = run(ring, (0, 10), u0, np.zeros(n), (), 1e-8)
+    fixed = eig3.integrate(ring, (0, 10), u0, np.zeros(n), h=0.05, method="rk8", save_every=None)  # to some 1e-11
+    assert adaptive.status is Status.COMPLETED
+    assert np.abs(adaptive.u[-1] - fixed.u[-1]).max() < 100 * 1e-8
+
+
+# Arguments -----------------------------------------------------------------------------------------------------------
+
+
+def test_arguments_that_exclude_each_other():
+    for name, value in [("rtol", 1e-6), ("atol", 1e-6), ("h_max", 1.0), ("first_step", 0.1), ("max_steps", 5)]:
+        with pytest.raises(ValueError, match=rf"^h and {name} exclude each other: give .*\.$"):
+            eig3.integrate(spring, (0, 1), 1.0, 0.0, h=0.1, params=1.0, **{name: value})
+    with pytest.raises(ValueError, match=r"^give h .* or rtol .*\.$"):
+        eig3.integrate(spring, (0, 1), 1.0, 0.0, params=1.0)
+    with pytest.raises(ValueError, match=r"^atol needs rtol"):
+        eig3.integrate(spring, (0, 1), 1.0, 0.0, params=1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("rtol", [1e-14, 2.2e-14, 0.0, -1e-3, 1.0, math.nan, math.inf, [1e-3], True])
+def test_rtol_is_checked(rtol):
+    with pytest.raises(ValueError, match=r"^rtol must be a number from 2\.22e-14"):
+        run(rtol=rtol)
+
+
+def test_the_smallest_rtol_works():
+    solution = run(rtol=2.3e-14)
+    assert np.abs(solution.u - np.cos(solution.t)).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *[("atol", x) for x in (-1.0, math.nan, math.inf, [1.0, 2.0, 3.0], np.ones((3, 1)))],
+        *[(name, x) for name in ("h_max", "first_step") for x in (0.0, -1.0, math.nan, math.inf, [1.0])],
+        *[("max_steps", x) for x in (0, -1)],
+    ],
+)
+def test_bad_values_are_refused(name, value):
+    with pytest.raises(ValueError, match=f"^{name} must be"):
+        run(**{name: value})
+
+
+def test_methods_without_tolerances_are_refused():
+    for method in ("rk4", "cd", "eig9", eig3.AB3()):
+        with pytest.raises(ValueError, match=r"^method must be one of 'eig3', 'rk5', 'rk8' with tolerances"):
+            run(method=method)
+    with pytest.raises(ValueError, match=r"alpha and beta follow from the steps"):
+        run(method=eig3.EIG3(alpha=1.2))
+
+
+def test_words_are_refused():
+    for name in ("rtol", "atol", "h_max", "first_step"):
+        with pytest.raises(TypeError, match=f"^{name} must"):
+            run(**{name: "small"})
