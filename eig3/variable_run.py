@@ -213,7 +213,8 @@ class VariableRun:
             self._count = count // 2
             return
         spent = stepper.seconds - before
-        self._count = max(1, int(count * min(_GROWTH, _CHUNK_SECONDS / (spent + 1e-9))))
+        taken = stepper.index - first
+        self._count = max(1, int(max(1, taken) * min(_GROWTH, _CHUNK_SECONDS / (spent + 1e-9))))
         for followed in (*self.invariants.values(), *self.outputs.values()):
             followed.see(rows.t, *rows.in_form(stepper.form))
         if is_kept:

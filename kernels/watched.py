@@ -73,7 +73,7 @@ def scalar(callbacks, state, settings, tally, run, watch):
             outcome = SEARCH(f, watch, tally, run.t0 + (i - 1) * run.h, t, 1, run.p)
             if outcome != PASSED:
                 u, v = pair[U_END][0], pair[V_END][0]
-                y = STARTED(f, t, u, v, run.h, run.p)
+                y = STARTED(f, tally[TIME] if outcome > RESET else t, u, v, run.h, run.p)
                 tally[EVALUATIONS] += 1
                 tally[ANEW] = i
             if outcome > RESET:
@@ -142,7 +142,7 @@ def vector(callbacks, state, settings, tally, run, watch):
             outcome = SEARCH(f, watch, tally, run.t0 + (i - 1) * run.h, t, n, run.p)
             if outcome != PASSED:
                 copy_two(y[0], y[1], pair[U_END], pair[V_END], n)
-                START_ANEW(f, t, y, run.h, run.p, n, pair[A])
+                START_ANEW(f, tally[TIME] if outcome > RESET else t, y, run.h, run.p, n, pair[A])
                 tally[EVALUATIONS] += 1
                 tally[ANEW] = i
             if outcome > RESET:
