@@ -119,7 +119,7 @@ def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, 
     has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
     if before == 0 or not has_changed or direction == (-1 if is_rising else 1):
         return _NEVER
-    if (g_low < 0) != is_rising:  # zero, up to round-off
+    if g_low == 0 or (g_low < 0) != is_rising:  # zero, up to round-off
         return low
     spread, radius = _SPREAD / (high - low), high - low
     while high - low > 2 * tolerance:
