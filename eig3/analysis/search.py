@@ -74,8 +74,11 @@ def _double(search: Search, allowed: float) -> bool:
 class Search:
     """The search for the longest step with which a method reaches the aim."""
 
+    rtol = None
+
     def __init__(self, pilots: Pilots, method: Method) -> None:
         self.pilots, self.method, self.evaluations = pilots, method, pilots.evaluations(method)
+        self.label = method.label
         self.runs: list[Run] = []  # from the fewest steps to the most
 
     def add(self, run: Run) -> None:
@@ -100,6 +103,10 @@ class Search:
             self.add(self.pilots.run(self.method, n_steps))
             work -= self.pilots.work(self.method, n_steps)
             n_steps = self._next()
+
+    def time_a_step(self) -> float:
+        """Seconds of a step, measured in a short run."""
+        return self.pilots.time_of_a_step(self.method, self.steps, self.pace)
 
     @property
     def pace(self) -> float:
