@@ -188,8 +188,9 @@ def plan(
     RK8 and RK5 then run with tolerances. From the error of each run follows the rtol of the next, until the error is
     between half of the accuracy and the accuracy.
 
-    With a fixed step, each method starts with the number of steps that should take as long as the best method so far. From there its
-    longest step is searched for, down to 6 %. A method is given up when it would take twice the time of the best one.
+    With a fixed step, each method starts with the number of steps that should take as long as the best method so far.
+    From there its longest step is searched for, down to 6 %. A method is given up when it would take twice the time of
+    the best one.
     A method is ruled out before it runs, and is then not compiled,
 
     - by its order and evaluations: if another method takes four times as long as the best one, has at least the same
