@@ -27,7 +27,7 @@ class Event:
     Raises
     ------
     ValueError
-        If direction is not -1, 0 or 1.
+        If direction is not -1, 0 or 1, or terminal is not True or False.
     """
 
     g: Any
@@ -38,6 +38,8 @@ class Event:
     def __post_init__(self) -> None:
         if isinstance(self.direction, bool) or self.direction not in (-1, 0, 1):
             raise ValueError(f"direction must be -1, 0 or 1, not {self.direction!r}.")
+        if not isinstance(self.terminal, bool):
+            raise ValueError(f"terminal must be True or False, not {self.terminal!r}.")
 
 
 @dataclass(frozen=True, eq=False)

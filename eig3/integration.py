@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from os import PathLike
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.divergence import Divergence, find_blow_up, find_divergence
-from .checks import check_cancel, check_count, check_h, check_resolution, check_span, check_state
+from .checks import check_cancel, check_count, check_h, check_resolution, check_span, check_state, check_time
 from .events import Event, Occurrences
 from .kernels.interrupt import DeferredInterrupt
 from .kernels.protocol import VECTOR
-from .memory import check_history, n_rows
+from .memory import check_disk, check_history, n_rows
 from .methods import EIG, Method
 from .observers.chunk import Chunk, Observer
 from .observers.growth import Growth
@@ -28,11 +31,12 @@ from .quantities import Functions, check_functions
 from .solution import Solution, Status
 from .stability import alternating_limit
 from .stepper import NEVER, Cancel, Stepper
+from .storage import Place
 from .tolerances import check_tolerances, method_for
 from .variable_run import VariableRun
 from .variable_stepper import VariableStepper
 from .watched_stepper import WatchedStepper
-from .watching import ended_by_event
+from .watching import check_events, ended_by_event
 
 _CHUNK_SECONDS = 0.1  # duration of a chunk, after which its observers see it
 _CHUNK_GROWTH = 16  # largest factor from the steps of a watched chunk to the steps of the next
@@ -80,6 +84,7 @@ def integrate(
     progress: bool = False,
     raise_on_failure: bool = False,
     cancel: Cancel | None = None,
+    save_to: str | PathLike[str] | None = None,
 ) -> Solution:
     """Integrate u'' = f(t, u, v), with a fixed step or with tolerances. All steps run in compiled code.
 
@@ -99,8 +104,8 @@ def integrate(
         The relative tolerance. The steps then have such lengths that the estimated error of each step, in the root mean
         square over u and v of all degrees of freedom, is at most ``atol + rtol * size``.
     atol : float or array_like, shape (n,) or (2, n), optional
-        The absolute tolerance: a number, one for each degree of freedom, or a row for u and a row for v. The size of each
-        value is then its own. Without atol, the size is the largest |u| of all degrees of freedom so far, and the
+        The absolute tolerance: a number, one for each degree of freedom, or a row for u and a row for v. The size of
+        each value is then its own. Without atol, the size is the largest |u| of all degrees of freedom so far, and the
         largest |v|: no unit has to be known, and a value that passes through zero does not shorten the steps.
     params : float or array_like
         The parameters. rhs gets them as p, a one-dimensional array of float64.
@@ -139,6 +144,10 @@ def integrate(
         Raise `IntegrationError` if the run does not complete.
     cancel : threading.Event, optional
         Set it in another thread to end the run, which then has the status INTERRUPTED.
+    save_to : str or path, optional
+        A new or an empty directory. The history is written there while the run goes on, into the files t.npy, u.npy and
+        v.npy, so that it may be larger than memory, and `eig3.load` reads the directory. If the process is killed, by
+        SIGKILL too, it returns the states up to then; this does not hold if the power fails.
 
     Returns
     -------
@@ -155,6 +164,9 @@ def integrate(
         If an argument is not valid. These errors are raised before the run starts.
     MemoryError
         If the history or the matrix of an implicit method does not fit in memory.
+    OSError
+        If `save_to` is a directory that holds files, or its disk is full. The space for the history is reserved before
+        the run starts.
     ImportError
         If `progress` is True and tqdm is not installed.
     IntegrationError
@@ -173,34 +185,66 @@ def integrate(
     Later errors of this kind go undetected, and may overwrite other data, unless the environment variable
     NUMBA_BOUNDSCHECK is 1 when Python starts. They then raise an IndexError.
     """
+
+    def begin() -> _Run | VariableRun:
+        span = check_span(t_span)
+        check_progress(progress)
+        functions = check_functions(invariants, outputs)
+        common: dict[str, Any] = {"params": params, "inline": inline, "events": events, "t_eval": t_eval}
+        if t_eval is not None and save_every not in (1, None):
+            raise ValueError("save_every and t_eval exclude each other: give one of them.")
+        if t_eval is not None and save_to is not None:
+            raise ValueError("save_to and t_eval exclude each other: the states at the times of t_eval are in memory.")
+        place = None if save_to is None else Place.of(save_to)
+        if h is not None:
+            _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
+            return _fixed_run(rhs, span, u0, v0, h, method or "eig3", save_every, functions, progress, place, **common)
+        limits = rtol, atol, h_max, first_step, max_steps
+        return _variable_run(rhs, span, u0, v0, limits, method, save_every, functions, progress, place, **common)
+
+    return _carry_out(begin, cancel, raise_on_failure)
+
+
+def _carry_out(begin: Callable[[], _Run | VariableRun], cancel: Cancel | None, raise_on_failure: bool) -> Solution:
+    """Begin a run, and take it to its end."""
     run = None
     try:
         with DeferredInterrupt() as interrupt:
-            span = check_span(t_span)
             stop = _Stop(interrupt, check_cancel(cancel))
-            check_progress(progress)
-            functions = check_functions(invariants, outputs)
-            common = {"params": params, "inline": inline, "events": events, "t_eval": t_eval}
-            if t_eval is not None and save_every not in (1, None):
-                raise ValueError("save_every and t_eval exclude each other: give one of them.")
-            if h is not None:
-                _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
-                run = _fixed_run(rhs, span, u0, v0, h, method or "eig3", save_every, functions, progress, **common)
-            else:
-                limits = rtol, atol, h_max, first_step, max_steps
-                run = _variable_run(rhs, span, u0, v0, limits, method, save_every, functions, progress, **common)
+            run = begin()
             run.march(stop)
-        solution = run.result()
+        if isinstance(run, _Run):
+            run.judge_growth()  # which Ctrl-C may end, because it takes some time
+        with DeferredInterrupt():
+            solution = _result(run)
+            _write(run, solution)
     except BaseException as error:  # raised by rhs, or after Ctrl-C
         with DeferredInterrupt() as again:
             if run or isinstance(error, KeyboardInterrupt):
-                error.solution = run and run.result(error)  # type: ignore[attr-defined]
+                error.solution = run and _result(run, error)  # type: ignore[attr-defined]
+            if run:
+                with contextlib.suppress(OSError):  # the rows are there, and their number
+                    _write(run, error.solution)  # type: ignore[attr-defined]
             if isinstance(error, KeyboardInterrupt):
                 again.forget()  # it is raised now
         raise
     if raise_on_failure and not solution.success:
         raise IntegrationError(solution)
     return solution
+
+
+def _result(run: _Run | VariableRun, error: BaseException | None = None) -> Solution:
+    """Return the run up to now, which can go on; `error` is the exception that ended it, if there was one."""
+    solution = run.result(error)
+    if not isinstance(error, Exception):  # after which some observers may not have seen the last chunk
+        solution._extend = partial(_extend, run)
+    return solution
+
+
+def _write(run: _Run | VariableRun, solution: Solution) -> None:
+    """Write the solution, whose rows are written, to the place of the run, if it has one."""
+    if run.place:
+        run.place.write(solution, has_ended=True)
 
 
 def _refuse(given: dict[str, Any]) -> None:
@@ -223,6 +267,7 @@ def _fixed_run(
     save_every: int | None,
     functions: Functions,
     progress: bool,
+    place: Place | None,
     *,
     events: Any,
     t_eval: ArrayLike | None,
@@ -232,23 +277,26 @@ def _fixed_run(
     t0, t1 = span
     n_steps, h = divide(t1 - t0, check_h(step))
     check_resolution(h, t0, t1)
-    is_sparse = save_every is None or t_eval is not None
-    every = n_steps if is_sparse else min(check_count(save_every, "save_every"), n_steps)
+    save_every = None if t_eval is not None else save_every
+    every = _stride(save_every, n_steps)
     options |= {"h": h, "t0": t0, "method": method}
-    if events or t_eval is not None:
+    if check_events(events) or t_eval is not None:
         stepper: Stepper = WatchedStepper(rhs, u0, v0, t_end=t1, events=events, t_eval=t_eval, **options)
     else:
         stepper = Stepper(rhs, u0, v0, **options)
-    check_history(n_steps, every, stepper.n, functions.n_outputs)
+    _check_space(place, n_steps, every, stepper.n, functions.n_outputs)
     watched, shown = functions.quantities(stepper.form)
     width = max([stepper.n, *(q.width for q in shown.values())]) if watched or shown else 0
     return _Run(
         stepper,
         n_steps,
-        History(n_steps, every, stepper, t1, width),
+        save_every,
+        History(n_steps, every, stepper, t1, width, place.directory if place else None),
         [Watch(name, quantity, stepper, t1) for name, quantity in watched.items()],
         [Output(name, quantity, stepper, n_rows(n_steps, every)) for name, quantity in shown.items()],
+        Growth(stepper, n_steps),
         progress,
+        place,
     )
 
 
@@ -262,6 +310,7 @@ def _variable_run(
     save_every: int | None,
     functions: Functions,
     progress: bool,
+    place: Place | None,
     **options: Any,
 ) -> VariableRun:
     """Return a run with tolerances at its start."""
@@ -273,7 +322,49 @@ def _variable_run(
     options |= {"method": method_for(method, tolerances.rtol), "tolerances": tolerances}
     stepper = VariableStepper(rhs, span, u0, v0, **options)
     every = NEVER if save_every is None else check_count(save_every, "save_every")
-    return VariableRun(stepper, every, functions, progress)
+    return VariableRun.begin(stepper, every, functions, progress, place)
+
+
+def _extend(
+    run: _Run | VariableRun,
+    t_end: float,
+    *,
+    save_to: str | PathLike[str] | None,
+    progress: bool,
+    raise_on_failure: bool,
+    cancel: Cancel | None,
+) -> Solution:
+    """Go on from the end of a run, as `Solution.extend` describes it."""
+    return _carry_out(lambda: run.extended(t_end, progress, save_to), cancel, raise_on_failure)
+
+
+def _stride(save_every: int | None, n_steps: int) -> int:
+    """Return the number of steps from one saved state to the next."""
+    return n_steps if save_every is None else min(check_count(save_every, "save_every"), n_steps)
+
+
+def _check_space(place: Place | None, n_steps: int, every: int, n: int, n_outputs: int) -> None:
+    """Raise an error if the history does not fit in memory, or on the disk if it has a place there."""
+    if place is None:
+        check_history(n_steps, every, n, n_outputs)
+        return
+    check_disk(place.directory, n_steps, every, n)
+    if n_outputs:
+        check_history(n_steps, every, 0, n_outputs)
+
+
+def _steps_until(stepper: Stepper, t_end: float) -> int:
+    """Return the number of steps of a run that goes on from the state of a stepper to t_end."""
+    t_end, t0, h = check_time(t_end, "t_end"), stepper.t0, stepper.h
+    check_resolution(h, t0, t_end)
+    n_steps = max(stepper.index + 1, round((t_end - t0) / h))
+    nearest = t0 + n_steps * h
+    if abs(nearest - t_end) > 1e-12 * n_steps * h + 2 * np.spacing(max(abs(t0), abs(t_end))):
+        raise ValueError(
+            f"t_end must be a whole number of steps h = {h!r} after the end of the run at t = {stepper.t!r}, not "
+            f"{t_end!r}; take t_end={nearest!r}."
+        )
+    return n_steps
 
 
 def divide(span: float, h: float) -> tuple[int, float]:
@@ -314,15 +405,18 @@ class _Run:
         self,
         stepper: Stepper,
         n_steps: int,
+        save_every: int | None,
         history: History,
         watches: list[Watch],
         outputs: list[Output],
+        growth: Growth,
         progress: bool,
+        place: Place | None,
     ) -> None:
-        self.stepper, self.n_steps, self.history = stepper, n_steps, history
-        self.watches, self.outputs, self.growth = watches, outputs, Growth(stepper, n_steps)
-        self.bar = Progress(n_steps, "step") if progress else None
-        self.observers: list[Observer] = [history, *watches, *outputs, self.growth]
+        self.stepper, self.n_steps, self.save_every, self.history = stepper, n_steps, save_every, history
+        self.watches, self.outputs, self.growth, self.place = watches, outputs, growth, place
+        self.bar = Progress(n_steps - stepper.index, "step") if progress else None
+        self.observers: list[Observer] = [history, *watches, *outputs, growth]
         if self.bar:
             self.observers.append(self.bar)
         if stepper.form is VECTOR:
@@ -332,6 +426,36 @@ class _Run:
         self.status = Status.COMPLETED
         self.message = "The run reached the end of its span."
         self.reason: Callable[[], str] | None = None
+        if place:
+            try:
+                place.write(self._solution(history.t[:1], history.u[:1], history.v[:1]), has_ended=False)
+            except BaseException:
+                history.remove()
+                raise
+
+    def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None) -> _Run:
+        """Return an independent run to a later end, which stands where this one ended."""
+        check_progress(progress)
+        n_steps = _steps_until(self.stepper, t_end)
+        every = _stride(self.save_every, n_steps)
+        place = None if save_to is None else Place.of(save_to)
+        stepper = self.stepper.extended(t_end)
+        _check_space(place, n_steps, every, stepper.n, sum(output.width for output in self.outputs))
+        directory = place.directory if place else None
+        history = History(n_steps, every, stepper, t_end, self.history.width, directory)
+        history.take(self.history, stepper)
+        saved = stepper.index // every + 1
+        return _Run(
+            stepper,
+            n_steps,
+            self.save_every,
+            history,
+            [watch.extended(stepper.t, t_end) for watch in self.watches],
+            [output.extended(n_rows(n_steps, every), saved) for output in self.outputs],
+            self.growth.extended(n_steps, stepper.index),
+            progress,
+            place,
+        )
 
     def march(self, stop: _Stop) -> None:
         """Run to the end, or until the run fails or should stop."""
@@ -343,7 +467,6 @@ class _Run:
             if self.bar:
                 self.bar.close()
         self.stepper.note_pace()
-        self._judge_growth()
 
     def _march_to(self, end: int, stop: _Stop) -> None:
         stepper, most, growth = self.stepper, end, 0
@@ -406,7 +529,7 @@ class _Run:
             f"its residual is {stepper.residual:.3g}; {', '.join(remedies[:-1])} or {remedies[-1]} may help.",
         )
 
-    def _judge_growth(self) -> None:
+    def judge_growth(self) -> None:
         """Change the status to DIVERGED if the motion stayed finite, but grew because of its step."""
         suspect = self.growth.suspect if self.status is Status.COMPLETED else None
         blow_up = suspect and find_blow_up(self.stepper, suspect)
@@ -432,6 +555,16 @@ class _Run:
                 t, (u, v) = rows.t, rows.in_form(stepper.form)
                 outputs = {output.name: output.at(t, u, v) for output in self.outputs}
         followed: list[Watch | Output] = [*self.watches, *self.outputs]
+        solution = self._solution(t, u, v)
+        solution.drift = {watch.name: watch.drift for watch in self.watches}
+        solution.extremes = {each.name: each.extremes for each in followed}
+        solution.events, solution.outputs = events, outputs
+        solution.notes = (*self._notes(), *stepper.notes)
+        return solution
+
+    def _solution(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> Solution:
+        """Return a solution without what the observers have found."""
+        stepper = self.stepper
         return Solution(
             t=t,
             u=u,
@@ -444,11 +577,6 @@ class _Run:
             message=self.message,
             kernel_seconds=stepper.seconds,
             method=stepper.method,
-            drift={watch.name: watch.drift for watch in self.watches},
-            extremes={each.name: each.extremes for each in followed},
-            events=events,
-            outputs=outputs,
-            notes=(*self._notes(), *stepper.notes),
             reason=self.reason,
             _accelerations=stepper.accelerations,
         )

@@ -1,11 +1,13 @@
-"""Checks that the arrays of a run fit in memory, before anything runs.
+"""Checks that the arrays of a run fit in memory or on the disk, before anything runs.
 
 Linux grants more memory than there is, and kills the process when the memory is used. These checks raise an error
 instead.
 """
 
+import errno
 import math
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +32,29 @@ def check_history(n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
     needed = row * n_rows(n_steps, every)
     if needed <= _NOT_WORTH_A_LOOK or needed <= (free := available_memory()):
         return
-    most = int(free // row) - 2
-    remedy = f"save_every={math.ceil(n_steps / most)}" if most > 0 else "save_every=None and fewer degrees of freedom"
-    raise MemoryError(f"the history needs {needed:.3g} bytes and {free:.3g} are free; {remedy} would fit.")
+    raise MemoryError(
+        f"the history needs {needed:.3g} bytes and {free:.3g} are free; {_remedy(n_steps, free / row)} would fit."
+    )
+
+
+def check_disk(directory: Path, n_steps: int, every: int, n: int) -> None:
+    """Raise an OSError if the history does not fit on the disk of a directory; it names a `save_every` that fits."""
+    row = 8 * (2 * n + 1)
+    needed = row * n_rows(n_steps, every)
+    existing = next(path for path in (directory, *directory.absolute().parents) if path.exists())
+    free = shutil.disk_usage(existing).free
+    if needed > free:
+        raise OSError(
+            errno.ENOSPC,
+            f"the history needs {needed:.3g} bytes and the disk of {directory} has {free:.3g} free; "
+            f"{_remedy(n_steps, free / row)} would fit",
+        )
+
+
+def _remedy(n_steps: int, rows: float) -> str:
+    """Name a `save_every` with which a run saves at most this number of rows."""
+    most = int(rows) - 2
+    return f"save_every={math.ceil(n_steps / most)}" if most > 0 else "save_every=None and fewer degrees of freedom"
 
 
 def check_members_history(m: int, rows: int, n: int, n_outputs: int = 0) -> None:

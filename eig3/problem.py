@@ -21,6 +21,7 @@ from .labels import Labels
 from .methods import Method
 from .solution import Solution
 from .stepper import Stepper
+from .storage import Place
 
 _START = ("u0", "v0", "params")
 _OF_RHS = ("rhs", "integrals")  # these fields change only with the right-hand side
@@ -300,6 +301,8 @@ class Problem:
 
     def _run(self, run: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         """Run with the integrals as further degrees of freedom; separate them from the result, and label it."""
+        if options.get("save_to") is not None:
+            options["save_to"] = Place.of(options["save_to"], self.labels, self.integrals)
         try:
             return self._described(run(*arguments, **options))
         except BaseException as error:
@@ -312,17 +315,19 @@ class Problem:
             result.labels = self.labels
             if self.integrals:
                 _separated(result, np.size(self.u0), self.integrals)
+        if isinstance(result, Solution) and result._extend:
+            result._extend = partial(self._run, result._extend)
         return result
 
 
 def _separated(result: Any, n: int, names: Sequence[str]) -> Any:
     """Move the integrals from the last columns of u and v, where they are velocities, to `integrals` of the result."""
+    if isinstance(result, Solution):
+        result._separate(names)
+        return result
     result.integrals = {name: result.v[..., n + k].copy() for k, name in enumerate(names)}
     result.u, result.v = result.u[..., :n], result.v[..., :n]
-    if isinstance(result, EnsembleSolution):
-        result._last = {i: (t, u[:n], v[:n], *outputs, *v[n:]) for i, (t, u, v, *outputs) in result._last.items()}
-    else:
-        result.events = {name: occurrences.of(slice(n)) for name, occurrences in result.events.items()}
+    result._last = {i: (t, u[:n], v[:n], *outputs, *v[n:]) for i, (t, u, v, *outputs) in result._last.items()}
     return result
 
 

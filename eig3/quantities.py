@@ -115,6 +115,10 @@ class Quantity:
         self._out = guarded(np.full(self.width, np.nan))
         self._values = np.empty((0, self.width))
 
+    def fork(self) -> Quantity:
+        """Return the same quantity with arrays of its own."""
+        return Quantity(self.name, self.function, *self.shape, form=self.form)
+
     def no_extremes(self) -> np.ndarray:
         """Return an array for the extremes of values to come, which `evaluate` widens."""
         return np.repeat(_NOTHING, self.width, axis=1)

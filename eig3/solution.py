@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import enum
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -34,7 +34,7 @@ class Status(enum.Enum):
     NOT_CONVERGED
         The solve of an implicit step did not converge.
     INTERRUPTED
-        Ctrl-C, a cancellation, or an exception in a function of the user ended the run.
+        Ctrl-C, a cancellation, or an exception in a function of the user ended the run, or its process was killed.
     TERMINATED
         A terminal event ended the run, as it should.
     STEP_TOO_SMALL
@@ -65,7 +65,8 @@ class Solution:
     t : ndarray, shape (m,)
         Times of the saved states.
     u, v : ndarray, shape (m,) or (m, n)
-        Displacements and velocities of the saved states.
+        Displacements and velocities of the saved states. With `save_to`, t, u and v are maps of files, of the type
+        `numpy.memmap`, that can only be read.
     h : float
         The step of the run. It is the requested step, or a shorter one if that does not divide the span. With
         tolerances, it is the mean of the steps.
@@ -101,8 +102,8 @@ class Solution:
     n_rejected : int
         Number of steps that were repeated with a shorter step, because their error was beyond the tolerances.
     steps : ndarray, shape (m,), or None
-        With tolerances, the length of the step that led to each saved state, or that contains its time. The first is
-        that of the first step. None for a fixed step.
+        With tolerances, the length of the step that led to each saved state, or that contains its time, and 0 for the
+        first state. None for a fixed step.
     labels : Labels or None
         Names and units of the degrees of freedom, in a run of a problem.
     reason : callable or None
@@ -131,6 +132,7 @@ class Solution:
     labels: Labels | None = None
     reason: Callable[[], str] | None = None
     _accelerations: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
+    _extend: Callable[..., Solution] | None = None
     _explanation: str = ""
     _a: np.ndarray | None = field(default=None, init=False)
     _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
@@ -212,6 +214,59 @@ class Solution:
             self._knots = self._all_knots()
         # n knots give u to the order 3 n, and v to the order 3 n - 1.
         return self._knots.at(times, max(2, -(-(self.method.order + 1) // 3)))
+
+    def extend(
+        self,
+        t_end: float,
+        *,
+        save_to: str | PathLike[str] | None = None,
+        progress: bool = False,
+        raise_on_failure: bool = False,
+        cancel: Any = None,
+    ) -> Solution:
+        """Go on from the end of the run, exactly as if it had not ended there.
+
+        Parameters
+        ----------
+        t_end : float
+            The new end, a whole number of steps h after the end of the run.
+        save_to, progress, raise_on_failure, cancel
+            As for `eig3.integrate`. `save_to` is a directory for the whole history.
+
+        Returns
+        -------
+        Solution
+            The run over the whole span. This one stays as it is. t, u and v have the same bits as those of one run with
+            the same h, and `save_every` counts from the first state on: the last state of this solution is not in the
+            new one if it was saved only because it was the last. `drift`, `extremes`, `outputs` and the counts are
+            those of the whole span too.
+
+        Raises
+        ------
+        ValueError
+            If t_end is not a whole number of steps after the end; the error names the nearest time that is. Also if the
+            run failed or raised an exception, or if this solution was copied or loaded: the state of a method is in
+            this process only. A run that was INTERRUPTED by Ctrl-C or `cancel` can go on.
+        IntegrationError, KeyboardInterrupt, MemoryError, OSError
+            As for `eig3.integrate`.
+        """
+        if self.status not in (Status.COMPLETED, Status.INTERRUPTED):
+            raise ValueError(
+                f"a run with the status {self.status.name} cannot be extended; integrate from a state before its end."
+            )
+        if self._extend is None:
+            raise ValueError(
+                "this solution cannot be extended: it was copied or loaded, is a member of an ensemble, or ended "
+                "with an exception; extend the solution that integrate returned, or integrate from the last state."
+            )
+        return self._extend(t_end, save_to=save_to, progress=progress, raise_on_failure=raise_on_failure, cancel=cancel)
+
+    def _separate(self, names: Sequence[str]) -> None:
+        """Move the last degrees of freedom, whose velocities are integrals with these names, to `integrals`."""
+        n = self.u.shape[1] - len(names)
+        self.integrals = {name: self.v[:, n + k] for k, name in enumerate(names)}
+        self.u, self.v = self.u[:, :n], self.v[:, :n]
+        self.events = {name: occurrences.of(slice(n)) for name, occurrences in self.events.items()}
 
     def _states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return t, u and v of the saved states, then of those before the jumps, then of those after the jumps."""
@@ -326,7 +381,7 @@ class Solution:
 
     def __getstate__(self) -> dict[str, Any]:
         # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
-        state = {**vars(self), "reason": None, "_accelerations": None, "_knots": None}
+        state = {**vars(self), "reason": None, "_accelerations": None, "_extend": None, "_knots": None}
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
             state |= {"_a": self.a, "_a_jumps": self._a_jumps}
         return state

@@ -10,18 +10,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .accelerations import accelerations
-from .callbacks import Callback, check_callback, compile_for_own_arrays
+from .callbacks import check_callback
 from .checks import check_cancel, check_h, check_method, check_params, check_state, check_time, velocity_refused
 from .guard import first_acceleration, guarded
+from .inlining import inlined
 from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
 from .kernels.interrupt import DeferredInterrupt
-from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Form, Run
+from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Run
 from .memory import aligned, check_workspace
 from .methods import Method
 
@@ -260,6 +260,10 @@ class Stepper:
 
     __copy__ = fork
 
+    def extended(self, t_end: float) -> Stepper:
+        """Return an independent stepper at the same state of a run that ends at t_end."""
+        return self.fork()
+
     def __deepcopy__(self, memo: dict) -> Stepper:
         return self.fork()
 
@@ -371,10 +375,13 @@ class Stepper:
 
     def _compiled(self, running: Method, jacobian: Any) -> Any:
         """Return the kernel of a record."""
+        formulas, form, rhs = running.formulas, self.form, self._rhs
         if self.inline:
-            return _inline(self._rhs, self._callback, running, self.form, self.n)
-        is_pair = self.n == 2 and self.form is VECTOR
-        return pointer_kernel(running.formulas, self.form, jacobian is not None, is_pair)
+            stacked = self.n if form is VECTOR and self.n <= STACKED_DEGREES else 0
+            make = partial(inline_kernel, formulas, form, rhs, running.jacobian, stacked)
+            return inlined(make, (formulas, stacked), form, rhs, running.jacobian)
+        is_pair = self.n == 2 and form is VECTOR
+        return pointer_kernel(formulas, form, jacobian is not None, is_pair)
 
     def _call(self, run: Run) -> tuple[int, bool]:
         """Call the kernel; return the number of steps taken, and whether the solve of the next step failed."""
@@ -501,20 +508,3 @@ class _Position:
     changed_at: float | None
     state: np.ndarray
     tally: np.ndarray
-
-
-# The references are weak, so that a program that makes many functions does not keep all of them in memory.
-_inlined: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Callable]]] = WeakKeyDictionary()
-
-
-def _inline(rhs: Any, callback: Callback, method: Method, form: Form, n: int) -> Callable:
-    """Return the kernel of a method with the callbacks inlined. It is compiled at the first call only."""
-    stacked = n if form is VECTOR and n <= STACKED_DEGREES else 0
-    key = method.formulas, form.name, stacked, method.jacobian
-    known, compiled = _inlined.setdefault(rhs, {}), callback.compiled
-    if key not in known or known[key][0] is not compiled:  # the user may have compiled rhs anew
-        for function, kind in ((rhs, "rhs"), (method.jacobian, "jacobian")):
-            if function is not None:
-                compile_for_own_arrays(function, kind, form)
-        known[key] = compiled, inline_kernel(method.formulas, form, rhs, method.jacobian, stacked)
-    return known[key][1]

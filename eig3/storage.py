@@ -1,4 +1,4 @@
-"""Solutions in files: arrays of NumPy, and a record in JSON of everything else. Nothing is pickled."""
+"""Solutions in files and directories: arrays of NumPy, and a record in JSON of the rest. Nothing is pickled."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import dataclasses
 import json
 import os
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,14 @@ import numpy as np
 from .events import Occurrences
 from .extremes import Extremes
 from .labels import Labels
-from .methods import METHODS, Method
+from .mapped import check_directory, is_mapped, read_mapped
+from .methods import METHODS, Method, shown
 from .solution import Solution, Status
 
 _VERSION = 1  # raise it with every change that an older eig3 would read wrongly
 _RECORD = "eig3"  # the name of the record among the arrays
+_RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
+_ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there
 _FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
 _PARTS = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
 _WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
@@ -33,13 +36,53 @@ class _UnknownMethodError(ValueError):
 
 def save(solution: Solution, path: str | PathLike[str]) -> Path:
     """Write a solution to a file, as `Solution.save` describes it."""
-    state = {name: value for name, value in solution.__getstate__().items() if name in _FIELDS}
+    return _write(solution, solution.__getstate__(), _file(path))
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """Where a run saves its rows, and what it saves beside them.
+
+    Attributes
+    ----------
+    directory : Path
+    labels : Labels or None
+        Those of the problem that runs.
+    integrals : tuple of str
+        The names of integrals, whose values are the last velocities of a row.
+    """
+
+    directory: Path
+    labels: Labels | None = None
+    integrals: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, save_to: Any, labels: Labels | None = None, integrals: tuple[str, ...] = ()) -> Place:
+        """Return the place that `save_to` names, which must be a new or an empty directory."""
+        if isinstance(save_to, Place):
+            return save_to
+        if not isinstance(save_to, str | PathLike):
+            raise TypeError(f"save_to must be the path of a directory, not {shown(save_to)}.")
+        directory = Path(save_to)
+        check_directory(directory)
+        return cls(directory, labels, integrals)
+
+    def write(self, solution: Solution, *, has_ended: bool) -> None:
+        """Write what a solution has beside its rows."""
+        state = {name: None if name in _ROWS else value for name, value in vars(solution).items()}
+        state |= {"reason": None, "_accelerations": None, "_extend": None, "_knots": None, "labels": self.labels}
+        rest = {"integrals": self.integrals, "has_ended": has_ended}
+        _write(solution, state, self.directory / _RUN, **rest)
+
+
+def _write(solution: Solution, values: Mapping[str, Any], target: Path, **rest: Any) -> Path:
+    """Write the values of the fields of a solution, and `rest` in the record beside them."""
+    state = {name: value for name, value in values.items() if name in _FIELDS}
     if solution.method.jacobian is not None:
         state["notes"] = *solution.notes, _WITHOUT_JACOBIAN
     arrays: dict[str, np.ndarray] = {}
     fields = {name: _plain(value, name.lstrip("_"), arrays) for name, value in state.items()}
-    arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "solution": fields}))
-    target = _file(path)
+    arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "solution": fields, **rest}))
     temporary = target.with_name(f".{uuid.uuid4().hex}.part")
     try:
         with temporary.open("xb") as file:
@@ -55,18 +98,20 @@ def save(solution: Solution, path: str | PathLike[str]) -> Path:
 
 
 def load(path: str | PathLike[str]) -> Solution:
-    """Read a solution that `Solution.save` has written.
+    """Read a solution that `Solution.save` or a run with `save_to` has written.
 
     Parameters
     ----------
     path : str or path
-        The file. ".npz" is added if it does not end with this.
+        The file, to which ".npz" is added if it does not end with this, or the directory of `save_to`.
 
     Returns
     -------
     Solution
         With every number as it was saved. It has no right-hand side: `explain` returns what it had found before, and
-        `at` takes the saved accelerations.
+        `at` takes the saved accelerations. A directory has none of these, and its t, u and v are maps of the files that
+        can only be read. If the process of its run was killed, or is still running, the status is INTERRUPTED, and the
+        solution has the states up to then, with its counts, but without `drift`, `extremes`, `outputs` and `notes`.
 
     Raises
     ------
@@ -76,14 +121,43 @@ def load(path: str | PathLike[str]) -> Solution:
         If it is not a file of `Solution.save`, is damaged or comes from a newer eig3, or if its method is a class of
         the user that is not imported yet.
     """
+    target = Path(path)
+    if is_mapped(target):
+        return _load_directory(target)
     target = _file(path)
+    if Path(path).is_dir() and not target.exists():
+        raise ValueError(f"{path} is not a directory that save_to has written: name such a directory, or a file.")
+    return _read(target, lambda record, arrays: _solution(record["solution"], arrays))
+
+
+def _load_directory(directory: Path) -> Solution:
+    def solution(record: Mapping[str, Any], others: Mapping[str, np.ndarray]) -> Solution:
+        rows, counts = read_mapped(directory, _ROWS)
+        result = _solution({**record["solution"], **dict.fromkeys(_ROWS)}, others)
+        result.t, result.u, result.v, result.steps = rows["t"], rows["u"], rows["v"], rows.get("steps")
+        if not record["has_ended"]:
+            vars(result).update(counts)
+            result.status = Status.INTERRUPTED
+            result.message = (
+                f"The process of this run was killed after t = {result.t[-1]:g}, the last state here, or it is still "
+                "running."
+            )
+        if record["integrals"]:
+            result._separate(record["integrals"])
+        return result
+
+    return _read(directory / _RUN, solution)
+
+
+def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.ndarray]], Solution]) -> Solution:
+    """Return the solution that a function makes from the record and the arrays of a file."""
     with target.open("rb") as file:
         arrays = _arrays(file, target)
     try:
         record = json.loads(str(arrays.pop(_RECORD)))
         version = int(record["version"])
         if version <= _VERSION:
-            return _solution(record["solution"], arrays)
+            return solution(record, arrays)
     except _UnknownMethodError as error:
         raise ValueError(f"{target} {error}") from None
     except Exception as error:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from .checks import check_time
+from .growing import GrowingHistory, Rows
 from .kernels.events import NOT_A_NUMBER, TERMINAL, ZENO
 from .kernels.variable import AT_END, BEFORE_END, TOO_SMALL
-from .observers.growing import GrowingHistory, Rows
-from .observers.progress import Progress
+from .observers.progress import Progress, check_progress
 from .quantities import Functions, Quantity, as_extremes
 from .solution import Solution, Status
-from .stepper import Cancel
+from .storage import Place
 from .variable_stepper import VariableStepper
 from .watching import ended_by_event, not_a_number
 
@@ -20,6 +21,14 @@ _CHUNK_SECONDS = 0.02  # duration of a call of the kernel, after which the run m
 _FIRST_STEPS = 64  # steps of the first call, if nothing is known about the time of a step
 _GROWTH = 8  # largest factor from the steps of one call to the steps of the next
 _CHUNK_VALUES = 2**16  # values in the rows of one call, so that they stay in the cache
+
+
+class Stop(Protocol):
+    """An object that tells whether to end a run."""
+
+    def is_final(self) -> bool:
+        """Return True to end it."""
+        ...
 
 
 class Followed:
@@ -55,42 +64,89 @@ class Followed:
         return other
 
 
+class _Mark(NamedTuple):
+    """A point from which a run can go on: the end of its last step that was not shortened."""
+
+    stepper: VariableStepper
+    rows: int
+    invariants: dict[str, Followed]
+    outputs: dict[str, Followed]
+
+
 class VariableRun:
     """A run with tolerances, and its history.
 
     Parameters
     ----------
-    stepper : VariableStepper
+    mark : _Mark
+        Where the run begins.
     every : int
         Every `every`-th state is saved; `NEVER` saves the first and the last.
-    functions : Functions
-        The invariants and outputs.
+    history : GrowingHistory
+        With the states up to there.
     progress : bool
+    place : Place or None
+        Where the run saves its rows.
     """
 
-    def __init__(self, stepper: VariableStepper, every: int, functions: Functions, progress: bool) -> None:
-        self.stepper, self.every, self._shows_progress = stepper, every, progress
-        self.history = GrowingHistory()
-        self.history.append(self._present(0.0))
-        invariants, outputs = functions.quantities(stepper.form)
-        self.invariants = {name: Followed(quantity, stepper) for name, quantity in invariants.items()}
-        self.outputs = {name: Followed(quantity, stepper) for name, quantity in outputs.items()}
+    def __init__(
+        self, mark: _Mark, every: int, history: GrowingHistory, progress: bool, place: Place | None = None
+    ) -> None:
+        self.stepper, _, self.invariants, self.outputs = mark
+        self.every, self.history, self.place, self._shows_progress = every, history, place, progress
         self.status = Status.COMPLETED
         self.message = "The run reached the end of its span."
-        pace = stepper.pace
+        pace = self.stepper.pace
         self._count = max(1, int(_CHUNK_SECONDS / pace)) if pace else _FIRST_STEPS
         self._is_done = False
+        self._mark: _Mark | None = None
+        self._rows: Rows | None = None
+        if place:
+            try:
+                place.write(self._solution(history.rows()), has_ended=False)
+            except BaseException:
+                history.remove()
+                raise
 
-    def march(self, stop: Cancel) -> None:
+    @classmethod
+    def begin(
+        cls, stepper: VariableStepper, every: int, functions: Functions, progress: bool, place: Place | None
+    ) -> VariableRun:
+        """Return a run at its start."""
+        invariants, outputs = (
+            {name: Followed(quantity, stepper) for name, quantity in quantities.items()}
+            for quantities in functions.quantities(stepper.form)
+        )
+        history = GrowingHistory(stepper.form, stepper.n, place.directory if place else None)
+        history.append(stepper.present(0.0))
+        history.commit()
+        return cls(_Mark(stepper, 1, invariants, outputs), every, history, progress, place)
+
+    def extended(self, t_end: float, progress: bool, save_to: Any) -> VariableRun:
+        """Return an independent run to a later end, which goes on from the last step that was not shortened."""
+        check_progress(progress)
+        t_end = check_time(t_end, "t_end")
+        if not t_end > self.stepper.t:
+            raise ValueError(f"t_end must be after the end of the run at t = {self.stepper.t!r}, not {t_end!r}.")
+        place = None if save_to is None else Place.of(save_to)
+        mark = self._mark or self._marked()
+        stepper = mark.stepper.extended(t_end)
+        history = GrowingHistory(stepper.form, stepper.n, place.directory if place else None)
+        history.append((self._rows or self.history.rows()).at(slice(mark.rows)))
+        history.commit()
+        copies = ({name: followed.copy() for name, followed in group.items()} for group in mark[2:])
+        return VariableRun(_Mark(stepper, mark.rows, *copies), self.every, history, progress, place)
+
+    def march(self, stop: Stop) -> None:
         """Run to the end, or until the run fails or should stop."""
         stepper = self.stepper
-        with Progress(100, "%", self._shows_progress) as bar:
+        with Progress(100 - self._percent, "%", self._shows_progress) as bar:
             while not self._is_done:
                 if stop.is_final():
                     self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
                     break
                 left = stepper.tolerances.max_steps - stepper.index
-                if not left:
+                if not left and stepper.t < stepper.t_end:
                     self._end(
                         Status.TOO_MANY_STEPS,
                         f"The run took max_steps = {stepper.index} steps up to t = {stepper.t:g}; take a larger "
@@ -98,7 +154,7 @@ class VariableRun:
                     )
                     break
                 before = self._percent
-                self._advance(min(self._count, left))
+                self._advance(min(self._count, max(1, left)))
                 bar.add(self._percent - before)
                 self._judge()
         stepper.note_pace()
@@ -109,13 +165,25 @@ class VariableRun:
         if error and not self._is_done:
             what = f"raised {type(error).__name__}" if isinstance(error, Exception) else "was interrupted"
             self._end(Status.INTERRUPTED, f"The run {what} after t = {stepper.t:g}.")
-        t, h, u, v = self._saved()
-        steps = max(1, stepper.index)
+        if self._rows is None:
+            self._rows = self._saved()
+        solution = self._solution(self._rows)
+        followed = {**self.invariants, **self.outputs}
+        solution.drift = {name: invariant.drift for name, invariant in self.invariants.items()}
+        solution.extremes = {name: quantity.extremes for name, quantity in followed.items()}
+        solution.outputs = {n: output.values(solution.t, solution.u, solution.v) for n, output in self.outputs.items()}
+        solution.events = stepper.watching.occurrences()
+        return solution
+
+    def _solution(self, rows: Rows) -> Solution:
+        """Return a solution without what is followed."""
+        stepper = self.stepper
+        u, v = rows.in_form(stepper.form)
         return Solution(
-            t=t,
+            t=rows.t,
             u=u,
             v=v,
-            h=(stepper.t - stepper.t0) / steps,
+            h=(stepper.t - stepper.t0) / max(1, stepper.index),
             n_steps=stepper.index,
             n_rhs=stepper.n_rhs,
             n_iterations=0,
@@ -123,12 +191,8 @@ class VariableRun:
             message=self.message,
             kernel_seconds=stepper.seconds,
             method=stepper.method,
-            drift={name: followed.drift for name, followed in self.invariants.items()},
-            extremes={name: followed.extremes for name, followed in {**self.invariants, **self.outputs}.items()},
-            events=stepper.watching.occurrences(),
-            outputs={name: followed.values(t, u, v) for name, followed in self.outputs.items()},
             n_rejected=stepper.n_rejected,
-            steps=h,
+            steps=rows.h,
             _accelerations=stepper.accelerations,
         )
 
@@ -154,6 +218,7 @@ class VariableRun:
             followed.see(rows.t, *rows.in_form(stepper.form))
         if is_kept:
             self.history.append(rows if every == self.every else self._chosen(rows, first))
+            self.history.commit(**stepper.counts)
 
     def _chosen(self, rows: Rows, first: int) -> Rows:
         """Return the rows to save from the rows of all steps after step index `first`.
@@ -165,23 +230,22 @@ class VariableRun:
         index = first + 1 + np.arange(len(ends))
         return rows.at(ends[index % self.every == 0])
 
-    def _saved(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return t, h, u and v of the saved states."""
-        stepper = self.stepper
+    def _saved(self) -> Rows:
+        """Return the saved states. The last one is the present state, except with `t_eval`."""
+        stepper, history = self.stepper, self.history
         rows = stepper.wanted_rows()
-        if rows is None:
-            last = self.history.blocks[-1].at(slice(-1, None))
-            present = self._present(stepper.h_before)
-            is_saved = all(np.array_equal(last[i], present[i]) for i in (0, 2, 3))
-            rows = GrowingHistory.join([*self.history.blocks, *([] if is_saved else [present])])
-        if len(rows.h) > 1 and rows.h[0] == 0:
-            rows.h[0] = rows.h[1]
-        return rows.t, rows.h, *rows.in_form(self.stepper.form)
+        if rows is not None:
+            return rows
+        saved, present = history.rows(), stepper.present(stepper.h_before)
+        if not all(np.array_equal(saved[i][-1:], present[i]) for i in (0, 2, 3)):
+            history.append(present)
+        history.commit(**stepper.counts)
+        history.close()
+        return history.rows()
 
-    def _present(self, h: float) -> Rows:
-        """Return the present state as a row."""
-        u, v = (np.reshape(x, (1, self.stepper.n)) for x in (self.stepper.u, self.stepper.v))
-        return Rows(np.array([self.stepper.t]), np.array([h]), u, v)
+    def _marked(self) -> _Mark:
+        copies = ({name: f.copy() for name, f in group.items()} for group in (self.invariants, self.outputs))
+        return _Mark(self.stepper.fork(), self.history.count, *copies)
 
     @property
     def _percent(self) -> int:
@@ -198,6 +262,7 @@ class VariableRun:
         if ended == AT_END:
             self._is_done = True
         elif ended == BEFORE_END:
+            self._mark = self._marked()
             stepper.shorten()
         elif ended in (TERMINAL, ZENO):
             self._end(*ended_by_event(stepper))

@@ -5,22 +5,24 @@ from __future__ import annotations
 import copy
 import importlib
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .accelerations import accelerations
-from .callbacks import check_callback, compile_for_own_arrays
+from .callbacks import check_callback
 from .checks import check_params, check_state
+from .growing import Rows
 from .guard import first_acceleration, guarded
+from .inlining import inlined
 from .kernels.fixed import STACKED_DEGREES
 from .kernels.pair import A, U, V
 from .kernels.protocol import ENDED_BY, ERROR, EVALUATIONS, EVENTS, REJECTED, SCALAR, STEP, STEP_BEFORE, TIME, Span
 from .kernels.variable import GOING, WORK, inline_variable_kernel, variable_kernel
 from .memory import aligned
 from .methods import Method
-from .observers.growing import Rows
 from .tolerances import Tolerances
 from .watching import Watching
 
@@ -77,10 +79,10 @@ class VariableStepper:
         n = self.n
         self._pace_key = self.method.variable, n, inline
         if inline:
-            compile_for_own_arrays(rhs, "rhs", self.form)
             literal = n if n <= STACKED_DEGREES else 0
+            make = partial(inline_variable_kernel, self.method.variable, self.form, literal, rhs)
             self._callbacks: tuple = ()
-            self._kernel = inline_variable_kernel(self.method.variable, self.form, literal, rhs)
+            self._kernel = inlined(make, (self.method.variable, literal, "variable"), self.form, rhs)
         else:
             self._callbacks = (self._callback.address,)
             self._kernel = variable_kernel(self.method.variable, self.form, n if n <= 2 else 0)
@@ -171,6 +173,20 @@ class VariableStepper:
         self.watching.collect(self._tally)
         return rows.at(slice(written))
 
+    @property
+    def counts(self) -> dict[str, float]:
+        """What the run has counted so far."""
+        return {
+            "n_steps": self.index,
+            "n_rhs": self.n_rhs,
+            "n_rejected": self.n_rejected,
+            "kernel_seconds": self.seconds,
+        }
+
+    def present(self, h: float) -> Rows:
+        """Return the present state as a row, with the step h that led there."""
+        return Rows(np.array([self.t]), np.array([h]), *(self._state[row : row + 1].copy() for row in (U, V)))
+
     def shorten(self) -> None:
         """Allow the last step to be shortened, so that it ends at the end of the span."""
         self._may_shorten = True
@@ -181,6 +197,15 @@ class VariableStepper:
         other._state, other._tally = aligned(self._state.shape), self._tally.copy()
         np.copyto(other._state, self._state)
         other.watching = self.watching.fork()
+        return other
+
+    def extended(self, t_end: float) -> VariableStepper:
+        """Return an independent stepper at the same state, for a run to a later end."""
+        if self.watching.times is not None:
+            raise ValueError("a run with t_eval cannot be extended: integrate anew, with t_eval over the longer span.")
+        other = self.fork()
+        other.t_end, other._may_shorten = t_end, False
+        other.watching.set_span(self.t0, t_end)
         return other
 
     def _component(self, row: int) -> Any:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .callbacks import compile_for_own_arrays
+from .growing import Rows
+from .inlining import inlined
 from .kernels.events import NOT_A_NUMBER, RESET, ZENO
 from .kernels.protocol import ENDED_BY, EVENTS, TIME, Run
 from .kernels.variable import GOING
 from .kernels.watched import FAILED, inline_watched_kernel, watched_kernel, work_rows
 from .methods import Method
-from .observers.growing import Rows
 from .stepper import Stepper
 from .watching import Watching, not_a_number
 
@@ -88,20 +89,26 @@ class WatchedStepper(Stepper):
         )
 
     def fork(self) -> WatchedStepper:
-        other = super().fork()
+        other: Any = super().fork()
         other.watching = self.watching.fork()
         return other
 
     __copy__ = fork
 
+    def extended(self, t_end: float) -> WatchedStepper:
+        if self.watching.times is not None:
+            raise ValueError("a run with t_eval cannot be extended: integrate anew, with t_eval over the longer span.")
+        other = self.fork()
+        other._t_end = t_end
+        other.watching.set_span(self.t0, t_end)
+        return other
+
     def _compiled(self, running: Method, jacobian: Any) -> Any:
-        formulas, order = running.formulas, self.method.order
+        formulas, order, form, rhs = running.formulas, self.method.order, self.form, self._rhs
         if not self.inline:
-            return watched_kernel(formulas, order, self.form, jacobian is not None)
-        for function, kind in ((self._rhs, "rhs"), (running.jacobian, "jacobian")):
-            if function is not None:
-                compile_for_own_arrays(function, kind, self.form)
-        return inline_watched_kernel(formulas, order, self.form, self._rhs, running.jacobian)
+            return watched_kernel(formulas, order, form, jacobian is not None)
+        make = partial(inline_watched_kernel, formulas, order, form, rhs, running.jacobian)
+        return inlined(make, (formulas, "watched"), form, rhs, running.jacobian)
 
     def _call(self, run: Run) -> tuple[int, bool]:
         watch = self.watching.watch

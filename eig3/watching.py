@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from .callbacks import check_callback
 from .checks import reals
 from .events import Event, Occurrences
+from .growing import Rows
 from .kernels.events import TERMINAL
 from .kernels.protocol import EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
-from .observers.growing import Rows
 from .solution import Status
 
 _LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
@@ -24,7 +24,7 @@ _ZENO = 1e-12  # resets that follow each other within this part of the span do n
 def check_events(events: Any) -> Mapping[str, Event]:
     """Return the events by name."""
     if events is None:
-        return {}
+        events = {}
     if not isinstance(events, Mapping) or not all(isinstance(event, Event) for event in events.values()):
         raise TypeError("events must be a dictionary of names and events, such as {'impact': eig3.Event(g)}.")
     return events
@@ -74,12 +74,11 @@ class Watching:
         ]
         count, rows = len(table), 0 if self.times is None else len(self.times)
         log = np.empty((max(count, _LOG_VALUES // (2 + 4 * n)) if count else 0, 2 + 4 * n))
-        zeno = _ZENO * (t1 - t0) + 16 * np.spacing(max(abs(t0), abs(t1)))
         times = np.empty(0) if self.times is None else self.times
         self.watch = Watch(
             np.array(table, dtype=np.int64).reshape(count, 4),
             log,
-            zeno,
+            _least_gap(t0, t1),
             times,
             np.empty(rows),
             np.empty((rows, n)),
@@ -99,7 +98,7 @@ class Watching:
         """Write the state at the start, if it is wanted."""
         tally[EVENTS:] = self.entries()
         if self.times is not None and self.times[0] == t0:
-            self.watch.u_rows[0], self.watch.v_rows[0] = u, v
+            self.watch.u_rows[0], self.watch.v_rows[0], self.watch.h_rows[0] = u, v, 0.0
             tally[NEXT] = 1
 
     def fork(self) -> Watching:
@@ -109,6 +108,10 @@ class Watching:
         rows = {name: getattr(watch, name).copy() for name in ("log", "h_rows", "u_rows", "v_rows", "work")}
         other.watch, other._found = watch._replace(**rows), list(self._found)
         return other
+
+    def set_span(self, t0: float, t1: float) -> None:
+        """Set the span of the run."""
+        self.watch = self.watch._replace(zeno=_least_gap(t0, t1))
 
     def collect(self, tally: np.ndarray) -> None:
         """Take the occurrences out of the log."""
@@ -155,6 +158,11 @@ class Watching:
     def name(self, k: int) -> str:
         """Return the name of the event k."""
         return list(self.events)[k]
+
+
+def _least_gap(t0: float, t1: float) -> float:
+    """Return the time within which resets that follow each other do not end."""
+    return _ZENO * (t1 - t0) + 16 * float(np.spacing(max(abs(t0), abs(t1))))
 
 
 def _compiled(name: str, event: Event, form: Form) -> tuple[Any, Any]:

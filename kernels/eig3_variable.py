@@ -26,7 +26,7 @@ class _Formulas:
     rows, order, evaluations, dense_evaluations = 7, 3, 1, 0
 
     def functions(self, accelerate: Any) -> dict[str, Any]:
-        found = {function.__name__: element(function) for function in (error, advance, restart)}
+        found = {function.__name__: element(function) for function in (square, advance, restart)}
         return {**found, "trial": element(bound(trial, {"accelerate": accelerate})), "dense": outlined(dense)}
 
 
@@ -39,13 +39,13 @@ def trial(f, t, h, h_before, p, n, y):
     accelerate(f, t + h, u_end, v_end, p, a_end)  # noqa: F821
 
 
-def error(h, h_before, n, y, rtol, atol, u_size, v_size):
+def square(h, h_before, n, y, rtol, atol, u_size, v_size):
     u, _, a, u_end, _, a_end, _ = y
     total = 0.0
     for j in range(n):
         part = (a_end[j] - a[j]) / (atol[0, j] + rtol * max(abs(u[j]), abs(u_end[j]), u_size) + 1e-300)
         total += part * part
-    return h * h / 6 * (total / n) ** 0.5
+    return (h * h / 6) ** 2 * (total / n)
 
 
 def advance(y, n):

@@ -25,7 +25,7 @@ _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first 
 
 def is_quiet(watch, tally, t, u, v, p):
     """Return whether every g still has its sign. A product is used, because it is false for zero and for NaN."""
-    for k in range(len(watch.events)):
+    for k in range(len(watch.events)):  # noqa: SIM110  Numba compiles no generator
         if not EVENT(watch.events[k, _G], t, u, v, p) * tally[EVENTS + 2 * k] > 0:
             return False
     return True
@@ -34,8 +34,8 @@ def is_quiet(watch, tally, t, u, v, p):
 def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, p):
     """Process the events of a step in their order, up to the first that resets the state or ends the run.
 
-    `coefficients` are the dense output of the step from t to t_end, and u_end and v_end the state at its end. Return the
-    outcome and the fraction s of the step at which it ends. If this is not the end of the step, u and v are changed to
+    `coefficients` are the dense output of the step from t to t_end, and u_end and v_end the state at its end. Return
+    the outcome and the fraction s of the step at which it ends. If the outcome is not PASSED, u and v are changed to
     the state there. They are scratch otherwise.
     """
     count = len(watch.events)
@@ -78,7 +78,7 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
         s = 1.0
     for k in range(count):
         if outcome == PASSED:
-            tally[EVENTS + 2 * k] = ends[k]
+            tally[EVENTS + 2 * k] = ends[k] if ends[k] != 0 else tally[EVENTS + 2 * k]
         elif roots[k] - _NEVER >= s - tolerance:  # it has just occurred: its sign after the reset is not known
             tally[EVENTS + 2 * k] = 0.0
         else:
@@ -98,9 +98,9 @@ def _earliest(roots, count):
 def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, p, tolerance):
     """Return the fraction of the step at which g changes its sign in the wanted direction, or `_NEVER`.
 
-    `before` has the sign of g at the start, or is zero. The ITP method takes at most one more evaluation than bisection,
-    and as few as the secant method if g is smooth: I. F. D. Oliveira and R. H. C. Takahashi, ACM Transactions on
-    Mathematical Software 47 (2020), 5.
+    `before` has the sign of g at the start, or is zero. The ITP method takes at most one more evaluation than
+    bisection, and as few as the secant method if g is smooth: I. F. D. Oliveira and R. H. C. Takahashi, ACM
+    Transactions on Mathematical Software 47 (2020), 5.
     """
     low, high = 0.0 if before != 0 else _JUST_AFTER, 1.0
     evaluate(coefficients, low, n, u, v)
@@ -108,11 +108,9 @@ def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, 
     if before == 0:
         before = g_low
     is_rising = before < 0
-    has_changed = g_end >= 0 if is_rising else g_end <= 0
+    has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
     if before == 0 or not has_changed or direction == (-1 if is_rising else 1):
         return _NEVER
-    if g_end == 0:
-        return 1.0
     if (g_low < 0) != is_rising:  # zero, up to round-off
         return low
     spread, radius = _SPREAD / (high - low), high - low
@@ -182,10 +180,8 @@ def functions(form: Form) -> SimpleNamespace:
     """
     event_at, apply_at = function_at(form.invariant), function_at(form.apply)
     event_now = element(lambda address, t, u, v, p: event_at(address)(t, u, v, p))
-    if form is SCALAR:
-        event = element(lambda address, t, u, v, p: event_at(address)(t, u[0], v[0], p))
-    else:
-        event = event_now
+    event_of_row = element(lambda address, t, u, v, p: event_at(address)(t, u[0], v[0], p))
+    event = event_of_row if form is SCALAR else event_now
     apply = element(bound(_apply_scalar if form is SCALAR else _apply_vector, {"APPLY_AT": apply_at}))
     names: dict[str, Any] = {"EVENT": event, "APPLY": apply}
     names["ROOT"] = outlined(bound(root_within, names))

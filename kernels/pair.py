@@ -1,8 +1,8 @@
 """The steps of variable length of a Runge-Kutta pair: a trial step, the estimate of its error, and dense output.
 
-The formulas are those of `eig3.kernels.tableau`, with the step as a factor of the sums: coefficients that contain powers
-of h would have to be computed anew for each step. With the weights e_i of the estimate, where the last stage is the
-acceleration at the end of the step, the errors are
+The formulas are those of `eig3.kernels.tableau`, with the step as a factor of the sums: coefficients that contain
+powers of h would have to be computed anew for each step. With the weights e_i of the estimate, where the last stage is
+the acceleration at the end of the step, the errors are
 
     error of v = h sum_i e_i a_i        error of u = h^2 sum_i (e A)_i a_i
 """
@@ -58,13 +58,13 @@ class Pair:
         self._text = "\n".join([self._trial(), self._error(errors), self._dense()])
 
     def functions(self, accelerate: Any) -> dict[str, Any]:
-        """Return the elements `trial`, `error` and `dense`.
+        """Return the elements `trial`, `square` and `dense`.
 
         ``accelerate(f, t, u, v, p, a)`` evaluates the right-hand side f.
         """
         names = {"__name__": __name__, "accelerate": accelerate, "quintic": quintic}
         defined = define(self._text, "pair", names)
-        inlined = {name: element(defined[name]) for name in ("trial", "error")}
+        inlined = {name: element(defined[name]) for name in ("trial", "square")}
         return {**inlined, "dense": outlined(defined["dense"])}
 
     def _unpacked(self) -> str:
@@ -81,9 +81,11 @@ class Pair:
         row = self._A[i]
         squares = self._weighted(self._times_matrix(row))
         position = f" + h * {_total(squares)}" if squares else ""
+        *others, (factor, last) = self._weighted(row)
+        before = f"(v[j] + h * {_total(others)})" if others else "v[j]"
         return (
             f"u[j] + h * ({self._c[i]!r} * v[j]{position})",
-            f"v[j] + h * {_total(self._weighted(row))}",
+            f"{before} + (h * {factor}) * {last}",  # one multiply-add for v has to wait for the last acceleration
         )
 
     def _stage(self, i: int) -> list[str]:
@@ -103,23 +105,26 @@ class Pair:
         return "\n".join([*lines, "    accelerate(f, t + h, u_end, v_end, p, a_end)", ""])
 
     def _error(self, errors: Sequence[Sequence[float]]) -> str:
-        lines = ["def error(h, h_before, n, y, rtol, atol, u_size, v_size):", self._unpacked()]
+        lines = ["def square(h, h_before, n, y, rtol, atol, u_size, v_size):", self._unpacked()]
         lines += [f"    sum{k} = 0.0" for k in range(len(errors))]
         lines += [
             "    for j in range(n):",
-            "        u_scale = atol[0, j] + rtol * max(abs(u[j]), abs(u_end[j]), u_size) + 1e-300",
-            "        v_scale = atol[1, j] + rtol * max(abs(v[j]), abs(v_end[j]), v_size) + 1e-300",
+            "        u_scale = 1 / (atol[0, j] + rtol * max(abs(u[j]), abs(u_end[j]), u_size) + 1e-300)",
+            "        v_scale = 1 / (atol[1, j] + rtol * max(abs(v[j]), abs(v_end[j]), v_size) + 1e-300)",
         ]
         for k, weights in enumerate(errors):
             exact = [Fraction(x) for x in weights]
             lines += [
-                f"        u_part = h * {_total(self._weighted(self._times_matrix(exact)))} / u_scale",
-                f"        v_part = {_total(self._weighted(exact))} / v_scale",
+                f"        u_part = h * {_total(self._weighted(self._times_matrix(exact)))} * u_scale",
+                f"        v_part = {_total(self._weighted(exact))} * v_scale",
                 f"        sum{k} += u_part * u_part + v_part * v_part",
             ]
         if len(errors) == 1:
-            return "\n".join([*lines, "    return h * (sum0 / (2 * n)) ** 0.5", ""])
-        lines += ["    both = sum0 + 0.01 * sum1", "    return h * sum0 / (2 * n * both) ** 0.5 if both > 0 else both"]
+            return "\n".join([*lines, "    return h * h * sum0 / (2 * n)", ""])
+        lines += [
+            "    both = sum0 + 0.01 * sum1",
+            "    return h * h * sum0 * sum0 / (2 * n * both) if both > 0 else both",
+        ]
         return "\n".join([*lines, ""])
 
     def _dense(self) -> str:

@@ -13,9 +13,9 @@ from numba.types import Array, float64, int64, none
 #: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 
-#: Further entries for a run with events or tolerances: the time, the next step and the step before, the last estimate of
-#: the error, the number of rejected steps, the largest |u| and |v| so far, the next of `Watch.times`, the number of
-#: occurrences in the log, the index of the step at which a multistep method started anew, the time between the last
+#: Further entries for a run with events or tolerances: the time, the next step and the step before, the logarithm of
+#: the last error, the number of rejected steps, the largest |u| and |v| so far, the next of `Watch.times`, the number
+#: of occurrences in the log, the index of the step at which a multistep method started anew, the time between the last
 #: two resets, and the event that ended the run. Two values follow for each event: the sign of g, where 0 means that it
 #: is looked at just after the start of the next step, and the time of its last reset.
 TIME, STEP, STEP_BEFORE, ERROR, REJECTED, U_SIZE, V_SIZE, NEXT, LOGGED, ANEW, GAP, ENDED_BY, EVENTS = range(4, 17)
@@ -37,9 +37,9 @@ class Run(NamedTuple):
 class Span(NamedTuple):
     """The steps of variable length to take: at most `count` from step index `first`, to `t_end` at most.
 
-    Every `every`-th state is written to the rows, and `atol` has a row for u and one for v. If `is_relative` is 1, `rtol`
-    is relative to the largest value of all degrees of freedom so far. If `may_shorten` is 0, a last step that would have to
-    be shortened is not taken.
+    Every `every`-th state is written to the rows, and `atol` has a row for u and one for v. If `is_relative` is 1,
+    `rtol` is relative to the largest value of all degrees of freedom so far. If `may_shorten` is 0, a last step that
+    would have to be shortened is not taken.
     """
 
     t_end: Any
@@ -63,8 +63,8 @@ class Watch(NamedTuple):
 
     A row of `events` contains the address of g, the address of apply or 0, the direction, and 1 for a terminal event.
     A row of `log` is for an occurrence: the event, the time, and u and v before and after apply. Resets that follow
-    each other within `zeno` end the run. `times` are the times at which to write u, v and the step. `work` has rows of n
-    values for the search.
+    each other within `zeno` end the run. `times` are the times at which to write u, v and the step. `work` has rows of
+    n values for the search.
     """
 
     events: Any
@@ -106,8 +106,10 @@ WATCH = types.NamedTuple(
     (_integers, matrix_type, float64, vector_type, vector_type, matrix_type, matrix_type, matrix_type), Watch
 )
 SPAN = types.NamedTuple(
-    (float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64)
-    + (vector_type, vector_type, matrix_type, matrix_type),
+    (
+        *(float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64),
+        *(vector_type, vector_type, matrix_type, matrix_type),
+    ),
     Span,
 )
 

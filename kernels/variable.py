@@ -14,6 +14,7 @@ from typing import Any
 
 from numba.types import Tuple, UniTuple, int64
 
+from .controller import exponent, growth, shrinkage
 from .dense import COEFFICIENTS, evaluate
 from .events import EPSILON, NOT_A_NUMBER, PASSED, RESET, TERMINAL, functions, write_time
 from .jit import bound, compile_kernel, element, outlined
@@ -41,19 +42,19 @@ from .protocol import (
     vector_type,
 )
 
-#: How the kernel ended, besides the outcomes of events: the steps are taken, the end is reached, the next step would have
-#: to be shortened to reach it, the step is below the resolution of t, or there is no room for rows or occurrences.
+#: How the kernel ended, besides the outcomes of events: the steps are taken, the end is reached, the next step would
+#: have to be shortened to reach it, the step is below the resolution of t, or there is no room for rows or occurrences.
 GOING, AT_END, BEFORE_END, TOO_SMALL, FULL = range(10, 15)
 
 #: The rows of `Watch.work` for n degrees of freedom: two for the search of roots, u and v there, and the dense output.
 WORK = 4 + COEFFICIENTS
 
+_PART = 1e-3  # of v^2 / a, the size of a displacement that starts at zero
 TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
 
-_SAFETY, _SHRINK, _GROW = 0.9, 0.2, 10.0
 _RESOLUTION = 8 * EPSILON  # least step, relative to the time
 _FIRST = 1e-6  # fraction of the span that is taken where there is nothing to estimate a first step from
-_LEAST_ERROR = 1e-4  # the last error counts as at least this in the next step
+_LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
 LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 
 
@@ -87,22 +88,22 @@ def variable(callbacks, state, tally, span, watch):
             ended = BEFORE_END
             break
         step = remaining if is_last else h
-        if not (is_last or step >= _RESOLUTION * max(abs(t), abs(span.t_end))):  # also for NaN
+        if not (is_last or step >= _RESOLUTION * abs(t + step)):  # also for NaN
             ended = TOO_SMALL
             break
         TRIAL(f, t, step, tally[STEP_BEFORE], p, n, y)
         tally[EVALUATIONS] += COST
-        error = SIZE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, tally[U_SIZE], tally[V_SIZE])
-        if not error <= 1.0:
+        if span.is_relative == 1 and tally[V_SIZE] == 0:
+            set_sizes(tally, y, n, _FIRST * remaining)
+        square = SQUARE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, tally[U_SIZE], tally[V_SIZE])
+        if not square <= 1.0:
             tally[REJECTED] += 1
-            h = step * (max(_SHRINK, _SAFETY * error ** (-1 / ORDER)) if error < math.inf else _SHRINK / 2)
+            h = step * shrinkage(square, ORDER)
             was_rejected = True
             continue
         taken += 1
-        t_end = span.t_end if is_last else t + step
-        grown = _GROW
-        if error > 0:
-            grown = min(_GROW, max(_SHRINK, _SAFETY * error ** (-0.7 / ORDER) * tally[ERROR] ** (0.4 / ORDER)))
+        t_end, error = span.t_end if is_last else t + step, exponent(square)
+        grown = growth(error, tally[ERROR], ORDER)
         h = min(step * (min(grown, 1.0) if was_rejected else grown), span.h_max)
         was_rejected = False
         tally[ERROR], tally[STEP_BEFORE] = max(error, _LEAST_ERROR), step
@@ -137,7 +138,7 @@ def variable(callbacks, state, tally, span, watch):
             ACCELERATE(f, t_stop, u, v, p, y[A])
             RESTART(y, n)
             tally[EVALUATIONS] += 1
-            tally[STEP_BEFORE], tally[ERROR] = h, 1.0
+            tally[STEP_BEFORE], tally[ERROR] = s * step, 0.0
             if outcome == RESET:
                 h = min(h, LATER * tally[GAP])
             if outcome != TERMINAL and has_rows and (span.first + taken) % span.every == 0:
@@ -163,6 +164,24 @@ def write_row(span, row, t, h, n, u, v):
     return row + 1
 
 
+@element
+def set_sizes(tally, y, n, least):
+    """Write the sizes of u and v from which tolerances relative to the motion begin, if there is some motion.
+
+    A velocity that is zero gets the size sqrt(u a) of an oscillation, and a displacement that is zero a part of
+    v^2 / a. Where this is zero too, the size is that after the time `least`.
+    """
+    u_size, v_size, a_size = 0.0, 0.0, 0.0
+    for j in range(n):
+        u_size, v_size = max(u_size, abs(y[U][j])), max(v_size, abs(y[V][j]))
+        a_size = max(a_size, abs(y[A][j]), abs(y[A_END][j]))
+    if v_size == 0:
+        v_size = math.sqrt(u_size * a_size) if u_size > 0 else least * a_size
+    if u_size == 0:
+        u_size = _PART * v_size * v_size / a_size if a_size > 0 and v_size > least * a_size else least * v_size
+    tally[U_SIZE], tally[V_SIZE] = u_size, v_size
+
+
 def first_step(f, t, n, y, tally, span):
     """Return a first step: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, II.4.
 
@@ -172,12 +191,10 @@ def first_step(f, t, n, y, tally, span):
     u, v, a, u_end, v_end, a_end = y[:6]
     length = span.t_end - t
     least = _FIRST * length
-    if span.is_relative == 1:  # to a motion that starts at rest, its size after a short time is given
-        u_size, v_size, a_size = 0.0, 0.0, 0.0
+    if span.is_relative == 1:
         for j in range(n):
-            u_size, v_size, a_size = max(u_size, abs(u[j])), max(v_size, abs(v[j])), max(a_size, abs(a[j]))
-        tally[V_SIZE] = v_size if v_size > 0 else least * a_size
-        tally[U_SIZE] = u_size if u_size > 0 else least * tally[V_SIZE]
+            a_end[j] = a[j]
+        set_sizes(tally, y, n, least)
     size, slope = 0.0, 0.0
     for j in range(n):
         u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), tally[U_SIZE]) + TINY
@@ -185,7 +202,7 @@ def first_step(f, t, n, y, tally, span):
         size += (u[j] / u_scale) ** 2 + (v[j] / v_scale) ** 2
         slope += (v[j] / u_scale) ** 2 + (a[j] / v_scale) ** 2
     size, slope = math.sqrt(size / (2 * n)), math.sqrt(slope / (2 * n))
-    h = min(least if size < 1e-5 or slope < 1e-5 else 0.01 * size / slope, length)
+    h = min(least if size < 1e-5 or slope * length < 1e-5 else 0.01 * size / slope, length)
     for j in range(n):
         u_end[j], v_end[j] = u[j] + h * v[j], v[j] + h * a[j]
     ACCELERATE(f, t + h, u_end, v_end, span.p, a_end)
@@ -195,8 +212,8 @@ def first_step(f, t, n, y, tally, span):
         u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), tally[U_SIZE]) + TINY
         v_scale = span.atol[1, j] + span.rtol * max(abs(v[j]), tally[V_SIZE]) + TINY
         bend += ((v_end[j] - v[j]) / u_scale) ** 2 + ((a_end[j] - a[j]) / v_scale) ** 2
-    steepest = max(slope, math.sqrt(bend / (2 * n)) / h)
-    better = (0.01 / steepest) ** (1 / ORDER) if steepest > 1e-15 else max(least, h * 1e-3)
+    change = max(h * slope, math.sqrt(bend / (2 * n)))
+    better = h * (0.01 / change) ** (1 / ORDER) if change > 1e-15 else max(least, h * 1e-3)
     return min(100 * h, better if better > 0 else h, length, span.h_max)
 
 
@@ -204,8 +221,8 @@ def first_step(f, t, n, y, tally, span):
 def variable_kernel(module: str, form: Form, n: int) -> Any:
     """Compile the kernel of a method for a right-hand side given as an address, or load it from the disk.
 
-    `module` is the name of a file of this folder with the formulas `variable`, see `eig3.kernels.pair`. If `n` is not 0,
-    the kernel is valid for n degrees of freedom only.
+    `module` is the name of a file of this folder with the formulas `variable`, see `eig3.kernels.pair`. If `n` is not
+    0, the kernel is valid for n degrees of freedom only.
 
     It is called as ``kernel((rhs,), state, tally, span, watch)``.
     """
@@ -235,7 +252,7 @@ def _names(module: str, form: Form, n: int) -> dict[str, Any]:
         "COST": formulas.evaluations,
         "DENSE_COST": formulas.dense_evaluations,
         "TRIAL": theirs["trial"],
-        "SIZE": theirs["error"],
+        "SQUARE": theirs["square"],
         "DENSE": theirs["dense"],
         "ADVANCE": theirs.get("advance", advance),
         "RESTART": theirs.get("restart", nothing_past),

@@ -1,9 +1,9 @@
 # ruff: noqa: F821
 """The kernel of a fixed-step method that looks for events, and for times at which the state is wanted, in each step.
 
-`scalar` and `vector` are templates, like those of `eig3.kernels.fixed`. Steps in which nothing is found run in the loops
-`march_scalar` and `march_vector`. The step after which they stop is searched with its dense output. From a reset, steps
-of a Runge-Kutta pair lead to the end of the step, where the method starts anew.
+`scalar` and `vector` are templates, like those of `eig3.kernels.fixed`. Steps in which nothing is found run in the
+loops `march_scalar` and `march_vector`. The step after which they stop is searched with its dense output. From a reset,
+steps of a Runge-Kutta pair lead to the end of the step, where the method starts anew.
 """
 
 from __future__ import annotations
@@ -231,7 +231,7 @@ def quintic_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
 
 
 def extension_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
-    """Write the dense output of a step of RK8 from the same state. The state at the end of the method's step is kept."""
+    """Write the dense output of a step of RK8 from the same state. The state at the end of the step is kept."""
     copy_two(u_there, v_there, y[U_END], y[V_END], n)
     TRIAL(f, t, h, h, p, n, y)
     DENSE(f, t, h, p, n, y, coefficients)

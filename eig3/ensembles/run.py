@@ -52,6 +52,7 @@ def ensemble(
     executor: Executor | None = None,
     reduce: Callable[[EnsembleSolution], Any] | None = None,
     progress: bool = False,
+    save_to: None = None,
 ) -> Any:
     """Integrate many trajectories of u'' = f(t, u, v) with fixed steps, in SIMD lanes and on all cores.
 
@@ -94,6 +95,8 @@ def ensemble(
         The parts depend on the ensemble only. With an executor, it and what it returns must be picklable.
     progress : bool
         Show a progress bar that counts members. This needs tqdm.
+    save_to : None
+        An ensemble refuses this option of `eig3.integrate`, because `reduce` bounds its memory.
 
     Returns
     -------
@@ -127,6 +130,8 @@ def ensemble(
 
     If rhs raises an exception, `ensemble` raises it too, and its attribute `solution` has the members up to then.
     """
+    if save_to is not None:
+        raise TypeError("save_to is for single runs: take reduce=, a function that saves what you need of each part.")
     check_progress(progress)
     check_executor(executor)
     check_reduce(reduce)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from ..stepper import Stepper
@@ -22,14 +24,26 @@ class Growth:
     """
 
     def __init__(self, stepper: Stepper, n_steps: int) -> None:
-        span = n_steps * stepper.h
-        self._half = n_steps // 2
-        u, v = stepper.sizes
         a = stepper.first_acceleration
-        v_size = v + span * (abs(a) if type(a) is float else float(np.maximum.reduce(np.abs(a))))
-        self._natural = u + span * v_size, v_size
+        a_size = abs(a) if type(a) is float else float(np.maximum.reduce(np.abs(a)))
+        self._h, self._start = stepper.h, (*stepper.sizes, a_size)
+        self._set_span(n_steps)
         self._strange: Stepper | None = None
         self._size, self._is_overflowing = 0.0, False
+
+    def _set_span(self, n_steps: int) -> None:
+        self._half, span = n_steps // 2, n_steps * self._h
+        u, v, a = self._start
+        v_size = v + span * a
+        self._natural = u + span * v_size, v_size
+
+    def extended(self, n_steps: int, index: int) -> Growth:
+        """Return an independent observer for a run of more steps, of which `index` are taken."""
+        other = copy(self)
+        other._set_span(n_steps)
+        if other.needs_half and other._half <= index:
+            other._natural, other._half = self._natural, self._half
+        return other
 
     @property
     def needs_half(self) -> bool:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from ..mapped import MappedRows
 from ..memory import n_rows
 from ..stepper import Cancel, Stepper
 from .chunk import Chunk
@@ -11,6 +14,7 @@ from .chunk import Chunk
 # Values in an array of a chunk with every state: 512 kB, so that it stays in the second-level cache. With fewer,
 # the steps of a large system would take no longer than the calls around them.
 _SCRATCH_VALUES = 2**16
+_COUNTED = np.arange(2.0**13)
 
 
 class History:
@@ -25,68 +29,100 @@ class History:
     width : int
         The number of values of a state in the largest array of the observers that need every state; 0 if none does. If
         it is not 0, the chunks contain every state.
+    directory : Path, optional
+        Save the states in files of this directory.
     """
 
-    def __init__(self, n_steps: int, every: int, stepper: Stepper, t_end: float, width: int) -> None:
+    def __init__(
+        self, n_steps: int, every: int, stepper: Stepper, t_end: float, width: int, directory: Path | None = None
+    ) -> None:
         u, v = stepper.start
         rows = n_rows(n_steps, every)
-        self.every = every
+        self.every, self.width = every, width
         self._n_steps, self._t_end = n_steps, t_end
-        shape = rows, *np.shape(u)
-        self.u, self.v = np.empty(shape), np.empty(shape)
-        self.u[0], self.v[0] = u, v
-        self._t = np.arange(rows, dtype=np.float64)  # made before the run, so that memory cannot run out later
-        self._t *= every
-        self._t *= stepper.h
-        self._t += stepper.t0
-        self._t[-1] = t_end
+        self._t0, self._h = stepper.t0, stepper.h
+        self._closed: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        shapes = {"t": (), "u": np.shape(u), "v": np.shape(v)}
+        self._files = None if directory is None else MappedRows(directory, shapes, rows)
+        arrays = self._files.arrays if self._files else {x: np.empty((rows, *shapes[x])) for x in shapes}
+        self.t, self.u, self.v = (arrays[x] for x in shapes)
+        self.t[0], self.u[0], self.v[0] = stepper.t0, u, v
+        self._commit(1, stepper)
         self._chunk_every = 1 if width else every
         #: Largest number of steps in a chunk.
         self.most = min(n_steps, max(1, _SCRATCH_VALUES // width)) if width else n_steps
         if self._chunk_every < every:
             shape = self.most, *np.shape(u)
-            self._counted, self._times = np.arange(1.0, self.most + 1), np.empty(self.most)
-            self._u, self._v = np.empty(shape), np.empty(shape)
+            self._t, self._u, self._v = np.empty(self.most), np.empty(shape), np.empty(shape)
+
+    def take(self, earlier: History, stepper: Stepper) -> None:
+        """Copy the states of an earlier part of the run, which ended at the state of `stepper`."""
+        rows = stepper.index // self.every + 1
+        for new, old in ((self.t, earlier.t), (self.u, earlier.u), (self.v, earlier.v)):
+            new[:rows] = old[:rows]
+        self._write_times(self.t[rows - 1 : rows], rows - 1, self.every)  # it may have been the earlier `t_end`
+        self._commit(rows, stepper)
 
     def advance(self, stepper: Stepper, count: int, cancel: Cancel) -> Chunk:
         """Take `count` steps, or fewer if a solve fails or `cancel` is set, and return them as a chunk."""
         first, every = stepper.index, self._chunk_every
         saved = slice(None)
+        begin = first // every + 1
         if every == self.every:
-            rows = slice(first // every + 1, (first + count) // every + 1)
-            t, u, v = self._t[rows], self.u[rows], self.v[rows]
+            rows = slice(begin, (first + count) // every + 1)
+            t, u, v = self.t[rows], self.u[rows], self.v[rows]
         else:
-            t, u, v = self._times_after(stepper, count), self._u[:count], self._v[:count]
+            t, u, v = self._t[:count], self._u[:count], self._v[:count]
             saved = slice(self.every - 1 - first % self.every, None, self.every)
         stepper.advance(count, every, u, v, cancel)
         chunk = Chunk(first, every, t, u, v, saved, stepper)
+        complete = chunk.until(stepper)
+        self._write_times(complete.t, begin, every)
         if not (stepper.is_over and every == 1):
-            return chunk.until(stepper)
-        rows = stepper.index - first  # the state at the event that ended the run follows them
-        t[rows], u[rows], v[rows] = stepper.t, stepper.u, stepper.v
-        return chunk._replace(t=t[: rows + 1], u=u[: rows + 1], v=v[: rows + 1])
+            return complete
+        taken = stepper.index - first  # the state at the event that ended the run follows the steps
+        t[taken], u[taken], v[taken] = stepper.t, stepper.u, stepper.v
+        return chunk._replace(t=t[: taken + 1], u=u[: taken + 1], v=v[: taken + 1])
 
-    def _times_after(self, stepper: Stepper, count: int) -> np.ndarray:
-        """Return the times after each of the next steps."""
-        t = self._times[:count]
-        np.add(self._counted[:count], stepper.index, out=t)
-        t *= stepper.h
-        t += stepper.t0
-        if stepper.index + count == self._n_steps:
+    def _write_times(self, t: np.ndarray, begin: int, every: int) -> None:
+        """Write the times after `every` times begin, begin + 1, ... steps."""
+        for first in range(0, len(t), len(_COUNTED)):
+            part = t[first : first + len(_COUNTED)]
+            np.add(_COUNTED[: len(part)], begin + first, out=part)
+            part *= every
+            part *= self._h
+            part += self._t0
+        if len(t) and (begin + len(t) - 1) * every == self._n_steps:
             t[-1] = self._t_end
-        return t
 
     def see(self, chunk: Chunk) -> None:
         """Save states of a chunk that contains every state."""
-        if chunk.every == self.every:
-            return  # the rows of the chunk are rows of the history
-        u, v = chunk.u[chunk.saved], chunk.v[chunk.saved]
-        begin = chunk.first // self.every + 1
-        self.u[begin : begin + len(u)], self.v[begin : begin + len(v)] = u, v
+        if chunk.every < self.every:  # otherwise the rows of the chunk are rows of the history
+            begin = chunk.first // self.every + 1
+            for all_rows, rows in ((self.t, chunk.t), (self.u, chunk.u), (self.v, chunk.v)):
+                saved = rows[chunk.saved]
+                all_rows[begin : begin + len(saved)] = saved
+        self._commit(chunk.stepper.index // self.every + 1, chunk.stepper)
+
+    def _commit(self, rows: int, stepper: Stepper) -> None:
+        if self._files:
+            counts = {"n_steps": stepper.index, "n_rhs": stepper.n_rhs, "n_iterations": stepper.n_iterations}
+            self._files.commit(rows, **counts, kernel_seconds=stepper.seconds)
+
+    def remove(self) -> None:
+        """Remove the files of the history, if it has any."""
+        if self._files:
+            self._files.remove()
 
     def close(self, stepper: Stepper) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return t, u and v of the saved states. The last one is the state of `stepper`."""
-        rows = n_rows(stepper.index + stepper.is_over, self.every)
-        self._t[rows - 1] = self._t_end if stepper.index == self._n_steps else stepper.t
-        self.u[rows - 1], self.v[rows - 1] = stepper.u, stepper.v
-        return self._t[:rows], self.u[:rows], self.v[:rows]
+        if self._closed is None:
+            rows = n_rows(stepper.index + stepper.is_over, self.every)
+            self.t[rows - 1] = self._t_end if stepper.index == self._n_steps else stepper.t
+            self.u[rows - 1], self.v[rows - 1] = stepper.u, stepper.v
+            if self._files:
+                self._commit(rows, stepper)
+                self._files.close()
+                self.t, self.u, self.v = (self._files.arrays[x] for x in "tuv")
+            self._closed = self.t[:rows], self.u[:rows], self.v[:rows]
+        return self._closed

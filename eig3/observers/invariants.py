@@ -1,6 +1,7 @@
 """Invariants: compiled functions that are evaluated at every step of a run."""
 
 import math
+from copy import copy
 
 import numpy as np
 
@@ -32,9 +33,7 @@ class Watch:
 
     def __init__(self, name: str, quantity: Quantity, stepper: Stepper, t_end: float) -> None:
         self.name, self._quantity, self._params = name, quantity, stepper.params
-        # The parts have unequal lengths, so that they do not all end in the same phase of a periodic motion.
-        self._ends = stepper.t0 + (t_end - stepper.t0) * (np.arange(1, _PARTS + 1) / _PARTS) ** 1.1
-        self._ends[-1] = np.inf
+        self._t0, self._ends = stepper.t0, _ends_of_parts(stepper.t0, t_end)
         # Row 0 of these arrays is the start, and each further row one of the parts.
         self._extremes = np.array([quantity.no_extremes()] * (_PARTS + 1))
         self._forward = np.array([np.atleast_1d(stepper.v) > 0] * (_PARTS + 1))  # the signs of v at the end
@@ -50,13 +49,31 @@ class Watch:
             self._forward[part + 1] = v[count - 1] > 0
             t, u, v = t[count:], u[count:], v[count:]
 
+    def extended(self, t: float, t_end: float) -> "Watch":
+        """Return an independent watch that has seen the same states, up to the time t, for a run up to `t_end`.
+
+        Its parts are those of a run up to `t_end`, but each that ends before t ends where one of the old parts does.
+        """
+        other = copy(self)
+        begun = np.append(-np.inf, self._ends[:-1]) < t
+        old = np.minimum(self._ends[begun], t)
+        new = _ends_of_parts(self._t0, t_end)
+        nearest = np.abs(old[:, None] - new[new < t]).argmin(axis=0)
+        other._ends = np.unique(np.concatenate([old[nearest], new[new >= t]]))
+        other._quantity = self._quantity.fork()
+        other._extremes = np.array([self._extremes[0]] + [self._quantity.no_extremes()] * len(other._ends))
+        other._forward = np.array([self._forward[0]] * (len(other._ends) + 1))
+        parts = np.searchsorted(other._ends, old)
+        for part in np.unique(parts):
+            rows = 1 + np.flatnonzero(parts == part)
+            other._extremes[part + 1, :, 0] = _overall(self._extremes[rows])
+            other._forward[part + 1] = self._forward[rows[-1]]
+        return other
+
     @property
     def extremes(self) -> Extremes:
         """The extremes of e over the steps so far."""
-        # np.argmin and np.argmax return the place of the first NaN, if there is one.
-        low, high, t_low, t_high = self._extremes[:, :, 0].T
-        lowest, highest = np.argmin(low), np.argmax(high)
-        return Extremes(*(float(x) for x in (low[lowest], high[highest], t_low[lowest], t_high[highest])))
+        return _overall(self._extremes)
 
     @property
     def drift(self) -> float:
@@ -78,9 +95,9 @@ class Watch:
         n_finite = int(np.argmin(np.append(np.isfinite(middle), False)))  # number of parts before e overflows
         steady = (np.diff(middle[:n_finite]) > 0).all()
         turns = (self._forward[1:] != self._forward[:-1]).sum(axis=0)
-        if n_finite < _PARTS / 4 or not steady or turns.max() < 2 or np.isnan(self.drift):
+        if n_finite < len(middle) / 4 or not steady or turns.max() < 2 or np.isnan(self.drift):
             return 0.0
-        if n_finite < _PARTS:
+        if n_finite < len(middle):
             return math.inf
         growth = float(middle[-1] - middle[0])
         size = abs(self._start) or abs(float(middle[0])) or growth
@@ -99,3 +116,18 @@ class Watch:
             f"{self.name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is "
             f"{unstable} here: take a smaller h, or a method that is stable for this system."
         )
+
+
+def _ends_of_parts(t0: float, t_end: float) -> np.ndarray:
+    # The parts have unequal lengths, so that they do not all end in the same phase of a periodic motion.
+    ends = t0 + (t_end - t0) * (np.arange(1, _PARTS + 1) / _PARTS) ** 1.1
+    ends[-1] = np.inf
+    return ends
+
+
+def _overall(parts: np.ndarray) -> Extremes:
+    """Return the extremes over some parts."""
+    # np.argmin and np.argmax return the place of the first NaN, if there is one.
+    low, high, t_low, t_high = parts[:, :, 0].T
+    lowest, highest = np.argmin(low), np.argmax(high)
+    return Extremes(*(float(x) for x in (low[lowest], high[highest], t_low[lowest], t_high[highest])))

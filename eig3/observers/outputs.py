@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from ..extremes import Extremes
@@ -40,6 +42,19 @@ class Output:
             self._saved += len(saved)
             self._latest = values[-1].copy()
         self._seen = chunk.stepper.index
+
+    def extended(self, rows: int, saved: int) -> Output:
+        """Return an independent output for a longer run, which keeps the first `saved` of its values."""
+        other = copy(self)
+        other._quantity, other._extremes = self._quantity.fork(), self._extremes.copy()
+        other._values = np.empty((rows, *self._values.shape[1:]))
+        other._values[:saved], other._saved = self._values[:saved], saved
+        return other
+
+    @property
+    def width(self) -> int:
+        """Number of values."""
+        return self._quantity.width
 
     @property
     def extremes(self) -> Extremes:

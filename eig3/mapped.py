@@ -1,0 +1,218 @@
+"""Rows of numbers in memory-mapped .npy files, which may be larger than memory and outlive a process that is killed."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+COUNTS = "counts.npy"  # the file with the number of rows, and with what a run has counted up to there
+_COUNTS = np.dtype(
+    [
+        *((name, "<i8") for name in ("rows", "n_steps", "n_rhs", "n_iterations", "n_rejected")),
+        ("kernel_seconds", "<f8"),
+    ]
+)
+_FIRST_ROWS = 1024  # for which space is reserved when rows are appended
+_MOST_BYTES = 2**26  # for which space is reserved at a time in a file whose rows are appended
+_NO_FALLOCATE = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)  # errors of a file system that cannot reserve space
+
+
+def check_directory(path: Path) -> None:
+    """Raise a FileExistsError if there is something that the files of a run could overwrite."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        what = "holds files" if path.is_dir() else "is a file"
+        raise FileExistsError(f"save_to must name a new or an empty directory, but {path} {what}: name another one.")
+
+
+class MappedRows:
+    """Arrays whose rows are in the files of a directory, one .npy file for each array.
+
+    The process may be killed at any time. The file `COUNTS` then has the number of rows that are complete. It is
+    written after the rows, so that it never counts a row that is not there.
+
+    Parameters
+    ----------
+    directory : Path
+        It is made if it does not exist.
+    shapes : dict of str to tuple of int
+        The shape of a row of each array, by the names of the arrays.
+    rows : int
+        Number of rows to reserve space for.
+
+    Attributes
+    ----------
+    arrays : dict of str to ndarray
+        The reserved rows. `append` and `reserve` replace these arrays by longer ones, and `close` by shorter ones.
+    count : int
+        Number of rows that are complete.
+
+    Raises
+    ------
+    FileExistsError
+        If the directory is not empty.
+    OSError
+        If the disk is full. No file is left.
+    """
+
+    def __init__(self, directory: Path, shapes: Mapping[str, tuple[int, ...]], rows: int = _FIRST_ROWS) -> None:
+        check_directory(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+        self.directory, self.count = directory, 0
+        self._files: dict[str, _RowFile] = {}
+        try:
+            for name, shape in shapes.items():
+                self._files[name] = _RowFile(directory / f"{name}.npy", shape)
+            self.reserve(rows)
+            self._counts = (directory / COUNTS).open("x+b", buffering=0)
+            self.commit(0)
+        except BaseException:
+            self.remove()
+            raise
+
+    def remove(self) -> None:
+        """Remove the files."""
+        for file in self._files.values():
+            file.remove()
+        (self.directory / COUNTS).unlink(missing_ok=True)
+
+    def reserve(self, rows: int) -> None:
+        """Reserve the space of this number of rows on the disk.
+
+        Raises
+        ------
+        OSError
+            If the disk is full. The rows up to now stay as they are.
+        """
+        try:
+            for file in self._files.values():
+                file.reserve(rows)
+        except OSError as error:
+            needed = sum(file.row_bytes for file in self._files.values()) * rows
+            raise OSError(
+                error.errno,
+                f"the history in {self.directory} needs {needed:.3g} bytes for {rows} rows, for which the disk has no "
+                f"space ({error.strerror}); free some, or take a larger save_every or a directory on another disk",
+            ) from error
+        self._refer()
+
+    def append(self, **blocks: np.ndarray) -> None:
+        """Add rows to each array, by name. They are not counted before `commit`."""
+        end = self.count + len(next(iter(blocks.values())))
+        held = min(len(array) for array in self.arrays.values())
+        if end > held:
+            most = _MOST_BYTES // max(file.row_bytes for file in self._files.values())
+            self.reserve(max(end, held + min(held, max(1, most))))
+        for name, block in blocks.items():
+            self.arrays[name][self.count : end] = block
+        self.count = end
+
+    def commit(self, count: int, **counts: float) -> None:
+        """Say that the first `count` rows are complete, and what the run has counted up to there."""
+        self.count = count
+        record = np.zeros((), _COUNTS)
+        for name, value in {"rows": count, **counts}.items():
+            record[name] = value
+        # One write to the system's cache: a process that is killed has done all of it or nothing.
+        self._counts.seek(0)
+        self._counts.write(_header(record.dtype, ()) + record.tobytes())
+
+    def close(self) -> None:
+        """Cut the files after the last row. The arrays are then maps of the files that can only be read."""
+        for file in self._files.values():
+            file.close(self.count)
+        self._counts.close()
+        self._refer()
+
+    def _refer(self) -> None:
+        self.arrays = {name: file.array for name, file in self._files.items()}
+
+
+def is_mapped(directory: Path) -> bool:
+    """Return whether a directory has the files of `MappedRows`."""
+    return (directory / COUNTS).is_file()
+
+
+def read_mapped(directory: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return the complete rows of the arrays with these names, and what the run has counted up to there.
+
+    The arrays can only be read. Those without a file are left out.
+
+    Raises
+    ------
+    OSError, ValueError
+        If a file is missing or damaged.
+    """
+    record = np.load(directory / COUNTS)
+    counts = {name: record[name].item() for name in record.dtype.names}
+    rows = counts.pop("rows")
+    files = {name: directory / f"{name}.npy" for name in names}
+    arrays = {name: np.load(path, mmap_mode="r") for name, path in files.items() if path.exists()}
+    for name, array in arrays.items():
+        if len(array) < rows:
+            raise ValueError(f"{name}.npy has {len(array)} rows, not {rows}.")
+    return {name: array[:rows] for name, array in arrays.items()}, counts
+
+
+class _RowFile:
+    """A .npy file of float64 whose number of rows can change."""
+
+    def __init__(self, path: Path, shape: tuple[int, ...]) -> None:
+        self.path, self._shape = path, shape
+        self.row_bytes = 8 * int(np.prod(shape))
+        self._file: BinaryIO = path.open("x+b", buffering=0)
+        self._offset = self._write_header(0)
+        self.array = np.empty((0, *shape))
+
+    def reserve(self, rows: int) -> None:
+        # A write to a map of a file without space on the disk would end the process with SIGBUS.
+        _reserve(self._file, self._offset + rows * self.row_bytes)
+        self._write_header(rows)
+        self.array = np.asarray(np.memmap(self._file, np.float64, "r+", self._offset, (rows, *self._shape)))
+
+    def close(self, rows: int) -> None:
+        self._write_header(rows)
+        self.array = np.empty((0, *self._shape))  # a system may refuse to cut a file that is mapped
+        self._file.truncate(self._offset + rows * self.row_bytes)
+        self._file.close()
+        self.array = np.load(self.path, mmap_mode="r")
+
+    def remove(self) -> None:
+        self._file.close()
+        self.path.unlink()
+
+    def _write_header(self, rows: int) -> int:
+        """Write the header, whose length does not depend on the number of rows, and return its length."""
+        self._file.seek(0)
+        return self._file.write(_header(np.dtype("<f8"), (rows, *self._shape)))
+
+
+def _header(dtype: np.dtype, shape: tuple[int, ...]) -> bytes:
+    """Return the header of a .npy file. NumPy leaves space in it for the number of rows to grow."""
+    buffer = io.BytesIO()
+    description = np.lib.format.dtype_to_descr(dtype)
+    np.lib.format.write_array_header_1_0(buffer, {"descr": description, "fortran_order": False, "shape": shape})
+    return buffer.getvalue()
+
+
+def _reserve(file: BinaryIO, size: int) -> None:
+    """Make a file at least this long, with space on the disk for all of it."""
+    held = os.fstat(file.fileno()).st_size
+    if size <= held:
+        return
+    if hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(file.fileno(), held, size - held)
+            return
+        except OSError as error:
+            if error.errno not in _NO_FALLOCATE:
+                raise
+    zeros = memoryview(bytes(2**20))
+    file.seek(held)
+    while held < size:
+        held += file.write(zeros[: size - held])

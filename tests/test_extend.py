@@ -1,0 +1,192 @@
+"""Runs that go on: `extend` gives the numbers of one run over the whole span, to the last bit."""
+
+import copy
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+import eig3
+
+from .conftest import coupled, hardening, hardening_chain, oscillator
+
+H = 2.0**-6  # exact in binary, so that every span has the same step
+
+SCALAR = {"rhs": oscillator, "u0": 1.0, "v0": 0.0, "params": (2.0, 0.1)}
+VECTOR = {"rhs": coupled, "u0": [1.0, 2.0, 3.0], "v0": [0.0, 1.0, 0.0], "params": (1.0, 2.0, 3.0)}
+SCALAR_WITHOUT_V = {"rhs": hardening, "u0": 1.0, "v0": 0.0, "params": (2.0,)}
+VECTOR_WITHOUT_V = {"rhs": hardening_chain, "u0": [1.0, 2.0, 3.0], "v0": [0.0] * 3, "params": (1.0, 2.0, 3.0)}
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return u * u + v * v
+
+
+@eig3.jit
+def steady(t, u, v, p):
+    return t + 0.1 * u
+
+
+@eig3.jit
+def forces(t, u, v, p, out):
+    out[0], out[1] = u * t, v
+
+
+def integrate(system, t_end, **options):
+    start = system["rhs"], (1.0, t_end), system["u0"], system["v0"]
+    return eig3.integrate(*start, params=system["params"], **{"h": H, **options})
+
+
+def assert_same(one, other):
+    for name in ("t", "u", "v"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for name in ("h", "n_steps", "n_rhs", "n_iterations", "status", "message", "drift"):
+        assert getattr(one, name) == getattr(other, name), name
+    for each in ("outputs", "extremes"):
+        ours, theirs = getattr(one, each), getattr(other, each)
+        assert list(ours) == list(theirs)
+        for name in ours:
+            np.testing.assert_array_equal(ours[name], theirs[name])
+
+
+@pytest.mark.parametrize("save_every", [1, 7, None])
+@pytest.mark.parametrize("form", ["scalar", "vector"])
+@pytest.mark.parametrize("method", ["eig3", "cd", "ab3", "eig9", "rk8", "bm6"])
+def test_an_extended_run_is_one_run(method, form, save_every):
+    system = SCALAR if form == "scalar" else VECTOR
+    if method == "bm6":
+        system = SCALAR_WITHOUT_V if form == "scalar" else VECTOR_WITHOUT_V
+    options = {"method": method, "save_every": save_every}
+    # Ends in the first steps, which another method may take, and at and between the rows of save_every.
+    first = integrate(system, 1.0 + 3 * H, **options)
+    before = first.t.copy(), first.u.copy()
+    extended = first.extend(1.0 + 70 * H).extend(1.0 + 71 * H).extend(1.0 + 200 * H)
+    assert_same(extended, integrate(system, 1.0 + 200 * H, **options))
+    np.testing.assert_array_equal(first.t, before[0])
+    np.testing.assert_array_equal(first.u, before[1])
+
+
+@pytest.mark.parametrize("save_every", [1, 7, None])
+def test_invariants_and_outputs_go_on(save_every):
+    options = {"invariants": {"energy": energy}, "outputs": {"f": (forces, 2)}, "save_every": save_every}
+    first = integrate(SCALAR, 1.0 + 100 * H, **options)
+    whole = integrate(SCALAR, 1.0 + 1000 * H, **options)
+    assert_same(first.extend(1.0 + 1000 * H), whole)
+    assert_same(first.extend(1.0 + 500 * H).extend(1.0 + 1000 * H), whole)  # `first` is still at its own end
+
+
+def test_events_go_on():
+    options = {"events": {"zero": eig3.Event(crossing)}}
+    whole = integrate(SCALAR, 1.0 + 1000 * H, **options)
+    extended = integrate(SCALAR, 1.0 + 300 * H, **options).extend(1.0 + 1000 * H)
+    assert_same(extended, whole)
+    assert len(whole.events["zero"]) > 5
+    np.testing.assert_array_equal(extended.events["zero"].t, whole.events["zero"].t)
+
+
+@eig3.jit
+def crossing(t, u, v, p):
+    return u
+
+
+@pytest.mark.parametrize("ends", [(30.0,), (21.0, 40.0), (199.0,), (3.0, 5.0, 9.0, 17.0, 33.0)])
+def test_a_steady_growth_is_noted_over_the_whole_span(ends):
+    # A harmonic motion, so that velocities change their sign, and a quantity that grows by 200 over the run.
+    options = {"invariants": {"e": steady}}
+    run = integrate(SCALAR | {"params": (2.0, 0.0)}, ends[0], **options)
+    for t_end in (*ends[1:], 201.0):
+        run = run.extend(t_end)
+    whole = integrate(SCALAR | {"params": (2.0, 0.0)}, 201.0, **options)
+    assert len(whole.notes) == 1
+    assert run.notes == whole.notes
+
+
+def test_a_blow_up_is_judged_over_the_whole_span():
+    # omega h = 2.1 is beyond the limit 2: the motion grows by 1.88 in a step, beyond doubt after some more steps.
+    system, options = SCALAR | {"params": (1.0, 0.0)}, {"h": 2.1, "method": "cd"}
+    first = integrate(system, 1.0 + 2.1 * 5, **options)
+    assert first.success
+    whole = integrate(system, 1.0 + 2.1 * 100, **options)
+    extended = first.extend(1.0 + 2.1 * 100)
+    assert whole.status is extended.status is eig3.Status.DIVERGED
+    with pytest.raises(ValueError, match="DIVERGED cannot be extended"):
+        extended.extend(1000.0)
+
+
+def test_an_interrupted_run_goes_on_from_where_it_stopped():
+    cancel = threading.Event()
+    cancel.set()
+    none = integrate(SCALAR, 1.0 + 100 * H, cancel=cancel)
+    assert (none.status, none.n_steps) == (eig3.Status.INTERRUPTED, 0)
+    assert_same(none.extend(1.0 + 100 * H), integrate(SCALAR, 1.0 + 100 * H))
+    stopped = integrate(SCALAR, 1.0 + 100 * H).extend(1.0 + 200 * H, cancel=cancel)
+    assert (stopped.status, stopped.n_steps) == (eig3.Status.INTERRUPTED, 100)
+    assert_same(stopped.extend(1.0 + 200 * H), integrate(SCALAR, 1.0 + 200 * H))
+    with pytest.raises(eig3.IntegrationError) as caught:
+        stopped.extend(1.0 + 200 * H, cancel=cancel, raise_on_failure=True)
+    assert caught.value.solution.n_steps == 100
+
+
+@pytest.mark.parametrize(
+    ("t_end", "nearest"),
+    [(2.01, 2 + H), (2 + 1.4 * H, 2 + H), (2 + 1.6 * H, 2 + 2 * H), (2.0, 2 + H), (1.5, 2 + H), (-1e3, 2 + H)],
+)
+def test_the_new_end_is_a_whole_number_of_steps_later(t_end, nearest):
+    run = integrate(SCALAR, 2.0)
+    with pytest.raises(ValueError, match=rf"t_end must be a whole number of steps .* take t_end={nearest!r}\.$"):
+        run.extend(t_end)
+    assert run.extend(nearest).t[-1] == nearest
+
+
+def test_round_off_in_the_new_end_is_accepted():
+    run = integrate(SCALAR, 2.0, h=0.1)
+    extended = run.extend(3.3)
+    assert extended.t[-1] == 3.3
+    assert extended.n_steps == 23
+    assert extended.t[10] == 1.0 + 10 * extended.h  # no longer the given end of the first run
+
+
+@pytest.mark.parametrize("t_end", [np.inf, np.nan, "3", [3.0]])
+def test_the_new_end_must_be_a_finite_number(t_end):
+    with pytest.raises((TypeError, ValueError), match="t_end must be"):
+        integrate(SCALAR, 2.0).extend(t_end)
+
+
+def test_what_cannot_be_extended_says_why(tmp_path):
+    run = integrate(SCALAR, 2.0)
+    lost = [copy.copy(run), copy.deepcopy(run), pickle.loads(pickle.dumps(run)), eig3.load(run.save(tmp_path / "run"))]
+    lost.append(eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[[2.0, 0.1]])[1])
+    for solution in lost:
+        with pytest.raises(ValueError, match="this solution cannot be extended: it was copied or loaded"):
+            solution.extend(3.0)
+    with pytest.raises(ValueError, match="t_eval cannot be extended"):
+        integrate(SCALAR, 2.0, t_eval=[1.5]).extend(3.0)
+
+
+@eig3.jit
+def failing(t, u, v, p):
+    if t > 1.5:
+        raise ValueError("beyond the table")
+    return -u
+
+
+def test_a_run_that_raised_cannot_be_extended():
+    with pytest.raises(ValueError, match="beyond the table") as caught:
+        integrate(SCALAR | {"rhs": failing}, 2.0)
+    with pytest.raises(ValueError, match="ended with an exception"):
+        caught.value.solution.extend(3.0)
+    with pytest.raises(ValueError, match="beyond the table") as caught:
+        integrate(SCALAR | {"rhs": failing}, 1.0 + H).extend(3.0)
+    assert caught.value.solution.t[-1] <= 1.5
+
+
+def test_problems_with_integrals_are_extended():
+    problem = eig3.problems.shear_building(work=True)
+    whole = problem.integrate(h=2.0**-10, t_end=0.25)
+    extended = problem.integrate(h=2.0**-10, t_end=0.125).extend(0.1875).extend(0.25)
+    assert_same(extended, whole)
+    assert extended.labels == whole.labels
+    np.testing.assert_array_equal(extended.integrals["work"], whole.integrals["work"])
+    assert extended.u.shape[1] == np.size(problem.u0)

@@ -1,0 +1,331 @@
+"""Histories in files: they are those of runs in memory, and a process that is killed leaves what it had computed."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3.mapped import COUNTS, MappedRows, read_mapped
+
+from .conftest import coupled, oscillator
+
+H = 2.0**-6
+SCALAR = (oscillator, (0.0, 10.0), 1.0, 0.0), {"params": (2.0, 0.1), "h": H}
+VECTOR = (coupled, (0.0, 10.0), [1.0, 2.0, 3.0], [0.0] * 3), {"params": (1.0, 2.0, 3.0), "h": H}
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return u * u + v * v
+
+
+@eig3.jit
+def failing(t, u, v, p):
+    if t > 5:
+        raise ValueError("beyond the table")
+    return -u
+
+
+def assert_same(one, other):
+    for name in ("t", "u", "v"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for name in ("h", "n_steps", "n_rhs", "n_iterations", "status", "message", "drift", "extremes", "notes", "labels"):
+        assert getattr(one, name) == getattr(other, name), name
+    for each in ("outputs", "integrals"):
+        assert list(getattr(one, each)) == list(getattr(other, each))
+        for name, values in getattr(one, each).items():
+            np.testing.assert_array_equal(values, getattr(other, each)[name])
+
+
+@pytest.mark.parametrize("save_every", [1, 7, None])
+@pytest.mark.parametrize(("system", "watched"), [(SCALAR, False), (SCALAR, True), (VECTOR, False)])
+def test_a_history_in_files_is_that_in_memory(system, watched, save_every, tmp_path):
+    arguments, options = system
+    functions = {"invariants": {"e": energy}, "outputs": {"o": energy}} if watched else {}
+    options = {**options, **functions, "save_every": save_every}
+    run = eig3.integrate(*arguments, **options, save_to=tmp_path / "new" / "run")
+    memory = eig3.integrate(*arguments, **options)
+    loaded = eig3.load(tmp_path / "new" / "run")
+    for each in (run, loaded):
+        assert_same(each, memory)
+        assert isinstance(each.u, np.memmap)
+        with pytest.raises(ValueError, match="read-only"):
+            each.u[0] = 0.0
+    assert loaded.kernel_seconds == run.kernel_seconds
+    assert repr(loaded) == repr(run)
+    for name in ("t", "u", "v"):  # without eig3 too
+        np.testing.assert_array_equal(np.load(tmp_path / "new" / "run" / f"{name}.npy"), getattr(memory, name))
+    np.testing.assert_array_equal(run.at(1.234), memory.at(1.234))
+    assert_same(eig3.load(loaded.save(tmp_path / "file")), memory)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "status"),
+    [
+        ((oscillator, (0.0, 1e4), 1.0, 0.0), {"params": (2.0, 0.0), "h": 1.5}, "DIVERGED"),
+        ((oscillator, (0.0, 10.0), 1.0, 0.0), {"params": (2.0, 0.0), "h": H, "events": True}, "TERMINATED"),
+    ],
+)
+def test_the_files_end_where_the_run_ended(arguments, options, status, tmp_path):
+    if "events" in options:
+        options = {**options, "events": {"slow": eig3.Event(crossing, terminal=True)}}
+    run = eig3.integrate(*arguments, **options, save_to=tmp_path)
+    memory = eig3.integrate(*arguments, **options)
+    loaded = eig3.load(tmp_path)
+    assert loaded.status is eig3.Status[status]
+    assert_same(run, memory)
+    assert_same(loaded, memory)
+    for name, occurrences in memory.events.items():
+        np.testing.assert_array_equal(loaded.events[name].t, occurrences.t)
+    assert len(np.load(tmp_path / "u.npy")) == len(memory.u)
+
+
+@eig3.jit
+def crossing(t, u, v, p):
+    return u + 0.5
+
+
+def test_problems_with_integrals_are_saved_with_their_names(tmp_path):
+    problem = eig3.problems.shear_building(work=True)
+    memory = problem.integrate(h=1e-3, t_end=0.1)
+    assert_same(problem.integrate(h=1e-3, t_end=0.1, save_to=tmp_path / "run"), memory)
+    assert_same(eig3.load(tmp_path / "run"), memory)
+    extended = problem.integrate(h=1e-3, t_end=0.05).extend(0.1, save_to=tmp_path / "extended")
+    assert_same(eig3.load(tmp_path / "extended"), extended)
+    np.testing.assert_array_equal(extended.u, memory.u)
+
+
+def test_extended_runs_go_from_files_to_files(tmp_path):
+    arguments, options = SCALAR
+    first = eig3.integrate(*arguments, **options, save_every=7, save_to=tmp_path / "first")
+    extended = first.extend(20.0, save_to=tmp_path / "second").extend(30.0)
+    whole = eig3.integrate(arguments[0], (0.0, 30.0), *arguments[2:], **options, save_every=7)
+    assert_same(extended, whole)
+    assert eig3.load(tmp_path / "second").t[-1] == 20.0
+    assert eig3.load(tmp_path / "first").t[-1] == 10.0
+
+
+def test_an_exception_leaves_the_rows_before_it(tmp_path):
+    with pytest.raises(ValueError, match="beyond the table") as caught:
+        eig3.integrate(failing, (0.0, 10.0), 1.0, 0.0, h=H, save_to=tmp_path)
+    loaded = eig3.load(tmp_path)
+    assert loaded.status is eig3.Status.INTERRUPTED
+    assert "raised ValueError" in loaded.message
+    assert loaded.t[-1] == 5.0
+    assert_same(loaded, caught.value.solution)
+
+
+KILLED = """
+    import sys
+    import eig3
+
+    @eig3.jit
+    def scalar(t, u, v, p):
+        return -u
+
+    @eig3.jit
+    def vector(t, u, v, p, a):
+        for j in range(u.size):
+            a[j] = -(j + 1) * u[j]
+
+    @eig3.jit
+    def energy(t, u, v, p):
+        return u[0] * u[0] + v[0] * v[0]
+
+    def run(form, n_steps, **options):
+        options |= {"h": 2.0**-6, "save_every": 1000}
+        span = 0.0, n_steps * options["h"]
+        if form == "scalar":
+            return eig3.integrate(scalar, span, 1.0, 0.0, **options)
+        return eig3.integrate(vector, span, [1.0, 2.0], [0.0, 0.0], invariants={"e": energy}, **options)
+
+    if __name__ == "__main__":
+        run(sys.argv[1], 10**9, save_to=sys.argv[2])
+"""
+
+
+@pytest.mark.parametrize("form", ["scalar", "vector"])
+def test_a_killed_process_leaves_what_it_had_computed(form, tmp_path):
+    script = tmp_path / "killed.py"
+    script.write_text(textwrap.dedent(KILLED))
+    directory = tmp_path / "run"
+    process = subprocess.Popen([sys.executable, script, form, directory])
+    try:
+        while not (directory / COUNTS).exists() or len(eig3.load(directory).t) < 2:
+            assert process.poll() is None
+            time.sleep(0.01)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert process.returncode == -signal.SIGKILL
+    loaded = eig3.load(directory)
+    assert loaded.status is eig3.Status.INTERRUPTED
+    assert loaded.message.startswith(f"The process of this run was killed after t = {loaded.t[-1]:g},")
+    assert 1 < len(loaded.t) < 10**6
+    assert len(loaded.t) == loaded.n_steps // 1000 + 1
+    assert loaded.n_rhs == loaded.n_steps + 1
+    assert loaded.drift == {}
+    functions: dict = {}
+    exec(script.read_text(), functions)
+    whole = functions["run"](form, loaded.n_steps)
+    rows = len(loaded.t)
+    for name in ("t", "u", "v"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(whole, name)[:rows])
+
+
+def fail_after(limit):
+    """Return a posix_fallocate for a disk with space for `limit` bytes."""
+    given = 0
+
+    def reserve(file, offset, size):
+        nonlocal given
+        given += size
+        if given > limit:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        fallocate(file, offset, size)
+
+    fallocate = os.posix_fallocate
+    return reserve
+
+
+@pytest.mark.parametrize("limit", [0, 10_000])
+def test_a_full_disk_is_an_error_before_the_run(limit, tmp_path, monkeypatch):
+    arguments, options = SCALAR
+    monkeypatch.setattr(os, "posix_fallocate", fail_after(limit))
+    with pytest.raises(
+        OSError, match=r"history in .* needs 1\.54e\+04 bytes for 641 rows.* larger save_every"
+    ) as caught:
+        eig3.integrate(*arguments, **options, save_to=tmp_path)
+    assert caught.value.errno == errno.ENOSPC
+    assert not any(tmp_path.iterdir())
+    assert eig3.integrate(*arguments, **options, save_every=None, save_to=tmp_path).success is True
+
+
+def test_too_little_free_space_is_an_error_that_names_a_save_every(tmp_path, monkeypatch):
+    arguments, options = SCALAR
+    monkeypatch.setattr("shutil.disk_usage", lambda path: Usage)
+    with pytest.raises(OSError, match=r"needs 1\.54e\+04 bytes and the disk of .* has 6e\+03 free; save_every=3 would"):
+        eig3.integrate(*arguments, **options, save_to=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    assert eig3.integrate(*arguments, **options, save_every=3, save_to=tmp_path / "run").success
+
+
+class Usage:
+    free = 6000
+
+
+def test_the_free_memory_is_no_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("eig3.memory.available_memory", lambda: 1e5)
+    arguments, options = SCALAR
+    options = {**options, "h": 1e-4}
+    with pytest.raises(MemoryError):
+        eig3.integrate(*arguments, **options)
+    assert len(eig3.integrate(*arguments, **options, save_to=tmp_path).t) == 100_001
+
+
+def test_a_full_disk_at_the_end_loses_nothing(tmp_path, monkeypatch):
+    arguments, options = SCALAR
+    writes = iter([False, True, True])
+    savez = np.savez
+
+    def full(*files, **arrays):
+        if next(writes):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        savez(*files, **arrays)
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        eig3.integrate(*arguments, **options, save_to=tmp_path)
+    assert len(caught.value.solution.t) == 641
+    loaded = eig3.load(tmp_path)
+    assert loaded.status is eig3.Status.INTERRUPTED
+    np.testing.assert_array_equal(loaded.u, caught.value.solution.u)
+
+
+LIMITED = """
+    import pathlib, resource, sys
+    import numpy as np
+    from eig3.mapped import MappedRows
+
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+    rows = MappedRows(pathlib.Path(sys.argv[1]), {"t": (), "u": (3,)})
+    block = np.arange(500.0)
+    try:
+        while True:
+            rows.append(t=rows.count + block, u=np.ones((500, 1)) * [0, 1, 2] + rows.count)
+            rows.commit(rows.count, n_steps=2 * rows.count)
+    except OSError as error:
+        print(error)
+"""
+
+
+def test_appended_rows_are_kept_when_the_disk_is_full(tmp_path):
+    run = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(LIMITED), tmp_path], capture_output=True, text=True, check=True
+    )
+    assert "disk has no space (File too large); free some" in run.stdout
+    arrays, counts = read_mapped(tmp_path, ["t", "u", "steps"])
+    rows = len(arrays["t"])
+    assert list(arrays) == ["t", "u"]
+    assert 1000 <= rows <= 200_000 / 24
+    assert counts["n_steps"] == 2 * rows
+    np.testing.assert_array_equal(arrays["t"], np.arange(rows))
+    np.testing.assert_array_equal(arrays["u"][:, 2], 2 + np.arange(rows) // 500 * 500)
+
+
+@pytest.mark.parametrize("code", [None, errno.EOPNOTSUPP])
+def test_zeros_reserve_the_space_where_the_system_cannot(code, tmp_path, monkeypatch):
+    def refuse(*arguments):
+        raise OSError(code, os.strerror(code))
+
+    if code is None:
+        monkeypatch.delattr(os, "posix_fallocate")
+    else:
+        monkeypatch.setattr(os, "posix_fallocate", refuse)
+    rows = MappedRows(tmp_path, {"u": (2,)}, 200_000)
+    file = tmp_path / "u.npy"
+    assert file.stat().st_size == 128 + 16 * 200_000
+    assert 512 * file.stat().st_blocks >= 16 * 200_000  # it is not sparse
+    rows.arrays["u"][:] = 1.0
+    rows.commit(150_000)
+    rows.close()
+    assert file.stat().st_size == 128 + 16 * 150_000
+    assert np.load(file).sum() == 300_000
+
+
+def test_a_directory_that_holds_something_is_refused(tmp_path):
+    arguments, options = SCALAR
+    (tmp_path / "file").write_text("")
+    for save_to in (tmp_path, tmp_path / "file"):
+        with pytest.raises(FileExistsError, match=r"save_to must name a new or an empty directory, but .*another one"):
+            eig3.integrate(*arguments, **options, save_to=save_to)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_what_save_to_does_not_take(tmp_path):
+    arguments, options = SCALAR
+    with pytest.raises(TypeError, match="save_to must be the path of a directory, not 3"):
+        eig3.integrate(*arguments, **options, save_to=3)
+    with pytest.raises(ValueError, match="save_to and t_eval exclude each other"):
+        eig3.integrate(*arguments, **options, t_eval=[1.0], save_to=tmp_path)
+    with pytest.raises(TypeError, match="save_to is for single runs"):
+        eig3.ensemble(*arguments, **options, save_to=tmp_path)
+    with pytest.raises(ValueError, match="is not a directory that save_to has written"):
+        eig3.load(tmp_path)
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["u.npy", "run.npz", COUNTS])
+def test_damage_is_found(name, tmp_path):
+    arguments, options = SCALAR
+    eig3.integrate(*arguments, **options, save_to=tmp_path)
+    os.truncate(tmp_path / name, (tmp_path / name).stat().st_size // 2)
+    with pytest.raises(ValueError, match="damaged"):
+        eig3.load(tmp_path)
