@@ -175,7 +175,7 @@ def render_tolerances(result: WorkPrecisionSet, metric: str) -> str:
     for name, is_chosen in others.items():
         theirs = [fastest(result, metric, target, is_chosen) for target in targets]
         pairs = zip(ours, theirs, strict=True)
-        rows.append([name, *(text.number(one.seconds / two.seconds) if one and two else "-" for one, two in pairs)])
+        rows.append([name, *(text.number(one.seconds / two.seconds, 2) if one and two else "-" for one, two in pairs)])
     header = [f"fastest with tolerances ({metric}) / fastest of", *(f"{target:g}" for target in targets)]
     return text.table(header, rows)
 
