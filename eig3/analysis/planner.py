@@ -263,7 +263,8 @@ def _choose(first: Search, records: list[Method]) -> list[Prediction]:
         if reason:
             ruled_out.append(_failure(method, _RULED_OUT + reason))
     failed = [_failed(search) for search in variable if not search.steps]
-    return _timed([search for search in [*variable, *tried] if search.steps]) + failed + ruled_out
+    found: list[AnySearch] = [*variable, *tried]
+    return _timed([search for search in found if search.steps]) + failed + ruled_out
 
 
 def _ruled_out(method: Method, tried: Sequence[Search], best: AnySearch) -> str:

@@ -7,9 +7,9 @@ import math
 from ..methods import RK5, RK8, Method
 from ..tolerances import LEAST_RTOL
 from .pilots import Pilots, Run
-from .search import Search
+from .search import Timed
 
-VARIABLE = (RK8(), RK5())  # the methods that are tried with tolerances
+VARIABLE: tuple[Method, ...] = (RK8(), RK5())  # the methods that are tried with tolerances
 _MOST_RUNS = 8
 _GOAL = 0.8  # the next run aims at this fraction of the aim: the error is not a smooth function of rtol
 _ENOUGH = 0.5  # an error of at least this fraction of the aim ends the search
@@ -42,7 +42,7 @@ class ToleranceSearch:
         self.failure = ""
         self.pace = math.inf
 
-    def run(self, other: Search, *, longest: float) -> None:
+    def run(self, other: Timed, *, longest: float) -> None:
         """Run until rtol is known. A run takes at most `longest` seconds, or does a small amount of work.
 
         `other` gives the time of an evaluation.
