@@ -13,6 +13,7 @@ from eig3 import problems
 from eig3.kernels import bm6, rk8
 from eig3.methods import EIG, METHODS, Method
 from eig3.problem import Problem
+from eig3.problems.bouncing_ball import impact_times
 from eig3.problems.hertz_impact import contact_time
 from eig3.problems.single_dof import particular
 from eig3.stability import limit, spectral_radius
@@ -80,6 +81,10 @@ def within(what: str, expected: float, measured: float, factor: float) -> Findin
 
 def at_most(what: str, bound: float, measured: float) -> Finding:
     return Finding(what, f"<= {bound:.4g}", f"{measured:.4g}", measured <= bound)
+
+
+def ended(expected: eig3.Status, solution: eig3.Solution) -> Finding:
+    return Finding("how the run ends", expected.value, solution.status.value, solution.status is expected)
 
 
 # Runs -----------------------------------------------------------------------------------------------------------------
@@ -544,3 +549,116 @@ def _error_of_whirled(method: Method, h: float) -> float:
 
 def _rms(errors: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.abs(errors) ** 2)))
+
+
+@case(22, "order and drift with tolerances", "rk5", "rk8", "eig3")
+def order_with_tolerances(method: Method) -> Iterator[Finding]:
+    """The order: errors against the mean step, for two tolerances. The drift: that of the hardening spring's energy.
+
+    Each step changes the energy a little, by its place in the period. Over each period this has a mean, so that twice
+    the time has twice the drift; also with EIG-3, which keeps the energy with a fixed step.
+    """
+    problem = problems.single_dof(xi=0.02, force=1.0, force_omega=3.0, t_end=50.0)
+    times = np.linspace(0, 50, 201)
+    exact = problem.exact(times)[0]
+    runs = [problem.integrate(rtol=rtol, method=method, t_eval=times, invariants={}) for rtol in (1e-8, 1e-10)]
+    errors = [_rms(run.u - exact) for run in runs]
+    order = math.log(errors[0] / errors[1]) / math.log(runs[0].h / runs[1].h)
+    yield near("order on single_dof", method.order, order, tolerance=0.3)
+    spring = problems.hardening_spring()
+    drifts = [
+        spring.integrate(rtol=1e-7, method=method, t_end=t_end, save_every=None).drift["energy"]
+        for t_end in (5.0, 10.0)
+    ]
+    yield near("energy drift over 10 s / over 5 s, rtol = 1e-7", 2.0, drifts[1] / drifts[0], rel=0.05)
+
+
+@eig3.jit
+def oscillation(t: float, u: float, v: float, p: np.ndarray) -> float:
+    return -u
+
+
+@eig3.jit
+def above(t: float, u: float, v: float, p: np.ndarray) -> float:
+    """It touches zero at u = -1, or passes it a little earlier and later: the lowest value of u is -1."""
+    return u + 1 - p[0]
+
+
+@case(23, "a grazing event", "rk5", "rk8")
+def grazing(method: Method) -> Iterator[Finding]:
+    """A dip of depth d below zero has its two zeros at arccos(1 - d) from its middle, in u = cos t.
+
+    There the velocity is sqrt(2 d). An error of u, below 1e-9 here, is divided by it. The two zeros are far enough
+    apart for steps of 0.02. The zero of a dip of depth 0 is double: g does not change its sign, but round-off may make
+    it do so twice.
+    """
+
+    def times(depth: float) -> np.ndarray:
+        options = {"rtol": 1e-10, "h_max": 0.02, "method": method, "params": depth, "save_every": None}
+        run = eig3.integrate(oscillation, (0, 20 * math.pi), 1.0, 0.0, events={"low": eig3.Event(above)}, **options)
+        return run.events["low"].t
+
+    def from_middle(t: np.ndarray) -> np.ndarray:
+        return np.abs((t % (2 * math.pi)) - math.pi)
+
+    found = times(1e-3)
+    yield near("zeros of ten dips, depth 1e-3", 20, len(found))
+    error = np.abs(from_middle(found) - math.acos(1 - 1e-3)).max()
+    yield at_most("largest error of their times", 1e-9 / math.sqrt(2e-3), float(error))
+    found = times(0.0)
+    yield near("zeros of ten dips, depth 0, modulo 2", 0, len(found) % 2)
+    yield at_most("their largest distance from the middle", math.sqrt(2e-9), float(from_middle(found).max(initial=0)))
+    yield near("zeros of ten dips that end 1e-6 above zero", 0, len(times(-1e-6)))
+
+
+@case(24, "a hundred thousand events", "rk5", "rk8", "eig3")
+def many_events(method: Method) -> Iterator[Finding]:
+    """Zeros of cos t, and the impacts of a ball that keeps its speed.
+
+    A relative tolerance of 1e-10 on each of some ten steps in half a period shifts the zeros by at most 1e-9 of the
+    time. Each method is exact in free flight. An impact is found at most 1e-12 of the span too late. The ball is then
+    below the floor and returns as much later; its energy is not changed.
+    """
+    count, height = 10**5, 1.0
+    if method.name != "eig3":  # which needs 1e5 steps a period for so small an error
+        event = {"zero": eig3.Event(oscillation)}
+        options = {"rtol": 1e-10, "method": method, "save_every": None}
+        found = eig3.integrate(oscillation, (0, count * math.pi), 1.0, 0.0, events=event, **options).events["zero"].t
+        yield near("zeros of cos t", count, len(found))
+        error = np.abs(found / math.pi - np.arange(len(found)) - 0.5).max() / count
+        yield at_most("largest error of their times / span", 1e-9, float(error))
+    exact = impact_times(count, 1.0, height, 9.81)
+    ball = problems.bouncing_ball(restitution=1.0, h0=height, t_end=exact[-1] + (exact[1] - exact[0]) / 2)
+    found = ball.integrate(rtol=1e-6, method=method, save_every=None).events["impact"].t
+    yield near("impacts", count, len(found))
+    yield at_most("largest error of their times / span", 2e-12 * count, float(np.abs(found - exact).max() / exact[-1]))
+
+
+@case(25, "a ball that comes to rest", "eig3", "eig9", "rk4", "rk8")
+def coming_to_rest(method: Method) -> Iterator[Finding]:
+    """Its impacts follow each other without end before a known time. With a fixed step, and with tolerances.
+
+    The run ends at a flight shorter than 1e-12 of the span of 10 s. The flights after it take 0.8 / (1 - 0.8) times as
+    long, 4e-11 s.
+    """
+    ball = problems.bouncing_ball(t_end=10.0)
+    rest = math.sqrt(2 / 9.81) * (1 + 0.8) / (1 - 0.8)
+    kinds = [{"h": 0.01}] + [{"rtol": 1e-9}] * bool(getattr(method, "variable", ""))
+    for options in kinds:
+        run = ball.integrate(method=method, save_every=None, **options)
+        yield ended(eig3.Status.ZENO, run)
+        yield at_most(f"time from its end to rest, {', '.join(options)}", 1e-10, abs(float(run.t[-1]) - rest))
+
+
+@eig3.jit
+def attraction(t: float, u: float, v: float, p: np.ndarray) -> float:
+    return 2 * u * u * u
+
+
+@case(26, "a singularity", "rk5", "rk8", "eig3")
+def singularity(method: Method) -> Iterator[Finding]:
+    """u = 1 / (1 - t) has a pole at t = 1. An error of u early in the run shifts the pole by as much."""
+    rtol = 1e-8
+    run = eig3.integrate(attraction, (0, 2), 1.0, 1.0, rtol=rtol, method=method, save_every=None)
+    yield ended(eig3.Status.STEP_TOO_SMALL, run)
+    yield at_most("time from its end to the pole", 100 * rtol, abs(float(run.t[-1]) - 1))

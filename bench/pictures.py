@@ -18,6 +18,7 @@ from .reach import front
 from .reference import METRICS
 from .rivals import RIVALS
 from .sweep import WorkPrecisionSet
+from .tolerances import TOLERANCES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -130,7 +131,7 @@ def work_precision(result: WorkPrecisionSet) -> Figure:
         by_evaluations.set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
         for axes in (by_time, by_evaluations):
             axes.grid(which="major", alpha=0.35)
-        by_time.plot([], [], color="0.75", linewidth=0.6, label="the others (dashed: rivals)")
+        by_time.plot([], [], color="0.75", linewidth=0.6, label="the others (dashed: rivals; dash-dotted: tolerances)")
         # the lower left corner of the right picture is empty: no run is both cheap and accurate
         by_evaluations.legend(*by_time.get_legend_handles_labels(), loc="lower left", fontsize=7)
     figure.suptitle(f"What accuracy costs: {result.problem.title}", fontsize=12)
@@ -144,8 +145,8 @@ def _work_precision_lines(
     color, marker = STYLE[method]
     style = {"color": color, "marker": marker, "markersize": 5.5, "alpha": 0.85, "label": label}
     if not label:
-        style = {"color": "0.75", "linewidth": 0.6, "zorder": 1}
-    style["linestyle"] = "--" if method in RIVALS else "-"
+        style = {"color": "0.75", "linewidth": 0.6, "marker": marker, "markersize": 2.5, "zorder": 1}
+    style["linestyle"] = "--" if method in RIVALS else "-." if method in TOLERANCES else "-"
     points = [p for p in result.of(method) if p.stable and metric in p.errors and p.errors[metric] > 0]
     if points:
         by_time.loglog([p.time for p in points], [p.errors[metric] for p in points], **style)

@@ -7,11 +7,13 @@ import dataclasses
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import eig3
 from eig3.analysis.planner import EXTRAPOLATED, Plan, Prediction
 from eig3.integration import divide
 from eig3.methods import LIBRARY, Method
+from eig3.problem import Problem
 
 from . import text
 from .environment import in_words
@@ -113,7 +115,7 @@ class Case:
         """What is wrong with the first choice; empty if nothing is."""
         if not self.checked:
             return f"no method is predicted to reach the accuracy, but {self.best} does"
-        label = self.plan.best.method.label
+        label = self.plan.best.label
         if self.checked[0].error > 1:
             return f"{label} has {text.number(self.checked[0].error)} of the requested error"
         return f"{label} takes {self.ratio:.2f} times as long as {self.best}" if self.ratio > MOST else ""
@@ -126,7 +128,7 @@ class Case:
             plan.problem.name,
             plan.metric,
             f"{plan.accuracy:g}",
-            first.prediction.method.label if first else "-",
+            first.prediction.label if first else "-",
             text.number(1e3 * self.seconds),
             text.number(first.error, 2) if first else "-",
             self.best,
@@ -218,8 +220,31 @@ def reaching(judge: Judge, method: Method, h: float, metric: str, accuracy: floa
 
 def error_of(judge: Judge, method: Method, h: float, metric: str) -> float:
     n_steps, h = divide(judge.problem.t_span[1] - judge.problem.t_span[0], h)
-    solution = judge.problem.integrate(h=h, method=method, save_every=max(1, n_steps // STATES))
+    return _error_of(judge, metric, h=h, method=method, save_every=max(1, n_steps // STATES))
+
+
+def error_of_prediction(judge: Judge, prediction: Prediction, metric: str) -> float:
+    if prediction.rtol is None:
+        return error_of(judge, prediction.method, prediction.h, metric)
+    return _error_of(judge, metric, **prediction.options)
+
+
+def _error_of(judge: Judge, metric: str, **options: Any) -> float:
+    solution = judge.problem.integrate(**options)
     return judge.of_run(solution)[metric] if solution.success else float("inf")
+
+
+def repeatable(problem: Problem, prediction: Prediction, storage: Storage | None = None) -> Callable[[], float]:
+    """A run of a prediction, which can be repeated; it returns the seconds in the kernel.
+
+    With a fixed step it stores about `STATES` states in `storage`; with tolerances, every state.
+    """
+    if prediction.rtol is not None:
+        every = 1 if storage else None
+        return lambda: problem.integrate(**prediction.options, save_every=every, invariants={}).kernel_seconds
+    n_steps, h = divide(problem.t_span[1] - problem.t_span[0], prediction.h)
+    start = problem.stepper(h=h, method=prediction.method)
+    return kernel_run(start, n_steps, every=max(1, n_steps // STATES), storage=storage)
 
 
 def compare(
@@ -236,7 +261,7 @@ def compare(
 
     runs = {label: timed(method, h) for label, method, h in contenders}
     if checked:
-        runs["first choice"] = timed(plan.best.method, plan.best.h)
+        runs["first choice"] = repeatable(problem, plan.best, storage)
     seconds = medians(runs, repeats, problem.name)
     first = seconds.pop("first choice", float("inf"))
     best = min(seconds, key=lambda label: seconds[label])
@@ -248,8 +273,8 @@ def follow(plan: Plan, judge: Judge) -> list[Checked]:
     checked = []
     for prediction in plan.predictions:
         if prediction.reaches and prediction.note != EXTRAPOLATED and prediction.seconds < _LONGEST_PREDICTED:
-            error = error_of(judge, prediction.method, prediction.h, plan.metric)
-            start = plan.problem.stepper(h=prediction.h, method=prediction.method)
-            seconds = statistics.median(kernel_run(start, prediction.n_steps)() for _ in range(3))
+            error = error_of_prediction(judge, prediction, plan.metric)
+            again = repeatable(plan.problem, prediction)
+            seconds = statistics.median(again() for _ in range(3))
             checked.append(Checked(prediction, error / plan.accuracy, seconds / prediction.seconds))
     return checked

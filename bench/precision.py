@@ -136,7 +136,7 @@ def render_reach(result: WorkPrecisionSet, metric: str) -> str:
             cells.append(f"**{cell}**" if found and found.seconds == best[i] else cell)
         rows.append([label, *cells])
     note = (
-        "In brackets the step (s), or the tolerance of a rival. <=: the longest stable step is already that accurate. "
+        "In brackets the step (s) or the tolerance. <=: the longest stable step is already that accurate. "
         ">: the shortest step tried is not accurate enough. -: the error no longer falls, or every step tried is "
         "unstable. The fastest is bold."
     )
@@ -175,7 +175,7 @@ def render_tolerances(result: WorkPrecisionSet, metric: str) -> str:
     for name, is_chosen in others.items():
         theirs = [fastest(result, metric, target, is_chosen) for target in targets]
         pairs = zip(ours, theirs, strict=True)
-        rows.append([name, *(f"{one.seconds / two.seconds:.2f}" if one and two else "-" for one, two in pairs)])
+        rows.append([name, *(text.number(one.seconds / two.seconds, 2) if one and two else "-" for one, two in pairs)])
     header = [f"fastest with tolerances ({metric}) / fastest of", *(f"{target:g}" for target in targets)]
     return text.table(header, rows)
 

@@ -38,7 +38,7 @@ class Rival:
 
     label: str
     package: str
-    prepare: Callable[[Problem, np.ndarray], Callable[[float], Callable[[], Answer]]]
+    prepare: Callable[..., Callable[[float], Callable[[], Answer]]]
     tolerances: Sequence[float] = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13, 3e-14)
     most_degrees: int = 10_000  # with more degrees of freedom the solver takes too long
 

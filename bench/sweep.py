@@ -116,7 +116,7 @@ def measure(
     if chosen.tolerances:
         for key, method in TOLERANCES.items():
             if key.partition(" ")[0] in methods:
-                found += sweep_tolerances(problem, chosen, judge, key, method, longest)
+                found += sweep_tolerances(problem, chosen, judge, key, method, longest, inline=inline)
     skipped = []
     for key, rival in RIVALS.items() if rivals else ():
         if not rival.is_installed:
@@ -186,11 +186,14 @@ def sweep(
 
 
 def sweep_tolerances(
-    problem: Problem, chosen: BenchmarkProblem, judge: Judge, key: str, rival: Rival, longest: float
+    problem: Problem, chosen: BenchmarkProblem, judge: Judge, key: str, rival: Rival, longest: float, **options: bool
 ) -> Iterator[Repeatable]:
-    """Points of a rival or of a method with tolerances, from its loosest to its tightest tolerance."""
+    """Points of a rival or of a method with tolerances, from its loosest to its tightest tolerance.
+
+    The `options` are those of `rival.prepare`.
+    """
     times = np.linspace(*problem.t_span, RIVAL_STATES)
-    at = rival.prepare(problem, times)
+    at = rival.prepare(problem, times, **options)
     at(rival.tolerances[0])()  # compiles: this must not count as time of a run
     for tolerance in rival.tolerances:
         text.status(f"{problem.name}, {rival.label}, tolerance {tolerance:g}")

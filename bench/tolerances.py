@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,13 @@ from eig3.problem import Problem
 from .rivals import Answer, Rival, absolute
 
 
-def _prepare(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
+def _prepare(
+    method: str, problem: Problem, times: np.ndarray, *, inline: bool = False
+) -> Callable[[float], Callable[[], Answer]]:
+    options: dict[str, Any] = {"method": method, "t_eval": times, "invariants": {}, "inline": inline}
+
     def run(tolerance: float) -> Answer:
-        atol = absolute(tolerance, problem)
-        solution = problem.integrate(rtol=tolerance, atol=atol, method=method, t_eval=times, invariants={})
+        solution = problem.integrate(rtol=tolerance, atol=absolute(tolerance, problem), **options)
         return Answer(solution.kernel_seconds, solution.u, solution.v, solution.n_rhs, solution.success)
 
     return lambda tolerance: partial(run, tolerance)

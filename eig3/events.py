@@ -28,6 +28,15 @@ class Event:
     ------
     ValueError
         If direction is not -1, 0 or 1, or terminal is not True or False.
+
+    Notes
+    -----
+    Give a run its events by name, as in ``eig3.integrate(..., events={"impact": eig3.Event(height, direction=-1,
+    apply=bounce)})``. ``solution.events["impact"]`` then has the occurrences.
+
+    The sign of g is compared at both ends of each step, and a zero is then found within the step. An even number of
+    zeros in one step is not seen: take a shorter step, or with tolerances h_max. A zero at the start is not an
+    occurrence.
     """
 
     g: Any

@@ -88,6 +88,8 @@ def integrate(
 ) -> Solution:
     """Integrate u'' = f(t, u, v), with a fixed step or with tolerances. All steps run in compiled code.
 
+    Give either h, the step, or rtol, from which the lengths of the steps follow.
+
     Parameters
     ----------
     rhs : jitted function
@@ -99,10 +101,11 @@ def integrate(
     u0, v0 : float or array_like, shape (n,)
         Displacement and velocity at the first time. Floats need the scalar form of rhs, arrays the vector form.
     h : float
-        The step. If it does not divide the span, the run uses the next shorter step that does. Give either h or rtol.
+        The step. If it does not divide the span, the run uses the next shorter step that does.
     rtol : float
-        The relative tolerance. The steps then have such lengths that the estimated error of each step is at most
-        ``atol + rtol * size``, for u and v of each degree of freedom. With EIG-3, this holds for u only.
+        The relative tolerance, such as 1e-6. The steps then have such lengths that the estimated error of each step is
+        at most ``atol + rtol * size``, for u and v of each degree of freedom. With EIG-3, this holds for u only. The
+        errors of the steps add up over the run: `eig3.plan` finds the rtol for an accuracy.
     atol : float or array_like, shape (n,) or (2, n), optional
         The absolute tolerance: a number, one for each degree of freedom, or a row for u and a row for v. The size of
         each value is then its own. Without atol, the size is the largest |u| of all degrees of freedom so far, and the
@@ -122,7 +125,8 @@ def integrate(
         continuous extension, of methods of other orders above 5 that of a step of RK8 from the same state, and of all
         others the polynomial of degree 5 through u, v and a at both ends of the step.
     events : dict of str to Event, optional
-        Functions of the state whose zeros are found; see `eig3.Event`.
+        Functions of the state whose zeros are found, by name, such as ``{"impact": eig3.Event(height)}``; see
+        `eig3.Event`.
     invariants : dict of str to jitted function, optional
         Functions ``e(t, u, v, p) -> float`` by name. Compiled code evaluates them at every step, including steps that
         are not saved. The solution has their `drift` and their `extremes`.

@@ -127,18 +127,18 @@ class Problem:
     def integrate(
         self, *, h: float | None = None, method: str | Method | None = None, t_end: float | None = None, **options: Any
     ) -> Solution:
-        """Integrate the problem.
+        """Integrate the problem, with a fixed step or with tolerances.
 
         Parameters
         ----------
         h, method
-            As for `eig3.integrate`.
+            As for `eig3.integrate`. Give h, or rtol among the other options.
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
-            Other options of `eig3.integrate`. `invariants` replaces the energy. Functions in `invariants` and `outputs`
-            get u and v with one more degree of freedom for each of `integrals`. `events` replaces those of
-            the problem.
+            Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy. Functions in
+            `invariants` and `outputs` get u and v with one more degree of freedom for each of `integrals`. `events`
+            replaces those of the problem.
 
         Returns
         -------
@@ -215,8 +215,19 @@ class Problem:
         return self._run(ensemble, self.rhs, span, *start, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
-        """Return a `Stepper` at the start of the problem, which does not follow `integrals` and `events`."""
+        """Return a `Stepper` at the start of the problem, which does not follow `integrals`.
+
+        Raises
+        ------
+        ValueError
+            If an event changes or ends the motion: a stepper does not follow events.
+        """
         _refuse_fields(options, "stepper")
+        if any(event.terminal or event.apply is not None for event in self.events.values()):
+            raise ValueError(
+                f"{self.name} has events that change or end its motion, which a stepper does not follow: call "
+                "problem.integrate(...), or leave the events out with problem.with_(events={})."
+            )
         options |= {"t0": self.t_span[0], "params": self.params, "inline": inline}
         return Stepper(self.rhs, self.u0, self.v0, h=h, method=method, **options)
 

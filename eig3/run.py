@@ -28,7 +28,8 @@ def run(
     build: Callable[..., Problem],
     *,
     h: float | None = None,
-    method: str | Method = "eig3",
+    rtol: float | None = None,
+    method: str | Method | None = None,
     t_end: float | None = None,
     out: Path | None = None,
     write: Callable[[str], None] = print,
@@ -42,7 +43,10 @@ def run(
         parameter.
     h : float, optional
         The step, s. The default is the step that the problem suggests, or else a tenth of the critical step.
-    method : str or Method
+    rtol : float, optional
+        The relative tolerance, instead of a step. The states are then saved at equal distances in time.
+    method : str or Method, optional
+        The default is "eig3", or with rtol that of `eig3.integrate`.
     t_end : float, optional
         Duration, s; the problem's own if not given.
     out : Path, optional
@@ -66,14 +70,13 @@ def run(
     options: dict[str, Any] = {"work": True} if "work" in inspect.signature(build).parameters else {}
     if t_end is not None:
         options["t_end"] = check_span((0.0, t_end))[1]
+    if h is not None and rtol is not None:
+        raise ValueError("h and rtol exclude each other: give one of them.")
     problem = build(**options)
-    span = problem.t_span[1] - problem.t_span[0]
-    h = first_step(problem, method, span) if h is None else check_h(h)
-    states = min(_STATES, _VALUES // (2 * np.size(problem.u0)))
-    every = max(1, round(min(span / h, 2**53) / states))
+    steps = _fixed_steps(problem, h, method or "eig3") if rtol is None else _tolerances(problem, rtol, method)
     interrupt = None
     try:
-        solution = problem.integrate(h=h, method=method, save_every=every, invariants={})
+        solution = problem.integrate(**steps, invariants={})
     except KeyboardInterrupt as error:
         if not getattr(error, "solution", None):
             raise
@@ -91,6 +94,23 @@ def run(
     if interrupt:
         raise interrupt
     return solution
+
+
+def _fixed_steps(problem: Problem, h: float | None, method: str | Method) -> dict[str, Any]:
+    """Return the options of a run with a fixed step."""
+    span = problem.t_span[1] - problem.t_span[0]
+    h = first_step(problem, method, span) if h is None else check_h(h)
+    every = max(1, round(min(span / h, 2**53) / _most_states(problem)))
+    return {"h": h, "method": method, "save_every": every}
+
+
+def _tolerances(problem: Problem, rtol: float, method: str | Method | None) -> dict[str, Any]:
+    """Return the options of a run with tolerances, the number of whose steps is not known before."""
+    return {"rtol": rtol, "method": method, "t_eval": np.linspace(*problem.t_span, _most_states(problem) + 1)}
+
+
+def _most_states(problem: Problem) -> int:
+    return min(_STATES, _VALUES // (2 * np.size(problem.u0)))
 
 
 @dataclass(frozen=True)
@@ -178,7 +198,8 @@ def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | N
     (problem.draw or drawing.histories)(figure, shown)
     if balance:
         balance.draw(figure)
-    title = f"{problem.name}, {solution.method.label}, h = {solution.h:.3g} s"
+    step = "h" if solution.steps is None else "mean h"
+    title = f"{problem.name}, {solution.method.label}, {step} = {solution.h:.3g} s"
     if not solution.success:
         what, n = solution.status.value, len(shown.t)
         title += f"\n{what}; the last state is at t = {solution.t[-1]:.4g} s"

@@ -389,10 +389,11 @@ class Solution:
     def __repr__(self) -> str:
         per_step = 1e9 * self.kernel_seconds / self.n_steps if self.n_steps else 0.0
         dof = "1 degree" if self.u.ndim == 1 else f"{self.u.shape[1]} degree{'s' * (self.u.shape[1] > 1)}"
+        steps = f"{self.n_steps} steps of {'h' if self.steps is None else 'mean h'} = {self.h:.6g}"
+        steps += f" and {self.n_rejected} rejected ones" * (self.n_rejected > 0)
         lines = [
             f"Solution by {self.method!r}: {self.status.value}",
-            f"  {dof} of freedom, t = {self.t[0]:g} to {self.t[-1]:g}, {self.n_steps} steps of h = {self.h:.6g}, "
-            f"{len(self.t)} states saved",
+            f"  {dof} of freedom, t = {self.t[0]:g} to {self.t[-1]:g}, {steps}, {len(self.t)} states saved",
             f"  {self.n_rhs} evaluations{f', {self.n_iterations} iterations' * (self.n_iterations > 0)}, "
             f"{self.kernel_seconds:.3g} s in the kernel ({per_step:.3g} ns a step)",
         ]

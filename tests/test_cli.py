@@ -6,15 +6,18 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import eig3
+from eig3 import problems
 from eig3.bench import BENCHMARKS, article_runs, loops, paper, precision, stability, text, timing
 from eig3.bench.article import TABLES, Table
 from eig3.bench.sweep import WorkPrecisionSet
 from eig3.cli import main
 from eig3.methods import LIBRARY
 from eig3.options import Files
+from eig3.run import run
 
 WITH_OUT = ("paper", "precision", "stability", "scenes", "report")
 
@@ -346,3 +349,26 @@ def test_a_reader_that_has_read_enough_ends_the_command():
     result = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=True)
     os.close(write)
     assert result.stderr == ""
+
+
+def test_run_with_a_tolerance(tmp_path, capsys):
+    """The ball is followed through its impacts, with states at equal distances in time."""
+    assert main(["run", "bouncing_ball", "--rtol", "1e-6", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "Solution by RK8(): completed" in printed
+    assert "steps of mean h = " in printed
+    with np.load(tmp_path / "bouncing_ball.npz") as history:
+        t, u = history["t"], history["u"]
+    exact = problems.bouncing_ball().exact(t)[0]
+    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9)  # RK8 is exact between the impacts
+    np.testing.assert_allclose(np.diff(t), t[1], rtol=1e-9)
+
+
+def test_run_takes_a_step_or_a_tolerance(capsys):
+    with pytest.raises(SystemExit):
+        main(["run", "duffing", "--rtol", "1e-6", "--h", "0.1"])
+    assert "not allowed with argument" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="h and rtol exclude each other"):
+        run(problems.duffing, h=0.1, rtol=1e-6)
+    with pytest.raises(SystemExit, match="eig3 run: method must be one of 'eig3', 'rk5', 'rk8' with tolerances"):
+        main(["run", "duffing", "--rtol", "1e-6", "--method", "rk4"])

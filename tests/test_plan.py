@@ -1,6 +1,7 @@
 """What eig3.plan predicts, against exact solutions; never a wall-clock time."""
 
 import dataclasses
+import re
 import time
 from types import SimpleNamespace
 from typing import ClassVar
@@ -21,7 +22,7 @@ ANY_FORCE = [name for name in LIBRARY if name != "bm6"]  # the methods for a for
 
 
 def achieved(prediction, problem):
-    solution = problem.integrate(h=prediction.h, method=prediction.method)
+    solution = problem.integrate(**prediction.options)
     exact = problem.exact(solution.t)[0]
     return np.abs(solution.u - exact).max() / np.abs(exact).max()
 
@@ -30,7 +31,9 @@ def achieved(prediction, problem):
 def test_every_method_reaches_the_accuracy_at_the_step_predicted(accuracy):
     problem = problems.single_dof(xi=0.02, force=1.0, force_omega=3.0, t_end=50.0)
     plan = eig3.plan(problem, accuracy, methods=ANY_FORCE)
-    assert {p.method.name for p in plan.predictions} == set(ANY_FORCE)
+    fixed = [p.method.name for p in plan.predictions if p.rtol is None]
+    assert sorted(fixed) == sorted(ANY_FORCE)
+    assert {p.method.name for p in plan.predictions if p.rtol is not None} == {"rk5", "rk8"}
     for prediction in plan.predictions:
         assert prediction.reaches, prediction
         if not prediction.note:
@@ -52,12 +55,53 @@ def test_the_plan_runs():
     assert "RK4" in text
 
 
+def test_an_orbit_with_close_passages_is_run_with_tolerances():
+    """With a fixed step RK8 needs the step of the passages everywhere: some ten times as many steps."""
+    problem = problems.kepler(e=0.9, t_end=12 * np.pi)
+    plan = eig3.plan(problem, 1e-5, methods=["rk8"])
+    adaptive, fixed = plan.predictions
+    assert (adaptive.rtol is None, fixed.rtol is None) == (False, True)
+    assert 5 * adaptive.evaluations < fixed.evaluations
+    assert f"RK8, rtol {adaptive.rtol:.1e}" in repr(plan)
+    solution = plan.run()
+    assert solution.steps is not None
+    assert solution.n_steps == adaptive.n_steps
+    assert 0.3 <= np.abs(solution.u - problem.exact(solution.t)[0]).max() / 1.9 / 1e-5 <= 1.2  # the search aims at 0.4
+    evenly = plan.run(t_eval=np.linspace(0, 12 * np.pi, 5))
+    assert len(evenly.t) == 5
+
+
+def test_impacts_are_followed():
+    """Between impacts every method is exact, so that any step is short enough; falling freely, u would be -80 m."""
+    problem = problems.bouncing_ball()
+    plan = eig3.plan(problem, 1e-6, methods=["rk4", "rk8"])
+    assert len(plan.predictions) == 3
+    for prediction in plan.predictions:
+        assert prediction.error < 1e-10
+        assert achieved(prediction, problem) < 1e-10
+
+
+def test_a_terminal_event_is_refused():
+    problem = problems.single_dof()
+    stopped = problem.with_(events={"rest": eig3.Event(problem.energy, terminal=True)})
+    with pytest.raises(ValueError, match=r"problem must have no terminal event, such as 'rest' of single_dof: "):
+        eig3.plan(stopped, 1e-3)
+
+
+def test_a_tolerance_that_is_not_found_has_a_reason():
+    """The smallest rtol is 2e-14. The error of the phase grows with each of the 4000 radians."""
+    plan = eig3.plan(problems.single_dof(t_end=1000.0), 1e-13, methods=["rk8"])
+    (missed,) = (p for p in plan.predictions if p.rtol is not None)
+    assert not missed.reaches
+    assert re.search("  RK8, rtol +not reached: its error is .* with rtol = 2.2", repr(plan))
+
+
 def test_energy_is_a_metric():
     problem = problems.spring_pendulum(t_end=10.0)
-    plan = eig3.plan(problem, 1e-4, metric="energy", methods=["eig3", "rk4"])
+    plan = eig3.plan(problem, 1e-4, metric="energy", methods=["eig3", "rk4", "rk8"])
     scale = abs(problem.energy(0.0, np.array(problem.u0), np.array(problem.v0), np.array(problem.params)))
     for prediction in plan.predictions:
-        drift = problem.integrate(h=prediction.h, method=prediction.method).drift["energy"]
+        drift = problem.integrate(**prediction.options).drift["energy"]
         assert 0.05 <= drift / scale / 1e-4 <= 1.5
     assert "energy" in plan.run().drift
 
@@ -205,15 +249,16 @@ def test_methods_that_are_ruled_out_by_order_or_limit_are_not_compiled(monkeypat
     assert plan.best.method.order >= 6
     assert {"eig3", "cd", "rk2", "ab2"}.isdisjoint(ran)
     for prediction in plan.predictions:
-        if prediction.method.name not in ran:
+        if prediction.rtol is None and prediction.method.name not in ran:
             assert not prediction.reaches
             assert prediction.note.startswith("ruled out: ")
-    assert "  CD             ruled out: " in repr(plan)
+    assert re.search("  CD +ruled out: ", repr(plan))
 
 
 def searched(method, *, seconds, is_limited=False, follows_order=True):
     return SimpleNamespace(
         method=check_method(method),
+        label=check_method(method).label,
         seconds=seconds,
         is_limited=is_limited,
         follows_order=follows_order,

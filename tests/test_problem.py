@@ -84,3 +84,12 @@ def test_a_bad_change_raises_an_error_of_one_sentence(name):
     changes, error, sentence = BAD[name]
     with pytest.raises(error, match=sentence):
         problems.spring_pendulum().with_(**changes)
+
+
+def test_a_stepper_refuses_events_that_change_the_motion():
+    ball = problems.bouncing_ball()
+    with pytest.raises(ValueError, match="bouncing_ball has events that change or end its motion"):
+        ball.stepper(h=0.01)
+    falling = ball.with_(events={}).stepper(h=0.01)
+    falling.advance(100)
+    assert falling.u == pytest.approx(1 - 9.81 / 2)

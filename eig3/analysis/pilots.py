@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,9 @@ from ..checks import check_params, check_state
 from ..methods import Method
 from ..problem import Problem
 from ..quantities import Quantity, as_extremes
+from ..solution import Solution, Status
 from ..stepper import Stepper
+from ..watched_stepper import WatchedStepper
 
 FEWEST = 61  # fewest steps of a run. A prime number: states at multiples of a period would hide an error of phase
 _STATES = 976  # most states at which two runs are compared, 16 times the fewest,
@@ -73,7 +77,8 @@ class Pilots:
         self.span = problem.t_span[1] - problem.t_span[0]
         self.needs_reference = metric == "trajectory"
         self._begin = time.perf_counter()
-        self._compiled: set[Method] = set()
+        self._compiled: set[tuple[Method, str]] = set()
+        self._events = {name: event for name, event in problem.events.items() if event.apply is not None}
         self._reference: np.ndarray | None = None
         self._size = math.inf
         zeros = np.zeros(0 if self.needs_reference else len(problem.integrals))
@@ -119,11 +124,7 @@ class Pilots:
 
     def history(self, method: Method, n_steps: int) -> History | None:
         """Run a method over the part of the span, and follow what gives the error; None if the run diverges."""
-        if method not in self._compiled:
-            self._compiled.add(method)
-            begin = time.perf_counter()
-            self._advance(method, 1e-9 * self.span, 1, 1)
-            self._begin += time.perf_counter() - begin  # this was compilation
+        self._compile(method, "h", lambda: self._advance(method, 1e-9 * self.span, 1, 1))
         h = self.part * self.span / n_steps
         if self._energy:
             return self._advance(method, h, n_steps, math.ceil(n_steps * np.size(self._u0) / _FOLLOWED), follow=True)
@@ -131,6 +132,17 @@ class Pilots:
         while states < self._states and n_steps % (2 * states) == 0:
             states *= 2
         return self._advance(method, h, n_steps, n_steps // states)
+
+    def run_with_tolerance(self, method: Method, rtol: float, most: int) -> Run | str:
+        """Run a method with tolerances over the part of the span, in at most `most` steps; if it fails, say why."""
+        self._compile(method, "rtol", lambda: self._solve(method, rtol, 1))
+        solution = self._solve(method, rtol, most, follow=True)
+        if solution.status is Status.TOO_MANY_STEPS:
+            return f"with rtol = {rtol:g} it takes more than {most} steps"
+        if not solution.success:
+            return solution.message
+        drift = solution.drift["energy"] / abs(self._start_energy) if self._energy else 0.0
+        return self.judged(solution.n_steps, History(solution.kernel_seconds, solution.n_rhs, solution.u, drift))
 
     def judged(self, n_steps: int, history: History) -> Run:
         """The run of this history, with its error extrapolated to the whole span."""
@@ -142,6 +154,12 @@ class Pilots:
         count = max(1, min(total, int(_LONGEST_TIMED / pace)))
         history = self._advance(method, self.span / total, count, save_every(self.problem, total))
         return history.seconds / count if history else math.inf
+
+    def time_of_a_step_with_tolerance(self, method: Method, rtol: float, total: int, pace: float) -> float:
+        """Seconds, measured in a short run; `total` is the number of steps over the span, `pace` an estimate."""
+        every = save_every(self.problem, total)
+        solution = self._solve(method, rtol, max(1, int(_LONGEST_TIMED / pace)), every=every)
+        return solution.kernel_seconds / solution.n_steps
 
     def possible(self, n_steps: float) -> int:
         """The number of steps close to `n_steps` with which there are enough states to compare."""
@@ -156,8 +174,7 @@ class Pilots:
 
         Each `every`-th state is kept or, with `follow`, only its energy.
         """
-        t0, params = self.problem.t_span[0], self.problem.params
-        stepper = Stepper(self.problem.rhs, self._u0, self._v0, h=h, t0=t0, params=params, method=method)
+        stepper = self._stepper(method, h, n_steps)
         states = n_steps // every
         each = max(math.ceil(_PIECE / every), math.ceil(states / _PIECES))
         shape = each if follow else states, *np.shape(self._u0)
@@ -177,6 +194,42 @@ class Pilots:
                 break
         whole = n_steps / stepper.index
         return History(stepper.seconds * whole, stepper.n_rhs * whole, u, drift)
+
+    def _stepper(self, method: Method, h: float, n_steps: int) -> Stepper:
+        """Return a stepper at the start, which follows the events that change the motion."""
+        t0 = self.problem.t_span[0]
+        options: dict[str, Any] = {"h": h, "t0": t0, "params": self.problem.params, "method": method}
+        if not self._events:
+            return Stepper(self.problem.rhs, self._u0, self._v0, **options)
+        options |= {"t_end": t0 + n_steps * h, "events": self._events, "t_eval": None}
+        return WatchedStepper(self.problem.rhs, self._u0, self._v0, **options)
+
+    def _solve(
+        self, method: Method, rtol: float, most: int, *, follow: bool = False, every: int | None = None
+    ) -> Solution:
+        """Run with tolerances over the part of the span; with `follow`, keep what gives the error."""
+        t0, end = self.problem.t_span
+        if self.part < 1:
+            end = t0 + self.part * self.span
+        options: dict[str, Any] = {"save_every": every, "events": self._events}
+        if follow and self.needs_reference:
+            assert self._reference is not None
+            options["t_eval"] = np.linspace(t0, end, len(self._reference) + 1)[1:]
+        if not (follow and self._energy):
+            options["invariants"] = {}
+        return self.problem.integrate(rtol=rtol, method=method, t_end=end, max_steps=most, **options)
+
+    def _compile(self, method: Method, argument: str, run: Callable[[], Any]) -> None:
+        """Compile a method by a first run, whose time does not count."""
+        if (method, argument) not in self._compiled:
+            self._compiled.add((method, argument))
+            begin = time.perf_counter()
+            run()
+            self._begin += time.perf_counter() - begin
+
+    @property
+    def _start_energy(self) -> float:
+        return float(self.problem.energy_of(self.problem.u0, self.problem.v0))
 
     def _drift(self, first: int, spacing: float, u: np.ndarray, v: np.ndarray) -> float:
         """The largest relative change of the energy over states with this spacing."""

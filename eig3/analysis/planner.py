@@ -1,4 +1,4 @@
-"""Find by short pilot runs which method reaches a given accuracy in the shortest time, and with which step."""
+"""Find by short pilot runs which method reaches a given accuracy first, and with which step or tolerance."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..problem import Problem
 from ..solution import Solution
 from .pilots import Pilots, save_every
 from .search import Search, guide
+from .tolerance_search import VARIABLE, ToleranceSearch
 
 EXTRAPOLATED = "extrapolated from longer steps"  # the note of a prediction that is rougher than the others
 #: The order in which the methods of the library are tried: a good method found early shortens the runs of the others.
@@ -29,26 +30,29 @@ _SLOW = 2.0  # a method that takes this multiple of the best time is given up
 _HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most this many times as fast
 _CLOSE = 1.6  # methods predicted to take at most this multiple of the shortest time are timed
 _RULED_OUT = "ruled out: "
+AnySearch = Search | ToleranceSearch
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """The step at which one method reaches the accuracy, and its cost.
+    """The step, or the tolerance, with which one method reaches the accuracy, and its cost.
 
     Attributes
     ----------
     method : Method
     h : float
-        The step; NaN if no step is known to reach the accuracy.
+        The step, or with tolerances the mean of the steps; NaN if none is known to reach the accuracy.
     n_steps, evaluations : int
         Number of steps and of evaluations of the right-hand side over the whole span.
     seconds : float
         Time in the kernel over the whole span.
     error : float
-        The error expected at h.
+        The error expected.
     note : str
         Why the accuracy is not reached, why the method was ruled out, or what limits the step; otherwise empty. A
         method that was ruled out before it ran has no step.
+    rtol : float or None
+        The tolerance; None for a fixed step, and NaN if no tolerance is known to reach the accuracy.
     """
 
     method: Method
@@ -58,11 +62,25 @@ class Prediction:
     seconds: float
     error: float
     note: str = ""
+    rtol: float | None = None
 
     @property
     def reaches(self) -> bool:
-        """Whether a step is predicted to reach the accuracy."""
+        """Whether a step or a tolerance is predicted to reach the accuracy."""
         return math.isfinite(self.h)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The arguments of `Problem.integrate`: the method, and h or rtol."""
+        return {"method": self.method, **({"h": self.h} if self.rtol is None else {"rtol": self.rtol})}
+
+    @property
+    def label(self) -> str:
+        """The label of the method, with its tolerance if it has one."""
+        name = self.method.label if self.method == check_method(self.method.name) else repr(self.method)
+        if self.rtol is None:
+            return name
+        return f"{name}, rtol {self.rtol:.1e}" if self.reaches else f"{name}, rtol"
 
 
 @dataclass(frozen=True)
@@ -95,24 +113,25 @@ class Plan:
             If no method is predicted to reach the accuracy.
         """
         if not self.predictions[0].reaches:
-            reasons = "; ".join(f"{p.method.label}: {p.note}" for p in self.predictions)
+            reasons = "; ".join(f"{p.label}: {p.note}" for p in self.predictions)
             raise ValueError(f"accuracy {self.accuracy:g} is not reached by any method of this plan ({reasons}).")
         return self.predictions[0]
 
     def run(self, **options: Any) -> Solution:
-        """Integrate with the method and the step of `best`.
+        """Integrate with the method of `best`, and with its step or tolerance.
 
         `options` are those of `Problem.integrate`. By default about 2000 states are kept, fewer for a large system, and
         the energy is computed only if it is the metric.
         """
         best = self.best
-        options.setdefault("save_every", save_every(self.problem, best.n_steps))
+        if options.get("t_eval") is None:
+            options.setdefault("save_every", save_every(self.problem, best.n_steps))
         if self.metric == "trajectory":
             options.setdefault("invariants", {})
-        return self.problem.integrate(h=best.h, method=best.method, **options)
+        return self.problem.integrate(**best.options, **options)
 
     def __repr__(self) -> str:
-        names = [_name(p.method) for p in self.predictions]
+        names = [p.label for p in self.predictions]
         width = max(14, *map(len, names))
         lines = [
             f"Plan for {self.problem.name}: {self.metric} error {self.accuracy:g} up to t = "
@@ -135,19 +154,20 @@ def plan(
     metric: str = "trajectory",
     methods: Sequence[str | Method] | None = None,
 ) -> Plan:
-    """Find the method that reaches an accuracy over the whole span in the shortest time, and its step.
+    """Find the method that reaches an accuracy over the whole span in the shortest time, and its step or tolerance.
 
     Parameters
     ----------
     problem : Problem
+        Its events with `apply` are followed. A terminal event is refused.
     accuracy : float
         The largest relative error to allow, above 0 and below 1.
     metric : {"trajectory", "energy"}
         The error is max |u - u(t)| / max |u| over all degrees of freedom for "trajectory", and max |E - E0| / |E0| for
         "energy". For "trajectory", all degrees of freedom should have the same unit or be scaled.
     methods : sequence of str or Method, optional
-        The methods to compare. Each of them gets a prediction. If None, all methods of the library are compared, and
-        those that cannot be the fastest are ruled out.
+        The methods to compare. Each of them gets a prediction, and RK5 and RK8 a second one with tolerances. If None,
+        all methods of the library are compared, and those that cannot be the fastest are ruled out.
 
     Returns
     -------
@@ -165,8 +185,12 @@ def plan(
     gives its error itself. If RK8 takes too long, the runs cover a part of the span, and each error is extrapolated to
     the whole span by its growth in the part.
 
-    Each method starts with the number of steps that should take as long as the best method so far. From there its
-    longest step is searched for, down to 6 %. A method is given up when it would take twice the time of the best one.
+    RK8 and RK5 then run with tolerances. From the error of each run follows the rtol of the next, until the error is
+    between half of the accuracy and the accuracy.
+
+    With a fixed step, each method starts with the number of steps that should take as long as the best method so far.
+    From there its longest step is searched for, down to 6 %. A method is given up when it would take twice the time of
+    the best one.
     A method is ruled out before it runs, and is then not compiled,
 
     - by its order and evaluations: if another method takes four times as long as the best one, has at least the same
@@ -188,6 +212,12 @@ def plan(
         raise ValueError(f"metric must be 'trajectory' or 'energy', not {metric!r}.")
     if metric == "energy" and problem.energy is None:
         raise ValueError(f"metric 'energy' needs a problem with an energy, and {problem.name} has none.")
+    for name, event in problem.events.items():
+        if event.terminal:
+            raise ValueError(
+                f"problem must have no terminal event, such as {name!r} of {problem.name}: let t_span end where it "
+                "occurs, and leave it out, with problem.with_(t_span=..., events={})."
+            )
     records = [check_method(method) for method in (_in_order_of_trial() if methods is None else methods)]
     if methods is None and problem.uses_velocity:
         records = [method for method in records if not method.ignores_velocity]
@@ -209,10 +239,16 @@ def _in_order_of_trial() -> list[str]:
 
 def _choose(first: Search, records: list[Method]) -> list[Prediction]:
     """The predictions of the methods that may be the fastest, and the reasons why the others are not."""
-    pilots, best = first.pilots, first
+    pilots = first.pilots
     until = _end_of_search(pilots)
+    best: AnySearch = first
     tried: list[Search] = []
+    variable: list[ToleranceSearch] = []
     ruled_out = []
+    for method in VARIABLE:
+        variable.append(ToleranceSearch(pilots, method))
+        variable[-1].run(first, longest=_SLOW * best.seconds)
+        best = min(best, variable[-1], key=_seconds)
     for method in records:
         reason = "" if method == best.method else _ruled_out(method, tried, best)
         if not reason and method != first.method and pilots.spent > until:
@@ -222,14 +258,16 @@ def _choose(first: Search, records: list[Method]) -> list[Prediction]:
             search.run(best, longest=_SLOW * best.seconds)
             tried.append(search)
             if not search.steps:
-                reason = f"in {_SLOW:g} times the time of {best.method.label}, {search.verdict}"
-            best = min(best, search, key=lambda search: search.seconds)
+                reason = f"in {_SLOW:g} times the time of {best.label}, {search.verdict}"
+            best = min(best, search, key=_seconds)
         if reason:
             ruled_out.append(_failure(method, _RULED_OUT + reason))
-    return _timed([search for search in tried if search.steps]) + ruled_out
+    failed = [_failed(search) for search in variable if not search.steps]
+    found: list[AnySearch] = [*variable, *tried]
+    return _timed([search for search in found if search.steps]) + failed + ruled_out
 
 
-def _ruled_out(method: Method, tried: Sequence[Search], best: Search) -> str:
+def _ruled_out(method: Method, tried: Sequence[Search], best: AnySearch) -> str:
     """Why the method cannot be the fastest; empty if it may be."""
     for search in tried:
         other = search.method
@@ -240,19 +278,24 @@ def _ruled_out(method: Method, tried: Sequence[Search], best: Search) -> str:
         elif search.follows_order and method.order <= other.order:
             factor = search.seconds / best.seconds
             if factor > _HOPELESS and search.pilots.evaluations(method) >= search.evaluations:
-                return f"{other.label}, of order {other.order}, takes {factor:.2g} times as long as {best.method.label}"
+                return f"{other.label}, of order {other.order}, takes {factor:.2g} times as long as {best.label}"
     return ""
 
 
 def _predict_each(first: Search, records: list[Method]) -> list[Prediction]:
     """A prediction for every method, from the runs that its share of the time allows."""
-    pilots, searches = first.pilots, []
+    pilots = first.pilots
+    searches: list[AnySearch] = []
     end = _end_of_search(pilots)
     for i, method in enumerate(records):
         search = first if method == first.method else Search(pilots, method)
         until = pilots.spent + max(0.0, end - pilots.spent) / (len(records) - i)
         search.run(first, until=until, work=_WORK)
         searches.append(search)
+        if method in VARIABLE:
+            variable = ToleranceSearch(pilots, method)
+            variable.run(first, longest=until - pilots.spent)
+            searches.append(variable)
     return _timed(searches)
 
 
@@ -260,24 +303,28 @@ def _end_of_search(pilots: Pilots) -> float:
     return max(_SECONDS, pilots.spent + _LEAST_SECONDS)
 
 
-def _timed(searches: Sequence[Search]) -> list[Prediction]:
+def _seconds(search: AnySearch) -> float:
+    return search.seconds
+
+
+def _timed(searches: Sequence[AnySearch]) -> list[Prediction]:
     """The predictions of all methods. The times of the fastest are measured in turn."""
     shortest = min((search.seconds for search in searches), default=math.inf)
     close = [search for search in searches if search.steps and search.seconds <= _CLOSE * shortest]
-    paces: dict[Search, list[float]] = {search: [] for search in close}
+    paces: dict[AnySearch, list[float]] = {search: [] for search in close}
     pilots, (fewest, most) = searches[0].pilots, _TIMED_RUNS
     until = pilots.spent + _TIMED_SECONDS
     for i in range(most):
         if i >= fewest and (len(close) == 1 or pilots.spent > until):
             break
         for search in close:
-            paces[search].append(pilots.time_of_a_step(search.method, search.steps, search.pace))
+            paces[search].append(search.time_a_step())
     return [_prediction(search, min(paces.get(search, [search.pace]))) for search in searches]
 
 
-def _prediction(search: Search, pace: float) -> Prediction:
+def _prediction(search: AnySearch, pace: float) -> Prediction:
     if not search.steps:
-        return _failure(search.method, search.failure)
+        return _failed(search)
     note = "the step is limited by stability" if search.is_limited else ""
     return Prediction(
         method=search.method,
@@ -287,13 +334,13 @@ def _prediction(search: Search, pace: float) -> Prediction:
         seconds=search.steps * pace,
         error=search.error,
         note=note if search.reaches else EXTRAPOLATED,
+        rtol=search.rtol,
     )
 
 
-def _failure(method: Method, note: str) -> Prediction:
-    return Prediction(method, math.nan, 0, 0, math.inf, math.nan, note)
+def _failed(search: AnySearch) -> Prediction:
+    return _failure(search.method, search.failure, search.rtol)
 
 
-def _name(method: Method) -> str:
-    """The label of a method, or its record if it is not the one that its name stands for."""
-    return method.label if method == check_method(method.name) else repr(method)
+def _failure(method: Method, note: str, rtol: float | None = None) -> Prediction:
+    return Prediction(method, math.nan, 0, 0, math.inf, math.nan, note, rtol)

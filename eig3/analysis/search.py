@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 from ..methods import RK8, Method
 from .pilots import FEWEST, History, Pilots, Run
@@ -71,17 +72,32 @@ def _double(search: Search, allowed: float) -> bool:
     return False
 
 
+class Timed(Protocol):
+    """A search whose cost is known: the evaluations and seconds of a step, and the seconds of the whole run."""
+
+    evaluations: int
+
+    @property
+    def pace(self) -> float: ...
+
+    @property
+    def seconds(self) -> float: ...
+
+
 class Search:
     """The search for the longest step with which a method reaches the aim."""
 
+    rtol = None
+
     def __init__(self, pilots: Pilots, method: Method) -> None:
         self.pilots, self.method, self.evaluations = pilots, method, pilots.evaluations(method)
+        self.label = method.label
         self.runs: list[Run] = []  # from the fewest steps to the most
 
     def add(self, run: Run) -> None:
         self.runs = sorted([*self.runs, run], key=lambda run: run.n_steps)
 
-    def run(self, other: Search, *, longest: float = math.inf, until: float = math.inf, work: float = 0.0) -> None:
+    def run(self, other: Timed, *, longest: float = math.inf, until: float = math.inf, work: float = 0.0) -> None:
         """Run until the longest step is known, or the next run would take too long.
 
         The first run takes as long as `other` takes to reach the aim. A run takes at most `longest` seconds and ends
@@ -100,6 +116,10 @@ class Search:
             self.add(self.pilots.run(self.method, n_steps))
             work -= self.pilots.work(self.method, n_steps)
             n_steps = self._next()
+
+    def time_a_step(self) -> float:
+        """Seconds of a step, measured in a short run."""
+        return self.pilots.time_of_a_step(self.method, self.steps, self.pace)
 
     @property
     def pace(self) -> float:

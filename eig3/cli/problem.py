@@ -15,9 +15,9 @@ def add_problem(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("problem", metavar="PROBLEM", help=f"one of {', '.join(problems.__all__)}")
 
 
-def add_method_and_end(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a run other than its step."""
-    parser.add_argument("--method", default="eig3", metavar="NAME", help="the method (default: eig3)")
+def add_method_and_end(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add the options of a run other than its step; `default` describes the method if none is given."""
+    parser.add_argument("--method", metavar="NAME", help=f"the method (default: {default})")
     parser.add_argument(
         "--t-end", dest="t_end", type=float, metavar="T", help="the duration, s (default: the problem's own)"
     )

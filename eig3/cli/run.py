@@ -12,10 +12,12 @@ SUMMARY = "integrate a problem; report its energy balance, write its history and
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_problem(parser)
-    parser.add_argument(
+    steps = parser.add_mutually_exclusive_group()
+    steps.add_argument(
         "--h", type=float, help="the step, s (default: the problem's own, or else at most a tenth of the critical step)"
     )
-    add_method_and_end(parser)
+    steps.add_argument("--rtol", type=float, help="the relative tolerance, such as 1e-6, instead of a step")
+    add_method_and_end(parser, "eig3, or with --rtol rk8 or rk5")
     add_out(parser, "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv")
     parser.set_defaults(run=run)
 
@@ -26,7 +28,8 @@ def run(options: argparse.Namespace) -> int:
 
     build = builder(options.problem, "run")
     try:
-        solution = run(build, h=options.h, method=options.method, t_end=options.t_end, out=options.out)
+        given = {name: getattr(options, name) for name in ("h", "rtol", "method", "t_end", "out")}
+        solution = run(build, **given)
     except (TypeError, ValueError) as error:
         raise SystemExit(f"eig3 run: {error}") from None
     return 0 if solution.success else 1

@@ -43,7 +43,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--h", type=float, help="the step, s (default: the shortest of `eig3 run` at the corners of the swept region)"
     )
-    add_method_and_end(parser)
+    add_method_and_end(parser, "eig3")
     add_out(parser, "folder for sweep.csv, sweep.npz and sweep.png")
     parser.set_defaults(run=run)
 
@@ -62,7 +62,8 @@ def run(options: argparse.Namespace) -> int:
             [Axis.parse(text, random=options.random is not None) for text in options.axes],
             [Measure.parse(text) for text in options.measures],
             fixed=dict(_fixed(text) for text in options.fixed),
-            **{name: getattr(options, name) for name in ("random", "seed", "h", "method", "t_end", "after")},
+            method=options.method or "eig3",
+            **{name: getattr(options, name) for name in ("random", "seed", "h", "t_end", "after")},
         )
         interrupt = None
         try:
