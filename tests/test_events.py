@@ -164,8 +164,8 @@ def test_events_without_apply_change_nothing(options):
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_a_zero_at_the_start_does_not_fire(options):
     found = swing({"zero": Event(height)}, u0=0.0, v0=1.0, **options).events["zero"]
-    # the error of the motion is 1e-5 at most, and so is that of the times
-    np.testing.assert_allclose(found.t, np.pi * np.arange(1, 4), rtol=0, atol=2e-5)
+    # the error of the motion: the period of EIG-3 is wrong by (omega h)^2 / 24 = 4e-6 of it
+    np.testing.assert_allclose(found.t, np.pi * np.arange(1, 4), rtol=0, atol=1e-4)
 
 
 def test_a_zero_at_the_end_of_a_step_fires_once():
@@ -231,7 +231,7 @@ def test_terminal_events_end_the_run(options, save_every):
     assert "'up'" in solution.message
     assert solution.t[-1] == solution.events["up"].t[0]
     assert solution.u[-1] == solution.events["up"].u[0]
-    assert solution.t[-1] == pytest.approx(1.5 * math.pi, abs=3e-5)
+    assert solution.t[-1] == pytest.approx(1.5 * math.pi, abs=1e-4)
     assert (np.diff(solution.t) > 0).all()
     whole = swing({}, save_every=save_every, **options)
     assert np.array_equal(solution.u[:-1], whole.u[: len(solution.u) - 1])

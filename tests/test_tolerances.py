@@ -216,6 +216,26 @@ def test_rest_for_ever(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_a_start_at_zero_with_a_velocity(method):
+    solution = run(u0=0.0, v0=1.0, method=method, max_steps=10_000)
+    assert solution.status is Status.COMPLETED
+    # the errors of all steps, as in test_error_is_near_the_tolerance
+    assert np.abs(solution.u - np.sin(solution.t)).max() < {"rk5": 50, "rk8": 50, "eig3": 500}[method] * 1e-6
+
+
+def test_a_right_hand_side_that_is_nan_just_after_the_start():
+    """The steps cannot become shorter than numbers near t = 0 are."""
+    solution = run(nan_after_0, params=(), first_step=0.1)
+    assert solution.status is Status.STEP_TOO_SMALL
+    assert solution.n_steps == 0
+
+
+@eig3.jit
+def nan_after_0(t, u, v, p):
+    return -u if t <= 0 else np.nan
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_a_motion_that_begins_from_rest(method):
     solution = run(faster, (0, 3), 0.0, 0.0, 0.0, 1e-6, method=method)
     assert np.abs(solution.u - np.sin(solution.t**2)).max() < 1e-3
