@@ -77,14 +77,14 @@ def check_tolerances(
     if not (np.isfinite(absolute).all() and (absolute >= 0).all()):
         raise ValueError(f"atol must be finite and not negative, not {shown(atol)}.")
     try:
-        rows = np.array(np.broadcast_to(absolute, (2, n)))
+        rows = np.broadcast_to(absolute, (2, n))
     except ValueError:
         each = f"{n} numbers for the degrees of freedom, " if n > 1 else ""
         raise ValueError(
             f"atol must be a number, {each}or an array of shape (2, {n}) with a row for u and a row for v, not of the "
             f"shape {absolute.shape}."
         ) from None
-    rows = np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1)
+    rows = np.ascontiguousarray(np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1))
     return Tolerances(
         float(relative),
         rows,

@@ -20,6 +20,7 @@ EPSILON = 2.0**-52
 _G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
 _NEVER = 2.0  # stands for the fraction of the step at which an event occurs, if it does not
 _JUST_AFTER = 2.0**-20  # the fraction of a step after which g has left a zero at the start of the step
+_TOGETHER = 4  # events within this multiple of the tolerance of a root occur at the same time
 _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
 
 
@@ -44,7 +45,7 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
     tolerance = 2 * EPSILON * max(abs(t), abs(t_end)) / h
     for k in range(count):
         ends[k] = EVENT(watch.events[k, _G], t_end, u_end, v_end, p)
-        roots[k] = ROOT(
+        roots[k], before = ROOT(
             watch.events[k, _G],
             watch.events[k, _DIRECTION],
             tally[EVENTS + 2 * k],
@@ -61,10 +62,11 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
         if ends[k] != ends[k]:
             tally[ENDED_BY] = k
             return NOT_A_NUMBER, 1.0
+        tally[EVENTS + 2 * k] = before
     outcome, s = PASSED, 1.0
     while True:
         k = _earliest(roots, count)
-        if roots[k] > (1.0 if outcome == PASSED else s + tolerance):
+        if roots[k] > (1.0 if outcome == PASSED else s + _TOGETHER * tolerance):
             break
         if outcome == PASSED:
             s = roots[k]
@@ -80,7 +82,7 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
     for k in range(count):
         if outcome == PASSED:
             tally[EVENTS + 2 * k] = ends[k] if ends[k] != 0 else tally[EVENTS + 2 * k]
-        elif roots[k] - _NEVER >= s - tolerance:  # it has just occurred
+        elif roots[k] - _NEVER >= s - _TOGETHER * tolerance:  # it has just occurred
             tally[EVENTS + 2 * k] = ends[k] if watch.events[k, _APPLY] != 0 else 0.0
         else:
             tally[EVENTS + 2 * k] = EVENT(watch.events[k, _G], t + s * h, u, v, p)
@@ -99,9 +101,10 @@ def _earliest(roots, count):
 def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, p, tolerance):
     """Return the fraction of the step at which g changes its sign in the wanted direction, or `_NEVER`.
 
-    `before` has the sign of g at the start, or is zero. The ITP method takes at most one more evaluation than
-    bisection, and as few as the secant method if g is smooth: I. F. D. Oliveira and R. H. C. Takahashi, ACM
-    Transactions on Mathematical Software 47 (2020), 5.
+    `before` has the sign of g at the start. If it is zero, it gets the sign just after the start. It is returned too.
+
+    The ITP method takes at most one more evaluation than bisection, and as few as the secant method if g is smooth:
+    I. F. D. Oliveira and R. H. C. Takahashi, ACM Transactions on Mathematical Software 47 (2020), 5.
     """
     low, high = 0.0, 1.0
     evaluate(coefficients, low, n, u, v)
@@ -118,9 +121,9 @@ def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, 
     is_rising = before < 0
     has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
     if before == 0 or not has_changed or direction == (-1 if is_rising else 1):
-        return _NEVER
+        return _NEVER, before
     if g_low == 0 or (g_low < 0) != is_rising:  # zero, up to round-off
-        return low
+        return low, before
     spread, radius = _SPREAD / (high - low), high - low
     while high - low > 2 * tolerance:
         middle, half = (low + high) / 2, (high - low) / 2
@@ -141,7 +144,7 @@ def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, 
             low, g_low = x, g
         else:
             high, g_high = x, g
-    return high
+    return high, before
 
 
 def take(watch, tally, k, t, n, ends, u, v, p):

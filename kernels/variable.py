@@ -49,11 +49,10 @@ GOING, AT_END, BEFORE_END, TOO_SMALL, FULL = range(10, 15)
 #: The rows of `Watch.work` for n degrees of freedom: two for the search of roots, u and v there, and the dense output.
 WORK = 4 + COEFFICIENTS
 
-_PART = 1e-3  # of v^2 / a, the size of a displacement that starts at zero
 TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
 
 _RESOLUTION = 8 * EPSILON  # least step, relative to the time
-_FIRST = 1e-6  # fraction of the span that is taken where there is nothing to estimate a first step from
+_FIRST = 1e-9  # fraction of the span that is taken where there is nothing to estimate a first step from
 _LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
 LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 
@@ -72,6 +71,8 @@ def variable(callbacks, state, tally, span, watch):
     has_events, has_times, has_rows = len(watch.events) > 0, len(watch.times) > 0, len(span.t_rows) > 0
     t, h, was_rejected = tally[TIME], tally[STEP], False
     taken, row, ended = 0, 0, GOING
+    if span.is_relative == 1 and tally[U_SIZE] == 0 and tally[V_SIZE] == 0:
+        set_sizes(tally, y, n, span.atol)
     if h == 0:
         h = FIRST_STEP(f, t, n, y, tally, span)
         tally[STEP_BEFORE] = h
@@ -88,14 +89,15 @@ def variable(callbacks, state, tally, span, watch):
             ended = BEFORE_END
             break
         step = remaining if is_last else h
-        if not (is_last or step >= _RESOLUTION * abs(t + step)):  # also for NaN
+        if not (is_last or (step > 0 and step >= _RESOLUTION * abs(t + step))):  # also for NaN
             ended = TOO_SMALL
             break
         TRIAL(f, t, step, tally[STEP_BEFORE], p, n, y)
         tally[EVALUATIONS] += COST
-        if span.is_relative == 1 and tally[V_SIZE] == 0:
-            set_sizes(tally, y, n, span.atol, _FIRST * remaining)
-        square = SQUARE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, tally[U_SIZE], tally[V_SIZE])
+        u_size, v_size = 0.0, 0.0
+        if span.is_relative == 1:
+            u_size, v_size = sizes(tally, y, n, _FIRST * remaining)
+        square = SQUARE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, u_size, v_size)
         if not square <= 1.0:
             tally[REJECTED] += 1
             h = step * shrinkage(square, ORDER)
@@ -166,22 +168,26 @@ def write_row(span, row, t, h, n, u, v):
 
 
 @element
-def set_sizes(tally, y, n, atol, least):
-    """Write the sizes of u and v from which tolerances relative to the motion begin, if there is some motion.
-
-    A velocity that is zero gets the size sqrt(u a) of an oscillation, and a displacement that is zero a part of
-    v^2 / a. Where this is zero too, the size is that after the time `least`.
-    """
-    u_size, v_size, a_size = 0.0, 0.0, 0.0
+def set_sizes(tally, y, n, atol):
+    """Write the sizes of u and v at the start. A velocity that is zero gets the size sqrt(u a) of an oscillation."""
+    a_size = 0.0
     for j in range(n):
         if atol[0, j] < math.inf:
-            u_size, v_size = max(u_size, abs(y[U][j])), max(v_size, abs(y[V][j]))
+            tally[U_SIZE], tally[V_SIZE] = max(tally[U_SIZE], abs(y[U][j])), max(tally[V_SIZE], abs(y[V][j]))
+            a_size = max(a_size, abs(y[A][j]))
+    if tally[V_SIZE] == 0:
+        tally[V_SIZE] = math.sqrt(tally[U_SIZE] * a_size)
+
+
+@element
+def sizes(tally, y, n, least):
+    """Return the sizes of u and v in a step. Where nothing has moved yet, they are those after the time `least`."""
+    u_size, v_size, a_size = tally[U_SIZE], tally[V_SIZE], 0.0
+    if u_size == 0 or v_size == 0:
+        for j in range(n):
             a_size = max(a_size, abs(y[A][j]), abs(y[A_END][j]))
-    if v_size == 0:
-        v_size = math.sqrt(u_size * a_size) if u_size > 0 else least * a_size
-    if u_size == 0:
-        u_size = _PART * v_size * v_size / a_size if a_size > 0 and v_size > least * a_size else least * v_size
-    tally[U_SIZE], tally[V_SIZE] = u_size, v_size
+    v_size = v_size if v_size > 0 else least * a_size
+    return u_size if u_size > 0 else least * v_size, v_size
 
 
 def first_step(f, t, n, y, tally, span):
@@ -193,14 +199,13 @@ def first_step(f, t, n, y, tally, span):
     u, v, a, u_end, v_end, a_end = y[:6]
     length = span.t_end - t
     least = _FIRST * length
+    u_size, v_size = 0.0, 0.0
     if span.is_relative == 1:
-        for j in range(n):
-            a_end[j] = a[j]
-        set_sizes(tally, y, n, span.atol, least)
+        u_size, v_size = sizes(tally, y, n, least)
     size, slope = 0.0, 0.0
     for j in range(n):
-        u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), tally[U_SIZE]) + TINY
-        v_scale = span.atol[1, j] + span.rtol * max(abs(v[j]), tally[V_SIZE]) + TINY
+        u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), u_size) + TINY
+        v_scale = span.atol[1, j] + span.rtol * max(abs(v[j]), v_size) + TINY
         size += (u[j] / u_scale) ** 2 + (v[j] / v_scale) ** 2
         slope += (v[j] / u_scale) ** 2 + (a[j] / v_scale) ** 2
     size, slope = math.sqrt(size / (2 * n)), math.sqrt(slope / (2 * n))
@@ -211,10 +216,10 @@ def first_step(f, t, n, y, tally, span):
     tally[EVALUATIONS] += 1
     bend = 0.0
     for j in range(n):
-        u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), tally[U_SIZE]) + TINY
-        v_scale = span.atol[1, j] + span.rtol * max(abs(v[j]), tally[V_SIZE]) + TINY
+        u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), u_size) + TINY
+        v_scale = span.atol[1, j] + span.rtol * max(abs(v[j]), v_size) + TINY
         bend += ((v_end[j] - v[j]) / u_scale) ** 2 + ((a_end[j] - a[j]) / v_scale) ** 2
-    change = max(h * slope, math.sqrt(bend / (2 * n)))
+    change = h * max(slope, math.sqrt(bend / (2 * n)))
     better = h * (0.01 / change) ** (1 / ORDER) if change > 1e-15 else max(least, h * 1e-3)
     return min(100 * h, better if better > 0 else h, length, span.h_max)
 
