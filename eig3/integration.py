@@ -556,6 +556,8 @@ class _Run:
                 stepper.finish()
             events, rows = stepper.watching.occurrences(), stepper.wanted_rows()
             if rows is not None:
+                if self.status is Status.DIVERGED:  # the dense output of the last step may not be finite
+                    rows = rows.at(slice(int(np.argmin([*np.isfinite(rows.u + rows.v).all(axis=1), False]))))
                 t, (u, v) = rows.t, rows.in_form(stepper.form)
                 outputs = {output.name: output.at(t, u, v) for output in self.outputs}
         followed: list[Watch | Output] = [*self.watches, *self.outputs]

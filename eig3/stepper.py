@@ -415,8 +415,9 @@ class Stepper:
                 if not self._fall_back():
                     self.failed = True
                     return
-            elif not is_last:
-                self._set_slice(steps, seconds, time.thread_time() - before[1])
+            elif self.index < end:
+                if not is_last:
+                    self._set_slice(steps, seconds, time.thread_time() - before[1])
                 if any(cancel.is_set() for cancel in cancels):
                     return
 

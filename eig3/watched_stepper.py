@@ -79,7 +79,7 @@ class WatchedStepper(Stepper):
 
     def finish(self) -> None:
         """Write the state at the end of the span, if it is wanted: t0 + n h may differ from the end by round-off."""
-        self.watching.finish(self._tally, self.u, self.v, self.h)
+        self.watching.finish(self._tally, self._t_end, self.u, self.v)
 
     def restarted(self, h: float) -> WatchedStepper:
         """Return a new stepper at t0, u0 and v0, with the step h and the same events."""

@@ -130,12 +130,11 @@ class Watching:
         """Forget the occurrences since there were `n_found` blocks of them."""
         del self._found[n_found:]
 
-    def finish(self, tally: np.ndarray, u: Any, v: Any, h: float) -> None:
-        """Write the state at the end of the run, if the last of the wanted times is still missing."""
-        row = int(tally[NEXT])
-        if self.times is not None and row == len(self.times) - 1:
-            self.watch.u_rows[row], self.watch.v_rows[row], self.watch.h_rows[row] = u, v, h
-            tally[NEXT] += 1
+    def finish(self, tally: np.ndarray, t_end: float, u: Any, v: Any) -> None:
+        """Write the state at the end of the run, if it is wanted."""
+        if self.times is not None and self.times[-1] == t_end:
+            self.watch.u_rows[-1], self.watch.v_rows[-1] = u, v
+            tally[NEXT] = len(self.times)
 
     def occurrences(self) -> dict[str, Occurrences]:
         """Return the occurrences of each event so far."""
@@ -178,9 +177,8 @@ def ended_by_event(stepper: Any) -> tuple[Status, str]:
     if stepper.ended == TERMINAL:
         return Status.TERMINATED, f"The event {name!r} ended the run at t = {t:g}."
     return Status.ZENO, (
-        f"The resets of the event {name!r} follow each other at t = {t:g} in ever shorter times, or by thousands in "
-        "one step, as the impacts of a ball that comes to rest do; end the run before with a terminal event, or let "
-        "apply bring the motion to rest."
+        f"The resets of the event {name!r} follow each other at t = {t:g} in ever shorter times, as the impacts of a "
+        "ball that comes to rest do; end the run before with a terminal event, or let apply bring the motion to rest."
     )
 
 

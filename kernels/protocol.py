@@ -16,9 +16,13 @@ EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 #: Further entries for a run with events or tolerances: the time, the next step and the step before, the logarithm of
 #: the last error, the number of rejected steps, the largest |u| and |v| so far, the next of `Watch.times`, the number
 #: of occurrences in the log, the index of the step at which a multistep method started anew, the time between the last
-#: two resets, and the event that ended the run. Two values follow for each event: the sign of g, where 0 means that it
-#: is looked at just after the start of the next step, and the time of its last reset.
-TIME, STEP, STEP_BEFORE, ERROR, REJECTED, U_SIZE, V_SIZE, NEXT, LOGGED, ANEW, GAP, ENDED_BY, EVENTS = range(4, 17)
+#: two resets, the event that ended the run, and 1 if a call ended within a fixed step because the log was full.
+TIME, STEP, STEP_BEFORE, ERROR, REJECTED, U_SIZE, V_SIZE = range(4, 11)
+NEXT, LOGGED, ANEW, GAP, ENDED_BY, WITHIN = range(11, 17)
+
+#: Two values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the next
+#: step, and the time of its last reset.
+EVENTS = 17
 
 
 class Run(NamedTuple):

@@ -52,7 +52,7 @@ WORK = 4 + COEFFICIENTS
 TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
 
 _RESOLUTION = 8 * EPSILON  # least step, relative to the time
-_FIRST = 1e-9  # fraction of the span that is taken where there is nothing to estimate a first step from
+_FIRST = 1e-6  # fraction of the span that is taken where there is nothing to estimate a first step from
 _LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
 LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 

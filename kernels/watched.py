@@ -16,14 +16,13 @@ from typing import Any
 from numba.types import UniTuple, int64
 
 from .dense import quintic
-from .events import NOT_A_NUMBER, PASSED, RESET, ZENO, functions, write_time
+from .events import NOT_A_NUMBER, PASSED, RESET, functions, write_time
 from .fixed import Formulas, inline_callbacks, nothing, pointer_callbacks
 from .jit import bound, compile_kernel, element, outlined
 from .march import settle
 from .pair import A_END, U_END, V_END, A, U, V
 from .protocol import (
     ANEW,
-    ENDED_BY,
     EVALUATIONS,
     GAP,
     LOGGED,
@@ -31,6 +30,7 @@ from .protocol import (
     SCALAR,
     TIME,
     WATCH,
+    WITHIN,
     At,
     Form,
     Work,
@@ -57,7 +57,9 @@ def scalar(callbacks, state, settings, tally, run, watch):
             ended = FULL
             break
         first, begun = i, int(tally[ANEW]) + START_STEPS
-        if START_STEPS > 0 and i < begun:
+        if tally[WITHIN] == 1:
+            i, found = i + 1, _FOUND
+        elif START_STEPS > 0 and i < begun:
             u, v, y, i, row, found = march_scalar(
                 START_STEP, IS_QUIET, f, y, c, run, watch, tally, i, min(last, begun), row
             )
@@ -69,7 +71,8 @@ def scalar(callbacks, state, settings, tally, run, watch):
             ended = FAILED
         elif found == _FOUND:
             t = run.t0 + i * run.h
-            pair[U][0], pair[V][0], pair[U_END][0], pair[V_END][0] = u, v, y[0], y[1]
+            if tally[WITHIN] == 0:
+                pair[U][0], pair[V][0], pair[U_END][0], pair[V_END][0] = u, v, y[0], y[1]
             outcome = SEARCH(f, watch, tally, run.t0 + (i - 1) * run.h, t, 1, run.p)
             if outcome != PASSED:
                 u, v = pair[U_END][0], pair[V_END][0]
@@ -125,7 +128,9 @@ def vector(callbacks, state, settings, tally, run, watch):
             ended = FULL
             break
         first, begun = i, int(tally[ANEW]) + START_STEPS
-        if START_STEPS > 0 and i < begun:
+        if tally[WITHIN] == 1:
+            i, found = i + 1, _FOUND
+        elif START_STEPS > 0 and i < begun:
             with_scratch = c, state[OWN_ROWS:]
             y, i, row, found = march_vector(
                 START_STEP, nothing, IS_QUIET, f, y, with_scratch, n, run, watch, tally, pair, i, min(last, begun), row
@@ -138,7 +143,8 @@ def vector(callbacks, state, settings, tally, run, watch):
             ended = FAILED
         elif found == _FOUND:
             t = run.t0 + i * run.h
-            copy_two(pair[U_END], pair[V_END], y[0], y[1], n)
+            if tally[WITHIN] == 0:
+                copy_two(pair[U_END], pair[V_END], y[0], y[1], n)
             outcome = SEARCH(f, watch, tally, run.t0 + (i - 1) * run.h, t, n, run.p)
             if outcome != PASSED:
                 copy_two(y[0], y[1], pair[U_END], pair[V_END], n)
@@ -187,21 +193,29 @@ def copy_two(u, v, u_from, v_from, n):
 def search(f, watch, tally, t, t_grid, n, p):
     """Search the step from t to `t_grid`, whose two states are in rows of `watch.work`, and return the outcome.
 
-    After a reset, the state at the end of the step is that at `t_grid`, or that of the event which ends the run.
+    After a reset, the state at the end of the step is that at `t_grid`, or that of the event which ends the run. If the
+    log is full after some resets, FULL is returned, and the next call goes on from the last of them.
     """
     y = rows(watch.work[WORK:], PAIR_ROWS)
     u, v, a, u_end, v_end = y[U], y[V], y[A], y[U_END], y[V_END]
     u_there, v_there, coefficients = watch.work[2], watch.work[3], watch.work[4:]
-    ACCELERATE(f, t, u, v, p, a)
-    STEP_DENSE(f, t, t_grid - t, p, n, y, u_there, v_there, coefficients)
-    tally[EVALUATIONS] += 1 + STEP_DENSE_COST
     t_end, reach, result = t_grid, 0.0, PASSED
+    if tally[WITHIN] == 0:
+        ACCELERATE(f, t, u, v, p, a)
+        STEP_DENSE(f, t, t_grid - t, p, n, y, u_there, v_there, coefficients)
+        tally[EVALUATIONS] += 1 + STEP_DENSE_COST
+    else:
+        t, reach, result = tally[TIME], LATER * tally[GAP], RESET
+        t_end = min(t_grid, t + reach)
+        TRIAL(f, t, t_end - t, t_end - t, p, n, y)
+        DENSE(f, t, t_end - t, p, n, y, coefficients)
+        tally[WITHIN] = 0
     while True:
         h = t_end - t
-        if int(tally[LOGGED]) + len(watch.events) > len(watch.log):  # of resets in this step alone
+        if int(tally[LOGGED]) + len(watch.events) > len(watch.log):
             copy_two(u_end, v_end, u, v, n)
-            tally[TIME], tally[ENDED_BY] = t, watch.log[int(tally[LOGGED]) - 1, 0]
-            return ZENO
+            tally[TIME], tally[WITHIN] = t, 1
+            return FULL
         outcome, s = LOOK_WITHIN(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
         if outcome == NOT_A_NUMBER:
             copy_two(u_end, v_end, u, v, n)
