@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -560,6 +561,7 @@ def order_with_tolerances(method: Method) -> Iterator[Finding]:
     """
     problem = problems.single_dof(xi=0.02, force=1.0, force_omega=3.0, t_end=50.0)
     times = np.linspace(0, 50, 201)
+    assert problem.exact is not None
     exact = problem.exact(times)[0]
     runs = [problem.integrate(rtol=rtol, method=method, t_eval=times, invariants={}) for rtol in (1e-8, 1e-10)]
     errors = [_rms(run.u - exact) for run in runs]
@@ -594,7 +596,7 @@ def grazing(method: Method) -> Iterator[Finding]:
     """
 
     def times(depth: float) -> np.ndarray:
-        options = {"rtol": 1e-10, "h_max": 0.02, "method": method, "params": depth, "save_every": None}
+        options: dict[str, Any] = {"rtol": 1e-10, "h_max": 0.02, "method": method, "params": depth, "save_every": None}
         run = eig3.integrate(oscillation, (0, 20 * math.pi), 1.0, 0.0, events={"low": eig3.Event(above)}, **options)
         return run.events["low"].t
 
@@ -622,7 +624,7 @@ def many_events(method: Method) -> Iterator[Finding]:
     count, height = 10**5, 1.0
     if method.name != "eig3":  # which needs 1e5 steps a period for so small an error
         event = {"zero": eig3.Event(oscillation)}
-        options = {"rtol": 1e-10, "method": method, "save_every": None}
+        options: dict[str, Any] = {"rtol": 1e-10, "method": method, "save_every": None}
         found = eig3.integrate(oscillation, (0, count * math.pi), 1.0, 0.0, events=event, **options).events["zero"].t
         yield near("zeros of cos t", count, len(found))
         error = np.abs(found / math.pi - np.arange(len(found)) - 0.5).max() / count

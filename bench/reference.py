@@ -62,7 +62,7 @@ def _hertz(problem: Problem) -> Reference:
     """The motion through a contact, by the inverse of the incomplete beta function, and the free flight after it."""
     from scipy.special import betaincinv
 
-    stiffness, speed = problem.params[0], -problem.v0
+    stiffness, speed = float(np.ravel(problem.params)[0]), -float(np.ravel(problem.v0)[0])
     deepest, half = largest_indentation(stiffness, speed), contact_time(stiffness, speed) / 2
 
     def u(t: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ def restarted(solve: Callable[..., Any], problem: Problem, times: np.ndarray, y0
     def zero(t: float, y: np.ndarray) -> float:
         return event.g(t, y[0], y[1], params)
 
-    zero.terminal, zero.direction = True, event.direction
+    vars(zero).update(terminal=True, direction=event.direction)
     t, y, left, results = times[0], y0, times, []
     while True:
         result = solve((t, times[-1]), y, left, [zero])

@@ -114,9 +114,9 @@ def measure(
     for key, method in records(problem, chosen, methods):
         found += sweep(problem, chosen, judge, key, method, longest, storage, inline)
     if chosen.tolerances:
-        for key, method in TOLERANCES.items():
+        for key, own in TOLERANCES.items():
             if key.partition(" ")[0] in methods:
-                found += sweep_tolerances(problem, chosen, judge, key, method, longest, inline=inline)
+                found += sweep_tolerances(problem, chosen, judge, key, own, longest, inline=inline)
     skipped = []
     for key, rival in RIVALS.items() if rivals else ():
         if not rival.is_installed:

@@ -90,10 +90,12 @@ def output(path, text, *arguments, seconds=300):
 def test_workers_return_the_solutions_of_the_parent(tmp_path):
     """The script forks while it has no other thread; a worker of pytest-xdist always has one."""
     solutions = pickle.loads(output(tmp_path / "script.py", SCRIPT, *STARTS))
-    fields = {
-        start: {name: {**vars(solution), "kernel_seconds": None} for name, solution in runs.items()}
-        for start, runs in solutions.items()
-    }
+
+    def plain(solution):
+        events = {name: vars(occurrences) for name, occurrences in solution.events.items()}
+        return {**vars(solution), "events": events, "kernel_seconds": None}
+
+    fields = {start: {name: plain(solution) for name, solution in runs.items()} for start, runs in solutions.items()}
     parent = fields.pop("parent")
     assert {*eig3.problems.__all__, "own", "closure"} <= {*parent}
     assert parent["shear_building"]["integrals"]["work"].any()
