@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -57,6 +58,14 @@ class Followed:
     def values(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the values in the saved states."""
         return self.quantity.evaluate(t, u, v, self._params, self.quantity.no_extremes()).copy()
+
+    def values_before_error(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the values in the saved states up to the first in which the function raises an exception, then NaN."""
+        values = np.full((len(t), *self.quantity.shape), np.nan)
+        with contextlib.suppress(Exception):
+            for i in range(len(t)):
+                values[i] = self.values(t[i : i + 1], u[i : i + 1], v[i : i + 1])[0]
+        return values
 
     def copy(self) -> Followed:
         other = object.__new__(Followed)
@@ -171,7 +180,11 @@ class VariableRun:
         followed = {**self.invariants, **self.outputs}
         solution.drift = {name: invariant.drift for name, invariant in self.invariants.items()}
         solution.extremes = {name: quantity.extremes for name, quantity in followed.items()}
-        solution.outputs = {n: output.values(solution.t, solution.u, solution.v) for n, output in self.outputs.items()}
+        rows = solution.t, solution.u, solution.v
+        solution.outputs = {
+            name: output.values_before_error(*rows) if error else output.values(*rows)
+            for name, output in self.outputs.items()
+        }
         solution.events = stepper.watching.occurrences()
         return solution
 

@@ -147,6 +147,7 @@ class VariableStepper:
         """
         tolerances = self.tolerances
         span = Span(
+            self.t0,
             self.t_end,
             self.params,
             self.index,

@@ -41,11 +41,14 @@ class Run(NamedTuple):
 class Span(NamedTuple):
     """The steps of variable length to take: at most `count` from step index `first`, to `t_end` at most.
 
+    The run began at `t0`.
+
     Every `every`-th state is written to the rows, and `atol` has a row for u and one for v. If `is_relative` is 1,
     `rtol` is relative to the largest value so far of all degrees of freedom whose `atol` is finite. If `may_shorten` is
     0, a last step that would have to be shortened is not taken.
     """
 
+    t0: Any
     t_end: Any
     p: Any
     first: Any
@@ -111,7 +114,7 @@ WATCH = types.NamedTuple(
 )
 SPAN = types.NamedTuple(
     (
-        *(float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64),
+        *(float64, float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64),
         *(vector_type, vector_type, matrix_type, matrix_type),
     ),
     Span,

@@ -52,7 +52,7 @@ WORK = 4 + COEFFICIENTS
 TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
 
 _RESOLUTION = 8 * EPSILON  # least step, relative to the time
-_FIRST = 1e-6  # fraction of the span that is taken where there is nothing to estimate a first step from
+_FIRST = 1e-6  # where nothing moves yet, a time that is short as part of the time so far, or of a unit of time
 _LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
 LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 
@@ -96,7 +96,7 @@ def variable(callbacks, state, tally, span, watch):
         tally[EVALUATIONS] += COST
         u_size, v_size = 0.0, 0.0
         if span.is_relative == 1:
-            u_size, v_size = sizes(tally, y, n, _FIRST * remaining)
+            u_size, v_size = sizes(tally, y, n, _FIRST * (t + step - span.t0))
         square = SQUARE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, u_size, v_size)
         if not square <= 1.0:
             tally[REJECTED] += 1
@@ -193,12 +193,12 @@ def sizes(tally, y, n, least):
 def first_step(f, t, n, y, tally, span):
     """Return a first step: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, II.4.
 
-    Where they take an absolute length, this function takes a fraction of the span, so that the unit of time does not
-    matter.
+    The unit of time does not matter, except for a motion that starts at rest at zero, and in a span of more than a unit.
+    The first step must not depend on the end of a span, from which a run may go on.
     """
     u, v, a, u_end, v_end, a_end = y[:6]
     length = span.t_end - t
-    least = _FIRST * length
+    least = _FIRST * min(length, 1.0)
     u_size, v_size = 0.0, 0.0
     if span.is_relative == 1:
         u_size, v_size = sizes(tally, y, n, least)

@@ -85,7 +85,7 @@ def flights(t: ArrayLike, restitution: float, h0: float, g: float) -> tuple[np.n
     t = np.asarray(t, dtype=np.float64) / fall
     if restitution == 1:
         k = np.floor((t + 1) / 2)
-        rests = False
+        rests = np.zeros(t.shape, dtype=bool)
     else:
         part = restitution - (t - 1) * (1 - restitution) / 2  # restitution^k at the impact k
         rests = part <= 0

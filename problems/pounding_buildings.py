@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.effects import LinearDamper, LinearSpring, MassImpact, SampledMotion
@@ -17,9 +16,9 @@ from .shear_building import quake
 def pounding_buildings(
     gap: float = 0.03,
     restitution: float = 0.65,
-    m: ArrayLike = (20e3, 20e3),
-    stiffness: ArrayLike = (6e6, 18e6),
-    damping: ArrayLike = (60e3, 60e3),
+    m: tuple[float, float] = (20e3, 20e3),
+    stiffness: tuple[float, float] = (6e6, 18e6),
+    damping: tuple[float, float] = (60e3, 60e3),
     peak: float = 3.0,
     record: int = 1906,
     t_end: float = 20.0,
@@ -66,7 +65,8 @@ def pounding_buildings(
 
     return replace(
         scene.problem((0.0, t_end), name="pounding_buildings", work=work),
-        source="Anagnostopoulos, Pounding of buildings in series during earthquakes (1988), with rigid impacts; "
+        source="after S. A. Anagnostopoulos, Pounding of buildings in series during earthquakes, Earthquake "
+        "Engineering and Structural Dynamics 16 (1988), 443-456, with rigid impacts in place of impact elements; "
         "record: Kanai (1957) and Tajimi (1960)",
         h=1e-4,
         draw=partial(draw, gap=gap),
