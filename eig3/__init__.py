@@ -9,7 +9,8 @@ from .analysis.planner import Plan, plan
 from .callbacks import jit
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
-from .events import Event
+from .events import Event, Occurrences
+from .extremes import Extremes
 from .integration import IntegrationError, integrate
 from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, CentralDifference, Method
 from .problem import Problem
@@ -33,9 +34,11 @@ __all__ = [
     "CriticalStep",
     "EnsembleSolution",
     "Event",
+    "Extremes",
     "IntegrationError",
     "Method",
     "NoCriticalStepError",
+    "Occurrences",
     "Plan",
     "Problem",
     "Solution",

@@ -36,7 +36,7 @@ class Event:
 
     The sign of g is compared at both ends of each step, and a zero is then found within the step. An even number of
     zeros in one step is not seen: take a shorter step, or with tolerances h_max. A zero at the start is not an
-    occurrence.
+    occurrence, and neither is one exactly at the end of the span, because the sign has not changed there.
     """
 
     g: Any

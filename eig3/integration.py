@@ -419,6 +419,7 @@ class _Run:
     ) -> None:
         self.stepper, self.n_steps, self.save_every, self.history = stepper, n_steps, save_every, history
         self.watches, self.outputs, self.growth, self.place = watches, outputs, growth, place
+        self._n_found = stepper.watching.n_found if isinstance(stepper, WatchedStepper) else 0
         self.bar = Progress(n_steps - stepper.index, "step") if progress else None
         self.observers: list[Observer] = [history, *watches, *outputs, growth]
         if self.bar:
@@ -501,6 +502,11 @@ class _Run:
             begin = time.perf_counter()
             for observer in self.observers:
                 observer.see(chunk)
+            if isinstance(stepper, WatchedStepper) and stepper.watching.n_found > self._n_found:
+                states = stepper.watching.states_from(self._n_found)
+                for quantity in (*self.watches, *self.outputs):
+                    quantity.widen(*states)
+                self._n_found = stepper.watching.n_found
             if self.watches or self.outputs:
                 seconds = time.perf_counter() - begin + 1e-9
                 steps = stepper.index - chunk.first

@@ -133,6 +133,7 @@ class Solution:
     reason: Callable[[], str] | None = None
     _accelerations: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
     _extend: Callable[..., Solution] | None = None
+    _between: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     _explanation: str = ""
     _a: np.ndarray | None = field(default=None, init=False)
     _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
@@ -204,12 +205,18 @@ class Solution:
         through those at the next one to three saved states, so that neither u nor v loses an order. No polynomial
         reaches across a jump.
 
+        After a run by RK8 with tolerances, and with every state saved, the states are those of its continuous extension
+        instead. It is not kept in a file, a copy or a pickle.
+
         The accelerations are `a`. Where they are not known or not finite, a cubic polynomial goes through u and v: its
         errors are of the orders 4 and 3.
         """
         times = np.asarray(t, dtype=np.float64)
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
             raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
+        if self._between is not None and len(self.t) > 1:
+            u, v = self._between(self.t, self.u, self.v, times.ravel())
+            return u.reshape(times.shape + self.u.shape[1:])[()], v.reshape(times.shape + self.v.shape[1:])[()]
         if self._knots is None:
             self._knots = self._all_knots()
         # n knots give u to the order 3 n, and v to the order 3 n - 1.
@@ -381,7 +388,14 @@ class Solution:
 
     def __getstate__(self) -> dict[str, Any]:
         # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
-        state = {**vars(self), "reason": None, "_accelerations": None, "_extend": None, "_knots": None}
+        state = {
+            **vars(self),
+            "reason": None,
+            "_accelerations": None,
+            "_extend": None,
+            "_between": None,
+            "_knots": None,
+        }
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
             state |= {"_a": self.a, "_a_jumps": self._a_jumps}
         return state

@@ -70,7 +70,14 @@ class Place:
     def write(self, solution: Solution, *, has_ended: bool) -> None:
         """Write what a solution has beside its rows."""
         state = {name: None if name in _ROWS else value for name, value in vars(solution).items()}
-        state |= {"reason": None, "_accelerations": None, "_extend": None, "_knots": None, "labels": self.labels}
+        state |= {
+            "reason": None,
+            "_accelerations": None,
+            "_extend": None,
+            "_between": None,
+            "_knots": None,
+            "labels": self.labels,
+        }
         rest = {"integrals": self.integrals, "has_ended": has_ended}
         _write(solution, state, self.directory / _RUN, **rest)
 

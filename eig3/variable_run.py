@@ -9,7 +9,7 @@ import numpy as np
 
 from .checks import check_time
 from .growing import GrowingHistory, Rows
-from .kernels.events import NOT_A_NUMBER, TERMINAL, ZENO
+from .kernels.events import APPLIED_NAN, NOT_A_NUMBER, TERMINAL, ZENO
 from .kernels.variable import AT_END, BEFORE_END, TOO_SMALL
 from .observers.progress import Progress, check_progress
 from .quantities import Functions, Quantity, as_extremes
@@ -186,6 +186,8 @@ class VariableRun:
             for name, output in self.outputs.items()
         }
         solution.events = stepper.watching.occurrences()
+        if stepper.method.variable == "rk8" and self.every == 1 and stepper.watching.times is None:
+            solution._between = stepper.states_between
         return solution
 
     def _solution(self, rows: Rows) -> Solution:
@@ -228,11 +230,11 @@ class VariableRun:
         spent = stepper.seconds - before
         taken = stepper.index - first
         self._count = max(1, int(max(1, taken) * min(_GROWTH, _CHUNK_SECONDS / (spent + 1e-9))))
-        for followed in (*self.invariants.values(), *self.outputs.values()):
-            followed.see(rows.t, *rows.in_form(stepper.form))
         if is_kept:
             self.history.append(rows if every == self.every else self._chosen(rows, first))
             self.history.commit(**stepper.counts)
+        for followed in (*self.invariants.values(), *self.outputs.values()):
+            followed.see(rows.t, *rows.in_form(stepper.form))
 
     def _chosen(self, rows: Rows, first: int) -> Rows:
         """Return the rows to save from the rows of all steps after step index `first`.
@@ -280,8 +282,8 @@ class VariableRun:
             stepper.shorten()
         elif ended in (TERMINAL, ZENO):
             self._end(*ended_by_event(stepper))
-        elif ended == NOT_A_NUMBER:
-            raise not_a_number(stepper.ended_by, t)
+        elif ended in (NOT_A_NUMBER, APPLIED_NAN):
+            raise not_a_number(stepper, t)
         elif ended == TOO_SMALL:
             self._end(
                 Status.STEP_TOO_SMALL,

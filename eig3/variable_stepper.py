@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import importlib
 import time
 from functools import partial
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 from .accelerations import accelerations
 from .callbacks import check_callback
 from .checks import check_params, check_state
+from .extension import states_between
 from .growing import Rows
 from .guard import first_acceleration, guarded
 from .inlining import inlined
@@ -129,6 +131,11 @@ class VariableStepper:
     def accelerations(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Evaluate f at each row of u and v."""
         return accelerations(self._callback, self.params, t, u, v)
+
+    @property
+    def states_between(self) -> Any:
+        """A function that returns u and v at some times, from a history with the states after all steps of RK8."""
+        return functools.partial(states_between, self._callback, self.params)
 
     @property
     def pace(self) -> float | None:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from .growing import Rows
 from .inlining import inlined
-from .kernels.events import NOT_A_NUMBER, RESET, ZENO
+from .kernels.events import APPLIED_NAN, NOT_A_NUMBER, RESET, ZENO
 from .kernels.protocol import ENDED_BY, EVENTS, TIME, Run
 from .kernels.variable import GOING
 from .kernels.watched import FAILED, inline_watched_kernel, watched_kernel, work_rows
@@ -114,8 +114,8 @@ class WatchedStepper(Stepper):
         watch = self.watching.watch
         done, self.ended = self._kernel(self._callbacks, self._state, self._settings, self._tally, run, watch)
         self.watching.collect(self._tally)
-        if self.ended == NOT_A_NUMBER:
-            raise not_a_number(self.ended_by, float(self._tally[TIME]))
+        if self.ended in (NOT_A_NUMBER, APPLIED_NAN):
+            raise not_a_number(self, float(self._tally[TIME]))
         return done, self.ended == FAILED
 
     def _save(self) -> None:

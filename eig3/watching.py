@@ -13,7 +13,7 @@ from .callbacks import check_callback
 from .checks import reals
 from .events import Event, Occurrences
 from .growing import Rows
-from .kernels.events import TERMINAL
+from .kernels.events import APPLIED_NAN, TERMINAL
 from .kernels.protocol import EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
 from .solution import Status
 
@@ -126,6 +126,16 @@ class Watching:
         """Number of blocks of occurrences so far, for `forget_from`."""
         return len(self._found)
 
+    def states_from(self, n_found: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return t, u and v before and after each occurrence since there were `n_found` blocks of them."""
+        n = self._n
+        rows = np.concatenate([self.watch.log[:0], *self._found[n_found:]])
+        u, v = (np.concatenate([rows[:, i : i + n], rows[:, i + 2 * n : i + 3 * n]]) for i in (2, 2 + n))
+        t = np.concatenate([rows[:, 1]] * 2)
+        order = np.argsort(t, kind="stable")
+        u, v = (np.ascontiguousarray(x[order, 0] if self._is_scalar else x[order]) for x in (u, v))
+        return t[order], u, v
+
     def forget_from(self, n_found: int) -> None:
         """Forget the occurrences since there were `n_found` blocks of them."""
         del self._found[n_found:]
@@ -182,6 +192,10 @@ def ended_by_event(stepper: Any) -> tuple[Status, str]:
     )
 
 
-def not_a_number(name: str, t: float) -> ValueError:
-    """Return the error for an event whose g is NaN."""
-    return ValueError(f"g of events[{name!r}] is NaN in the step after t = {t:g}; it must be a number in every state.")
+def not_a_number(stepper: Any, t: float) -> ValueError:
+    """Return the error for an event whose g is NaN, or whose apply gives NaN."""
+    if stepper.ended == APPLIED_NAN:
+        return ValueError(f"apply of events[{stepper.ended_by!r}] gives NaN at t = {t:g}; it must give a finite state.")
+    return ValueError(
+        f"g of events[{stepper.ended_by!r}] is NaN in the step after t = {t:g}; it must be a number in every state."
+    )

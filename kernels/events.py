@@ -14,7 +14,7 @@ from .jit import bound, element, outlined
 from .protocol import ENDED_BY, EVENTS, GAP, LOGGED, NEXT, SCALAR, Form, function_at
 
 #: What became of a step with events. A later one of these outcomes takes precedence.
-PASSED, RESET, TERMINAL, ZENO, NOT_A_NUMBER = range(5)
+PASSED, RESET, TERMINAL, ZENO, NOT_A_NUMBER, APPLIED_NAN = range(6)
 
 EPSILON = 2.0**-52
 _G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
@@ -163,10 +163,13 @@ def take(watch, tally, k, t, n, ends, u, v, p):
         g = EVENT(watch.events[k, _G], t, u, v, p)
         APPLY(address, t, u, v, p)
         g_after = EVENT(watch.events[k, _G], t, u, v, p)
+        for j in range(n):
+            if u[j] != u[j] or v[j] != v[j]:
+                outcome = APPLIED_NAN
         ends[k] = g_after if abs(g_after) > 2 * abs(g) else 0.0
         tally[GAP] = t - tally[EVENTS + 2 * k + 1]
         tally[EVENTS + 2 * k + 1] = t
-        outcome = RESET if tally[GAP] > watch.zeno else ZENO
+        outcome = max(outcome, RESET if tally[GAP] > watch.zeno else ZENO)
     for j in range(n):
         row[2 + 2 * n + j], row[2 + 3 * n + j] = u[j], v[j]
     if watch.events[k, _IS_TERMINAL] != 0:

@@ -52,7 +52,7 @@ WORK = 4 + COEFFICIENTS
 TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
 
 _RESOLUTION = 8 * EPSILON  # least step, relative to the time
-_FIRST = 1e-6  # where nothing moves yet, a time that is short as part of the time so far, or of a unit of time
+_FIRST = 1e-6  # the part of the span, or of a unit of time, that counts as short where nothing moves yet
 _LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
 LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 
@@ -96,7 +96,7 @@ def variable(callbacks, state, tally, span, watch):
         tally[EVALUATIONS] += COST
         u_size, v_size = 0.0, 0.0
         if span.is_relative == 1:
-            u_size, v_size = sizes(tally, y, n, _FIRST * (t + step - span.t0))
+            u_size, v_size = sizes(tally, y, n, _FIRST * min(span.t_end - span.t0, 1.0))
         square = SQUARE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, u_size, v_size)
         if not square <= 1.0:
             tally[REJECTED] += 1
@@ -193,8 +193,8 @@ def sizes(tally, y, n, least):
 def first_step(f, t, n, y, tally, span):
     """Return a first step: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, II.4.
 
-    The unit of time does not matter, except for a motion that starts at rest at zero, and in a span of more than a unit.
-    The first step must not depend on the end of a span, from which a run may go on.
+    The unit of time does not matter, except for a motion that starts at rest at zero, in a span of more than a unit:
+    the first step must not depend on the end of the span, from which a run may go on.
     """
     u, v, a, u_end, v_end, a_end = y[:6]
     length = span.t_end - t

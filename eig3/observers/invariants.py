@@ -41,7 +41,10 @@ class Watch:
 
     def see(self, chunk: Chunk) -> None:
         """Evaluate the invariant at every state of a chunk."""
-        t, u, v = chunk.t, chunk.u, chunk.v
+        self.widen(chunk.t, chunk.u, chunk.v)
+
+    def widen(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> None:
+        """Evaluate the invariant at states in the order of their times."""
         while len(t):
             part = int(np.searchsorted(self._ends, t[0]))
             count = int(np.searchsorted(t, self._ends[part], side="right"))

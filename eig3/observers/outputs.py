@@ -43,6 +43,10 @@ class Output:
             self._latest = values[-1].copy()
         self._seen = chunk.stepper.index
 
+    def widen(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> None:
+        """Widen the extremes by states between two steps."""
+        self._quantity.evaluate(t, u, v, self._params, self._extremes)
+
     def extended(self, rows: int, saved: int) -> Output:
         """Return an independent output for a longer run, which keeps the first `saved` of its values."""
         other = copy(self)
