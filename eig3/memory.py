@@ -47,7 +47,7 @@ def check_disk(directory: Path, n_steps: int, every: int, n: int) -> None:
         raise OSError(
             errno.ENOSPC,
             f"the history needs {needed:.3g} bytes and the disk of {directory} has {free:.3g} free; "
-            f"{_remedy(n_steps, free / row)} would fit",
+            f"{_remedy(n_steps, free / row)} would fit, or a directory on another disk",
         )
 
 

@@ -118,7 +118,8 @@ def load(path: str | PathLike[str]) -> Solution:
         With every number as it was saved. It has no right-hand side: `explain` returns what it had found before, and
         `at` takes the saved accelerations. A directory has none of these, and its t, u and v are maps of the files that
         can only be read. If the process of its run was killed, or is still running, the status is INTERRUPTED, and the
-        solution has the states up to then, with its counts, but without `drift`, `extremes`, `outputs` and `notes`.
+        solution has the states up to then, with its counts, but without `drift`, `extremes`, `outputs`,
+        `events` and `notes`.
 
     Raises
     ------
@@ -144,6 +145,8 @@ def _load_directory(directory: Path) -> Solution:
         result.t, result.u, result.v, result.steps = rows["t"], rows["u"], rows["v"], rows.get("steps")
         if not record["has_ended"]:
             vars(result).update(counts)
+            if result.steps is not None:  # with tolerances, h is the mean of the steps
+                result.h = float(result.t[-1] - result.t[0]) / max(1, result.n_steps)
             result.status = Status.INTERRUPTED
             result.message = (
                 f"The process of this run was killed after t = {result.t[-1]:g}, the last state here, or it is still "

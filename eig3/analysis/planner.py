@@ -180,6 +180,9 @@ def plan(
 
     Notes
     -----
+    The first plan of a problem with events compiles a kernel for each method, which may take a minute. The kernels are
+    kept on the disk.
+
     RK8 runs first, each time with twice the steps, until two runs agree to a quarter of the accuracy. The last run is
     the reference: the difference of another run from it is the error of that run. For the metric "energy", each run
     gives its error itself. If RK8 takes too long, the runs cover a part of the span, and each error is extrapolated to
