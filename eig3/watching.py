@@ -19,7 +19,9 @@ from .solution import Status
 
 _LOG_ROWS = 32  # occurrences of each event in the log, at least
 _LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
-_ZENO = 1e-12  # resets that follow each other within this part of the span do not end
+# Resets that follow each other within this part of the span, and so many spacings of t, do not end. The time of a reset
+# has an error of a few spacings: with flights hardly longer, a body would pass through the floor.
+_ZENO, _ZENO_SPACINGS = 1e-12, 1024
 
 
 def check_events(events: Any) -> Mapping[str, Event]:
@@ -172,7 +174,7 @@ class Watching:
 
 def _least_gap(t0: float, t1: float) -> float:
     """Return the time within which resets that follow each other do not end."""
-    return _ZENO * (t1 - t0) + 16 * float(np.spacing(max(abs(t0), abs(t1))))
+    return _ZENO * (t1 - t0) + _ZENO_SPACINGS * float(np.spacing(max(abs(t0), abs(t1))))
 
 
 def _compiled(name: str, event: Event, form: Form) -> tuple[Any, Any]:
