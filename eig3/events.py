@@ -37,6 +37,8 @@ class Event:
     The sign of g is compared at both ends of each step, and a zero is then found within the step. An even number of
     zeros in one step is not seen: take a shorter step, or with tolerances h_max. A zero at the start is not an
     occurrence, and neither is one exactly at the end of the span, because the sign has not changed there.
+
+    `apply` changes the state at one moment: it cannot hold a body on a stop against gravity, which needs a force.
     """
 
     g: Any

@@ -121,9 +121,10 @@ def integrate(
         Save every `save_every`-th state, the first and the last. None saves only the first and the last. With
         tolerances, 1 also saves the states before and after each event with `apply`.
     t_eval : array_like, optional
-        Save the states at these increasing times instead. They come from the dense output within the steps: of RK8 its
-        continuous extension, of methods of other orders above 5 that of a step of RK8 from the same state, and of all
-        others the polynomial of degree 5 through u, v and a at both ends of the step.
+        Save the states at these increasing times instead; at the time of a reset, the state before it. They come from
+        the dense output within the steps: of RK8 its continuous extension, of methods of other orders above 5 that of a
+        step of RK8 from the same state, and of all others the polynomial of degree 5 through u, v and a at both ends of
+        the step.
     events : dict of str to Event, optional
         Functions of the state whose zeros are found, by name, such as ``{"impact": eig3.Event(height)}``; see
         `eig3.Event`.

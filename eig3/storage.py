@@ -116,10 +116,10 @@ def load(path: str | PathLike[str]) -> Solution:
     -------
     Solution
         With every number as it was saved. It has no right-hand side: `explain` returns what it had found before, and
-        `at` takes the saved accelerations. A directory has none of these, and its t, u and v are maps of the files that
-        can only be read. If the process of its run was killed, or is still running, the status is INTERRUPTED, and the
-        solution has the states up to then, with its counts, but without `drift`, `extremes`, `outputs`,
-        `events` and `notes`.
+        `at` takes the saved accelerations. A directory has none of these, so that `at` is a cubic polynomial. Its t, u
+        and v are maps of the files that can only be read. If the process of its run was killed, or is still running,
+        the status is INTERRUPTED, and the solution has the states up to then, with its counts, but without `drift`,
+        `extremes`, `outputs`, `events` and `notes`.
 
     Raises
     ------

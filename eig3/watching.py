@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 from collections.abc import Mapping
 from typing import Any
@@ -13,6 +14,7 @@ from .callbacks import check_callback
 from .checks import reals
 from .events import Event, Occurrences
 from .growing import Rows
+from .guard import beyond, guarded
 from .kernels.events import APPLIED_NAN, TERMINAL
 from .kernels.protocol import EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
 from .solution import Status
@@ -89,6 +91,9 @@ class Watching:
             np.empty((work_rows, max(n, count))),
         )
         self._found: list[np.ndarray] = []
+        for (_, apply), name in zip(self._callbacks, self.events, strict=True):
+            if apply and not self._is_scalar:
+                _check_within(apply, name, t0, start, params)
         self._signs = [self._callbacks[k][0].call(t0, *start, params) for k in range(count)]
 
     def entries(self) -> np.ndarray:
@@ -177,6 +182,15 @@ def _least_gap(t0: float, t1: float) -> float:
     return _ZENO * (t1 - t0) + _ZENO_SPACINGS * float(np.spacing(max(abs(t0), abs(t1))))
 
 
+def _check_within(apply: Any, name: str, t0: float, start: tuple, params: np.ndarray) -> None:
+    """Raise a ValueError if apply, called with copies of the state at the start, writes beyond the end of u or v."""
+    u, v = (guarded(x) for x in start)
+    with contextlib.suppress(Exception):  # apply may refuse a state in which the event does not occur
+        apply.call(t0, u, v, params)
+    if beyond(u) or beyond(v):
+        raise ValueError(f"apply of events[{name!r}] writes beyond the end of u or v, which have {u.size} entries.")
+
+
 def _compiled(name: str, event: Event, form: Form) -> tuple[Any, Any]:
     g = check_callback(event.g, "event", form, f"g of events[{name!r}]")
     apply = event.apply and check_callback(event.apply, "apply", form, f"apply of events[{name!r}]")
@@ -190,7 +204,7 @@ def ended_by_event(stepper: Any) -> tuple[Status, str]:
         return Status.TERMINATED, f"The event {name!r} ended the run at t = {t:g}."
     return Status.ZENO, (
         f"The resets of the event {name!r} follow each other at t = {t:g} in ever shorter times, as the impacts of a "
-        "ball that comes to rest do; end the run before with a terminal event, or let apply bring the motion to rest."
+        "ball that comes to rest do; end the run before with a terminal event, or carry the motion at rest by a force."
     )
 
 
