@@ -505,7 +505,8 @@ class _Run:
                 observer.see(chunk)
             if isinstance(stepper, WatchedStepper) and stepper.watching.n_found > self._n_found:
                 states = stepper.watching.states_from(self._n_found)
-                for quantity in (*self.watches, *self.outputs):
+                followed: list[Watch | Output] = [*self.watches, *self.outputs]
+                for quantity in followed:
                     quantity.widen(*states)
                 self._n_found = stepper.watching.n_found
             if self.watches or self.outputs:
