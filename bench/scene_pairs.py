@@ -186,7 +186,10 @@ def swing(t):
 
 
 def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
-    """Every effect that a scene of this dimension can have, with its usual strength times `strength`."""
+    """Every effect that a scene of this dimension can have, with its usual strength times `strength`.
+
+    Effects with an event are left out: they would add events to every scene.
+    """
     up = np.eye(dimension)[-1]
     yield Gravity(-9.81 * strength * up)
     yield LinearSpring(1.0 * strength, 1.0)

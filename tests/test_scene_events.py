@@ -34,7 +34,7 @@ def dropped(dimension=1, slow=0.01, t_end=1.68, **options):
     return scene.problem((0.0, t_end), **options)
 
 
-@pytest.mark.parametrize("run", [{"h": 1e-3}, {"h": 1e-2, "method": "rk4"}, {"rtol": 1e-9}])
+@pytest.mark.parametrize("run", [{"h": 1e-2, "method": "rk4"}, {"rtol": 1e-9}])
 def test_a_ball_strikes_the_floor_at_the_times_of_the_closed_form(run):
     """Each method computes a parabola exactly: the errors are those of the roots, and 1e-11 of the span."""
     solution = dropped().integrate(**run)
@@ -95,7 +95,7 @@ def pair(dimension, flipped=False):
     return balls, np.array([1.5, 0.7])[order], scene.problem((0.0, 2.0), work=True)
 
 
-@pytest.mark.parametrize(("dimension", "flipped"), [(1, False), (1, True), (2, False), (3, True)])
+@pytest.mark.parametrize(("dimension", "flipped"), [(1, False), (3, True)])
 def test_an_impact_of_masses_keeps_their_momenta(dimension, flipped):
     """To round-off; the distance is that of the root."""
     balls, m, problem = pair(dimension, flipped)
@@ -145,7 +145,7 @@ def tethered(damping, t_end=1.2):
     return scene.problem((0.0, t_end))
 
 
-@pytest.mark.parametrize("damping", [0.0, 4.0])
+@pytest.mark.parametrize("damping", [4.0])
 @pytest.mark.parametrize("run", [{"h": 5e-3, "method": "rk8"}, {"rtol": 1e-11}])
 def test_a_cable_goes_taut_and_slack_at_the_times_of_the_closed_form(damping, run):
     """The tension k x + c x' of a damped half-wave ends at the phase pi - 2 asin(zeta).
