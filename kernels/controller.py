@@ -3,7 +3,7 @@
     h_{n+1} = 0.9 h_n error_n^(-0.7/k) error_{n-1}^(0.4/k)
 
 k is the order of the estimate of the error plus 1. The logarithm and the power of 2 are approximate, to 1 %: this is
-enough for a step, and those of the C library would take a third of the time of a step of a small system.
+enough for a step, and the next step of a small system would have to wait for those of the C library.
 """
 
 import numpy as np
