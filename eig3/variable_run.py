@@ -214,10 +214,11 @@ class VariableRun:
     def _advance(self, count: int) -> None:
         """Take at most `count` steps. If rhs raises an exception, take the steps before it first."""
         stepper = self.stepper
-        every = 1 if self.invariants or self.outputs else self.every
+        needs_all = bool(self.invariants or self.outputs)
+        every = 1 if needs_all else self.every
         is_kept = stepper.watching.times is None
         capacity = 0
-        if every == 1 or is_kept:
+        if needs_all or is_kept:
             capacity = min(2 * (count // every + 2), max(4, _CHUNK_VALUES // stepper.n))
         first, before = stepper.index, stepper.seconds
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import functools
 import importlib
 import time
 from functools import partial
@@ -65,8 +64,7 @@ class VariableStepper:
         self._prepare(rhs, inline)
         formulas = importlib.import_module(f"eig3.kernels.{method.variable}").variable
         self._state = aligned((formulas.rows, n))
-        for row, values in ((U, u), (V, v), (A, a), *(((-1, a),) if method.variable == "eig3_variable" else ())):
-            self._state[row] = values
+        self._state[U], self._state[V], self._state[A] = u, v, a
         self._tally = np.zeros(EVENTS + 2 * len(self.watching.events))
         self._tally[TIME], self._tally[ERROR], self._tally[STEP] = (
             self.t0,
@@ -128,14 +126,15 @@ class VariableStepper:
         """The name of the event that ended the run."""
         return self.watching.name(int(self._tally[ENDED_BY]))
 
-    def accelerations(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Evaluate f at each row of u and v."""
-        return accelerations(self._callback, self.params, t, u, v)
+    @property
+    def accelerations(self) -> Any:
+        """A function that evaluates f(t_i, u_i, v_i) at rows of states, and does not keep this stepper."""
+        return partial(accelerations, self._callback, self.params)
 
     @property
     def states_between(self) -> Any:
         """A function that returns u and v at some times, from a history with the states after all steps of RK8."""
-        return functools.partial(states_between, self._callback, self.params)
+        return partial(states_between, self._callback, self.params)
 
     @property
     def pace(self) -> float | None:
@@ -209,11 +208,9 @@ class VariableStepper:
 
     def extended(self, t_end: float) -> VariableStepper:
         """Return an independent stepper at the same state, for a run to a later end."""
-        if self.watching.times is not None:
-            raise ValueError("a run with t_eval cannot be extended: integrate anew, with t_eval over the longer span.")
+        watching = self.watching.extended(self.t0, t_end)
         other = self.fork()
-        other.t_end, other._may_shorten = t_end, False
-        other.watching.set_span(self.t0, t_end)
+        other.t_end, other.watching, other._may_shorten = t_end, watching, False
         return other
 
     def _component(self, row: int) -> Any:

@@ -96,11 +96,9 @@ class WatchedStepper(Stepper):
     __copy__ = fork
 
     def extended(self, t_end: float) -> WatchedStepper:
-        if self.watching.times is not None:
-            raise ValueError("a run with t_eval cannot be extended: integrate anew, with t_eval over the longer span.")
+        watching = self.watching.extended(self.t0, t_end)
         other = self.fork()
-        other._t_end = t_end
-        other.watching.set_span(self.t0, t_end)
+        other._t_end, other.watching = t_end, watching
         return other
 
     def _compiled(self, running: Method, jacobian: Any) -> Any:

@@ -96,15 +96,9 @@ class Watching:
                 _check_within(apply, name, t0, start, params)
         self._signs = [self._callbacks[k][0].call(t0, *start, params) for k in range(count)]
 
-    def entries(self) -> np.ndarray:
-        """Return the entries of the tally for the events at the start: the values of g, and no reset before."""
-        entries = np.empty(2 * len(self.events))
-        entries[::2], entries[1::2] = self._signs, -np.inf
-        return entries
-
     def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any) -> None:
-        """Write the state at the start, if it is wanted."""
-        tally[EVENTS:] = self.entries()
+        """Write the signs of g at the start, and that there was no reset before; and the state, if it is wanted."""
+        tally[EVENTS::2], tally[EVENTS + 1 :: 2] = self._signs, -np.inf
         if self.times is not None and self.times[0] == t0:
             self.watch.u_rows[0], self.watch.v_rows[0], self.watch.h_rows[0] = u, v, 0.0
             tally[NEXT] = 1
@@ -117,9 +111,13 @@ class Watching:
         other.watch, other._found = watch._replace(**rows), list(self._found)
         return other
 
-    def set_span(self, t0: float, t1: float) -> None:
-        """Set the span of the run."""
-        self.watch = self.watch._replace(zeno=_least_gap(t0, t1))
+    def extended(self, t0: float, t1: float) -> Watching:
+        """Return an independent copy for a run to a later end."""
+        if self.times is not None:
+            raise ValueError("a run with t_eval cannot be extended: integrate anew, with t_eval over the longer span.")
+        other = self.fork()
+        other.watch = other.watch._replace(zeno=_least_gap(t0, t1))
+        return other
 
     def collect(self, tally: np.ndarray) -> None:
         """Take the occurrences out of the log."""

@@ -57,7 +57,7 @@ def advance(y, n):
 
 
 def restart(y, n):
-    """After a reset, there is no acceleration before."""
+    """At the start and after a reset, there is no acceleration before."""
     for j in range(n):
         y[6][j] = y[2][j]
 

@@ -71,6 +71,8 @@ def variable(callbacks, state, tally, span, watch):
     has_events, has_times, has_rows = len(watch.events) > 0, len(watch.times) > 0, len(span.t_rows) > 0
     t, h, was_rejected = tally[TIME], tally[STEP], False
     taken, row, ended = 0, 0, GOING
+    if span.first == 0:
+        RESTART(y, n)
     if span.is_relative == 1 and tally[U_SIZE] == 0 and tally[V_SIZE] == 0:
         set_sizes(tally, y, n, span.atol)
     if h == 0:
