@@ -134,7 +134,7 @@ def work_precision(result: WorkPrecisionSet) -> Figure:
         by_time.plot([], [], color="0.75", linewidth=0.6, label="the others (dashed: rivals; dash-dotted: tolerances)")
         # the lower left corner of the right picture is empty: no run is both cheap and accurate
         by_evaluations.legend(*by_time.get_legend_handles_labels(), loc="lower left", fontsize=7)
-    figure.suptitle(f"What accuracy costs: {result.problem.title}", fontsize=12)
+    figure.suptitle(f"What accuracy costs: {result.title}", fontsize=12)
     return figure
 
 

@@ -200,7 +200,7 @@ def fastest(
     """The label, record and step of the methods of the sweep that reach the accuracy first."""
     reached = []
     for key, method in records(judge.problem, chosen, LIBRARY):
-        found = reach(swept.of(key), metric, accuracy)
+        found = reach(swept, key, metric, accuracy)
         if found:
             reached.append((found.seconds, swept.methods[key], method, found.setting))
     reached.sort(key=lambda entry: entry[0])

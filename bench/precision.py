@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -83,8 +82,9 @@ def benchmark(
                 path.write_text("\n\n".join(pages) + "\n")
 
     add(heading(repeats, longest, inline))
+    modes = ("inline",) if inline else ("pointer",)
     for name in names:
-        results.append(measure(name, known[name], methods, repeats, longest, rivals=rivals, inline=inline))
+        results.append(measure(name, known[name], methods, repeats, longest, rivals=rivals, modes=modes))
         add(render(results[-1]))
     add(render_summary(results))
     if files:
@@ -105,11 +105,11 @@ def heading(repeats: int, longest: float, inline: bool = False) -> str:
 
 def render(result: WorkPrecisionSet) -> str:
     """The page of one problem: for each metric a table of times to reach accuracies, and the Pareto front."""
-    parts = [f"## {result.problem.title} ({result.name})"]
+    parts = [f"## {result.title} ({result.name})"]
     parts.append(f"Truth: {result.source}, known to {result.uncertainty:.1g} of max |u|.")
     for metric in result.metrics:
         parts += [render_reach(result, metric), render_contests(result, metric), render_front(result, metric)]
-        parts += [render_tolerances(result, metric)] * result.problem.tolerances
+        parts += [render_tolerances(result, metric)] * result.tolerances
     unstable = groupby((point for point in result.points if not point.stable), key=lambda point: point.label)
     failed = [f"{label} at {', '.join(f'{point.setting:.2g}' for point in points)}" for label, points in unstable]
     if failed:
@@ -121,9 +121,9 @@ def render(result: WorkPrecisionSet) -> str:
 
 def render_reach(result: WorkPrecisionSet, metric: str) -> str:
     """The table of times to reach each target; the fastest of each target is bold."""
-    targets = result.problem.targets
+    targets = result.targets
     header = [f"time to reach ({metric})", *(f"{target:g}" for target in targets)]
-    reached = {m: [reach(result.of(m), metric, target) for target in targets] for m in result.methods}
+    reached = {m: [reach(result, m, metric, target) for target in targets] for m in result.methods}
     best = [
         min((found.seconds for found in column if found), default=None)
         for column in zip(*reached.values(), strict=True)
@@ -169,7 +169,7 @@ def render_tolerances(result: WorkPrecisionSet, metric: str) -> str:
         **{name: partial(_is_of, package) for package, name in packages.items()},
         "fixed steps": lambda method: method not in RIVALS and method not in TOLERANCES,
     }
-    targets = result.problem.targets
+    targets = result.targets
     ours = [fastest(result, metric, target, TOLERANCES.__contains__) for target in targets]
     rows = []
     for name, is_chosen in others.items():
@@ -200,7 +200,7 @@ def render_summary(results: Sequence[WorkPrecisionSet]) -> str:
         return "No rival was measured."
     lost = sum(contest.is_lost for contest in cells)
     tables = []
-    for targets, group in groupby(results, key=lambda result: result.problem.targets):
+    for targets, group in groupby(results, key=lambda result: result.targets):
         header = ["fastest of eig3 / fastest rival", *(f"{target:g}" for target in targets)]
         tables.append(text.table(header, [[result.name, *map(_ratio, held[result.name])] for result in group]))
     return "\n\n".join(
@@ -244,16 +244,7 @@ def save(files: Files, results: Sequence[WorkPrecisionSet]) -> None:
     data = {
         "environment": environment(),
         "states": STATES,
-        "problems": [
-            {
-                "name": result.name,
-                "reference": result.source,
-                "uncertainty": result.uncertainty,
-                "skipped": result.skipped,
-                "points": [{**dataclasses.asdict(point), **point.statistics} for point in result.points],
-            }
-            for result in results
-        ],
+        "problems": [result.as_json() for result in results],
     }
     with files.writing("precision.json") as path:
         path.write_text(json.dumps(data, indent=1) + "\n")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from .rivals import RIVALS
@@ -21,9 +21,15 @@ class Reach:
     at_most: bool
 
 
-def reach(points: Sequence[Point], metric: str, target: float) -> Reach | None:
-    """Interpolate, in logarithms, where the error first falls below `target`; None if it never does."""
-    usable = sorted((p for p in points if p.stable and metric in p.errors), key=lambda point: -point.setting)
+def reach(result: WorkPrecisionSet, method: str, metric: str, target: float) -> Reach | None:
+    """Interpolate, in logarithms, where the error of a method or rival first falls below `target`.
+
+    None if it never does, or if the truth is not certain enough to say so. The points are those of one mode.
+    """
+    if not result.is_claimed(metric, target):
+        return None
+    points = (point for point in result.of(method) if point.stable and metric in point.errors)
+    usable = sorted(points, key=lambda point: -point.setting)
     first = next((i for i, point in enumerate(usable) if point.errors[metric] <= target), None)
     if first is None:
         return None
@@ -72,7 +78,7 @@ def contests(result: WorkPrecisionSet, metric: str) -> list[Contest]:
     ours, rivals = (lambda m: m not in RIVALS), (lambda m: m in RIVALS)
     return [
         Contest(target, fastest(result, metric, target, ours), fastest(result, metric, target, rivals))
-        for target in result.problem.targets
+        for target in result.targets
     ]
 
 
@@ -81,7 +87,7 @@ def fastest(result: WorkPrecisionSet, metric: str, target: float, is_chosen: Cal
     found = [
         Fastest(label, reached.seconds)
         for method, label in result.methods.items()
-        if is_chosen(method) and (reached := reach(result.of(method), metric, target))
+        if is_chosen(method) and (reached := reach(result, method, metric, target))
     ]
     return min(found, key=lambda f: f.seconds, default=None)
 

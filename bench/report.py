@@ -129,7 +129,7 @@ def _article_tables(files: Files, repeats: int) -> list[str]:
 def _work_precision(files: Files, result: WorkPrecisionSet) -> list[str]:
     name = f"precision_{result.name}.svg"
     pictures.draw({name: partial(pictures.work_precision, result)}, files)
-    picture = f"![{result.problem.title}: error against time and evaluations]({name})"
+    picture = f"![{result.title}: error against time and evaluations]({name})"
     return [precision.render(result).replace("## ", "### "), picture]
 
 
