@@ -29,6 +29,7 @@ _TIMING = 15.0  # seconds for the interleaved runs of the library, as predicted,
 _RIVALS = 15.0  # and for those of all rivals
 _FEWEST_REPEATS = 3
 _LOOSER = 30.0  # a tolerance that is longer by this factor is measured too
+_INLINED = 3  # methods of each plan, the fastest, are measured inlined too: to compile a kernel takes a second or more
 _EVALUATION = 8e-6  # of SciPy in Python, s
 _ENOUGH = 0.5  # s; a run that has taken so long in three rounds is not repeated
 
@@ -139,10 +140,15 @@ def measure(
     skipped += too_long + _ruled_out(plans, candidates)
     runs = _Runs(judged, grid, judge)
     found: list[Repeatable] = []
+    fast = {p.method for each in plans for p in each.predictions[:_INLINED]}
     for mode in modes:
         for candidate in candidates:
-            text.status(f"{name}, {candidate.label}, {mode}")
-            found += runs.of(candidate, mode)
+            if mode != "inline" or candidate.prediction.method in fast:
+                text.status(f"{name}, {candidate.label}, {mode}")
+                found += runs.of(candidate, mode)
+    if "inline" in modes:
+        slow = {candidate.label for candidate in candidates if candidate.prediction.method not in fast}
+        skipped += [f"{label} inlined (not among the {_INLINED} fastest of a plan)" for label in sorted(slow)]
     fewest = min((p.evaluations for each in plans for p in each.predictions if p.reaches), default=0)
     asked = _asked(rivals)
     for key, rival in asked.items():
