@@ -103,11 +103,11 @@ def test_a_run_that_was_cut_off_goes_on_and_gives_what_an_uncut_run_gives(tmp_pa
 @pytest.mark.usefixtures("small")
 def test_the_page_is_drawn_again_without_measuring(tmp_path, monkeypatch, capsys):
     run, again, compared = (tmp_path / name for name in ("run", "again", "compared"))
-    two_problems(run)
+    command("--out", run, *QUICK, "--problem", "kepler")
     for name in ("integrate", "stepper"):
         monkeypatch.setattr(eig3.Problem, name, lambda *arguments, **options: pytest.fail("measured"))
     assert command("--from", run, "--out", again) == 0
-    names = {"report.md", "report.html", "precision_single_dof.svg", "motion_kepler.webp"}
+    names = {"report.md", "report.html", "precision_kepler.svg", "motion_kepler.webp"}
     assert names <= {path.name for path in again.iterdir()}
     for name in ("report.md", "report.html"):
         assert (again / name).read_text() == (run / name).read_text()
@@ -120,7 +120,7 @@ def test_the_page_is_drawn_again_without_measuring(tmp_path, monkeypatch, capsys
 @pytest.mark.usefixtures("small")
 def test_what_does_not_fit_a_run_is_refused(tmp_path, monkeypatch):
     run, empty = tmp_path / "run", tmp_path / "empty"
-    two_problems(run)
+    command("--out", run, *QUICK, "--problem", "kepler")
     content = (run / "run.json").read_text()
 
     def refused(message, *words):
@@ -152,6 +152,8 @@ def test_what_does_not_fit_a_run_is_refused(tmp_path, monkeypatch):
 @pytest.mark.usefixtures("small")
 def test_everything_is_on_the_page(tmp_path, monkeypatch):
     """With one rival, and few rows in the parts that are not about a problem: others would only take time."""
+    for module in (parts, report):
+        monkeypatch.setattr(module, "PROBLEM_SET", {"kepler": SHORT["kepler"]})
     monkeypatch.setattr(sweep, "RIVALS", {"scipy rk45": rivals.RIVALS["scipy rk45"]})
     monkeypatch.setattr(loops, "N_STEPS", 500)
     monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[:1])
@@ -176,7 +178,8 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
     assert command("--out", tmp_path, *words) == 0
     record = Record.open(tmp_path)
     assert record.missing == []
-    assert {result.name for result in record.results} == {"single_dof", "kepler"}
+    assert [result.name for result in record.results] == ["kepler"]
+    assert record.results[0].of("scipy rk45")
     assert list(record.texts) == ["c", "stability", "hard"]
     assert [table.table.number for table in record.article] == [4]
     assert all(len(seconds) == 2 for columns in record.timings.values() for seconds in columns.values())

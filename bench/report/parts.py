@@ -116,13 +116,19 @@ def draw_motion(record: Record, name: str, problem: Problem) -> None:
     solution = problem.integrate(rtol=_ACCURATE, t_eval=times, invariants={}, max_steps=_MOST_STEPS)
     if len(solution.t) < _FEWEST:
         return
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
     figure = pictures.new_figure(6, 4)
     draw(figure, problem, solution)
+    figure.dpi = _WIDTH / figure.get_size_inches()[0]
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     files = Files(record.folder, "eig3 bench report")
     with files.writing(motion_file(name)) as path:
         for quality in _QUALITIES:
-            options = {"quality": quality, "method": 6}
-            figure.savefig(path, dpi=_WIDTH / figure.get_size_inches()[0], pil_kwargs=options)
+            picture.save(path, quality=quality, method=6)
             if path.stat().st_size <= _LARGEST:
                 break
 
