@@ -233,7 +233,8 @@ def _affordable(candidates: Sequence[_Candidate], modes: int, repeats: int) -> t
     """Those that can be measured in the time, what is left out, and how often the others run."""
     seconds = modes * sum(candidate.seconds for candidate in candidates)
     repeats = max(min(repeats, _FEWEST_REPEATS), min(repeats, int(_TIMING / max(seconds, 1e-9))))
-    kept, left = [], []
+    kept: list[_Candidate] = []
+    left: list[_Candidate] = []
     spent = 0.0
     for candidate in sorted(candidates, key=lambda c: c.seconds):
         spent += modes * repeats * candidate.seconds
@@ -286,7 +287,7 @@ class _Runs:
 
     def of(self, candidate: _Candidate, mode: str) -> Iterable[Repeatable]:
         """The point of a candidate, and a function that repeats its run."""
-        options = {"method": candidate.prediction.method, "inline": mode == "inline"}
+        options: dict[str, Any] = {"method": candidate.prediction.method, "inline": mode == "inline"}
         if candidate.rtol is None:
             options |= self.grid.steps(candidate.n_steps)
         else:
