@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -147,17 +147,19 @@ def measure(
                 text.status(f"{name}, {candidate.label}, {mode}")
                 found += runs.of(candidate, mode)
     if "inline" in modes:
-        slow = {candidate.label for candidate in candidates if candidate.prediction.method not in fast}
-        skipped += [f"{label} inlined (not among the {_INLINED} fastest of a plan)" for label in sorted(slow)]
+        slow = [candidate.label for candidate in candidates if candidate.prediction.method not in fast]
+        skipped += _by_reason(dict.fromkeys(slow, f"not inlined, since not among the {_INLINED} fastest of a plan"))
     fewest = min((p.evaluations for each in plans for p in each.predictions if p.reaches), default=0)
     asked = _asked(rivals)
+    unsuitable = {}
     for key, rival in asked.items():
         why = _unsuitable(rival, judged, fewest, _RIVALS / len(asked))
         if why:
-            skipped.append(f"{rival.label} ({why})")
+            unsuitable[rival.label] = why
         else:
             longest = _RIVALS / len(asked) / (2 * repeats)
             found += sweep_tolerances(judged, targets, judge, key, rival, longest, states=grid.rival_states)
+    skipped += _by_reason(unsuitable)
     points = [point for point, _ in found]
     timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
     for i, seconds in interleave(timed, repeats, name, _ENOUGH).items():
@@ -252,7 +254,15 @@ def _ruled_out(plans: Sequence[Plan], candidates: Sequence[_Candidate]) -> list[
         for p in each.predictions
         if not p.reaches and p.method not in named
     }
-    return [f"{label} ({reason})" for label, reason in reasons.items()]
+    return _by_reason(reasons)
+
+
+def _by_reason(reasons: Mapping[str, str]) -> list[str]:
+    """What was left out, from the reason of each, with what has the same reason together."""
+    together: dict[str, list[str]] = {}
+    for label, reason in reasons.items():
+        together.setdefault(reason, []).append(label)
+    return [f"{', '.join(labels)} ({reason})" for reason, labels in together.items()]
 
 
 def _asked(rivals: bool | Sequence[str]) -> dict[str, Rival]:
