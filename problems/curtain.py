@@ -70,7 +70,35 @@ def curtain(
         source="mass-spring cloth of computer graphics, after Provot (1995)",
         h=2e-4,
         draw=partial(draw, n=n, side=side),
+        view=partial(view, n=n, side=side),
     )
+
+
+def view(figure, film, n, side):
+    """Show the cloth as a surface, light where it faces the light."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    corners = np.moveaxis(film.u.reshape(-1, 3, n, n), 1, -1)[:, :: max(1, (n - 1) // 13), :: max(1, (n - 1) // 13)]
+    a, b, c, d = corners[:, :-1, :-1], corners[:, 1:, :-1], corners[:, 1:, 1:], corners[:, :-1, 1:]
+    sides = np.stack([a, b, c, d], axis=3).reshape(len(film.t), -1, 4, 3)
+    normals = np.cross(sides[:, :, 2] - sides[:, :, 0], sides[:, :, 3] - sides[:, :, 1])
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    light = np.abs(normals @ np.array([0.8, -0.36, 0.48]))
+    axes = figure.add_subplot(projection="3d")
+    (low, high) = (f(corners, axis=(0, 1, 2)) for f in (np.min, np.max))
+    margin = 0.02 * side
+    axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1], high[1]), zlim=(low[2] - margin, margin))
+    axes.set_box_aspect(high - low, zoom=0.95)
+    cloth = axes.add_collection3d(Poly3DCollection(sides[0], linewidth=0, antialiased=False))
+    axes.plot([0, 0], [0, side], [0, 0], "k^", markersize=7)
+
+    def show(i):
+        cloth.set_verts(sides[i])
+        share = (0.25 + 0.75 * light[i])[:, None]
+        cloth.set_facecolor(share * np.array([0.35, 0.6, 0.85]))
+
+    return show
 
 
 def draw(figure, solution, n, side):

@@ -71,12 +71,35 @@ def quarter_car(
     scene.add(LinearDamper(damper), axle, seat)
     scene.add(SampledMotion(x / speed, z), ground)
 
+    problem = scene.problem((0.0, t_end), name="quarter_car", work=work)
     return replace(
-        scene.problem((0.0, t_end), name="quarter_car", work=work),
+        problem,
         source="the quarter-car model of vehicle dynamics; road: ISO 8608",
         h=2e-5,
         draw=partial(draw, times=x / speed, profile=z, tyre=tyre, weight=G * (body + wheel)),
+        view=partial(view, mechanism=problem.view, speed=speed, distances=x, profile=z),
     )
+
+
+def view(figure, film, mechanism, speed, distances, profile):
+    """Show the car true to scale, on the road that passes below it."""
+    from matplotlib.patches import Circle, Rectangle
+
+    move = replace(mechanism, links=mechanism.links[1:], springs=[0], fixed=[])(figure, film)
+    (axes,) = figure.axes
+    axes.set(xlim=(-0.8, 0.8), ylim=(-0.15, 1.15), xlabel="x from the axle (m)", ylabel="height (m)")
+    wheel = axes.add_patch(Circle((0, 0), 0.3, fill=False, color="0.35", linewidth=3))
+    body = axes.add_patch(Rectangle((-0.5, 0), 1.0, 0.2, color="C0", alpha=0.6))
+    x = np.linspace(-3, 3, 241)
+    (road,) = axes.plot(x, 0 * x, color="k", linewidth=1.5)
+
+    def show(i):
+        move(i)
+        wheel.center = 0, film.u[i, 0]
+        body.set_y(film.u[i, 1])
+        road.set_ydata(np.interp(speed * film.t[i] + x, distances, profile))
+
+    return show
 
 
 def draw(figure, solution, times, profile, tyre, weight):
