@@ -78,7 +78,7 @@ def arenstorf(
         view=Mechanism(
             in_plane,
             trails=[0],
-            marks=[((-mu, 0), "C2o", 12), ((1 - mu, 0), "C7o", 6)],
+            marks=[((-mu, 0), "C2o", 12, "earth"), ((1 - mu, 0), "C7o", 6, "moon")],
             labels=("x (-)", "y (-)"),
         ),
     )

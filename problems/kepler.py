@@ -76,7 +76,7 @@ def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None 
         "Integration, section I.2",
         h=1e-3,
         draw=partial(draw, exact=exact, period=period),
-        view=Mechanism(in_plane, trails=[0], marks=[((0, 0), "C1o", 12)]),
+        view=Mechanism(in_plane, trails=[0], marks=[((0, 0), "C1o", 12, "sun")]),
     )
 
 

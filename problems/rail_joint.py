@@ -126,15 +126,18 @@ def view(figure, film, mechanism, meeting):
     places = Magnified(mechanism.places, MAGNIFIED, start)
     is_contact = [k for k, ends in enumerate(mechanism.links.tolist()) if ends == [2, 3]]
     links = np.delete(mechanism.links, is_contact, axis=0)
-    note = f"displacements {MAGNIFIED} times as large"
-    move = replace(mechanism, places=places, links=links, springs=range(len(links)), note=note)(figure, film)
+    labels = "x from the wheel (m)", "height (m)"
+    note = f"vertical displacements {MAGNIFIED} times as large"
+    move = replace(mechanism, places=places, links=links, springs=range(len(links)), labels=labels, note=note)(
+        figure, film
+    )
     (axes,) = figure.axes
-    axes.set(xlim=(-1.2, 1.2), ylim=(-0.1, 1.8), xlabel="x from the wheel (m)", ylabel="height at rest (m)")
+    axes.set(xlim=(-1.25, 1.25), ylim=(-0.1, 1.75))
     y = places(film.t, film.u)[:, :, 1]
     x = np.linspace(-3, 3, 601)
     wheel = axes.add_patch(Circle((0, 0), REACH, fill=False, color="0.35", linewidth=2))
     sleeper = axes.add_patch(Rectangle((-0.13, 0), 0.26, 0.08, color="0.6"))
-    car = axes.add_patch(Rectangle((-0.6, 0), 1.2, 0.15, color="C0", alpha=0.6))
+    car = axes.add_patch(Rectangle((-0.6, 0), 1.2, 0.15, color="C0", zorder=2))
     (rail,) = axes.plot(x, 0 * x, color="k", linewidth=2)
 
     def show(i):

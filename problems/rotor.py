@@ -70,7 +70,7 @@ def rotor(
         view=Mechanism(
             in_plane,
             trails=[0],
-            marks=[((0, 0), "k+", 9)],
+            marks=[((0, 0), "k+", 9, "")],
             labels=("x in turning axes (m)", "y in turning axes (m)"),
         ),
     )

@@ -11,7 +11,7 @@ from eig3.effects import LinearDamper, LinearSpring, SampledMotion
 from eig3.problem import Problem
 from eig3.scene import Scene
 
-MAGNIFIED = 20  # displacements in animations
+MAGNIFIED = 40  # displacements in animations
 STOREY, WIDTH = 3.0, 6.0  # in animations, m
 
 
@@ -100,6 +100,7 @@ def view_of_buildings(walls, times, ground):
         partial(corners_of_floors, walls=walls, times=times, ground=ground),
         links=np.concatenate([np.array(frame) + first for first in corners]),
         fixed=np.concatenate([corners, corners + 1]),
+        planes=[((0.0, 1.0), 0.0)],
         labels=("", "height (m)"),
         note=f"horizontal displacements {MAGNIFIED} times as large",
     )

@@ -4,5 +4,6 @@ from .curves import Curves, Oscillator, Portrait
 from .film import Film
 from .mechanism import Magnified, Mechanism, in_plane
 from .profile import Profile
+from .shapes import coils
 
-__all__ = ["Curves", "Film", "Magnified", "Mechanism", "Oscillator", "Portrait", "Profile", "in_plane"]
+__all__ = ["Curves", "Film", "Magnified", "Mechanism", "Oscillator", "Portrait", "Profile", "coils", "in_plane"]

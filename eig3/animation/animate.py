@@ -12,14 +12,13 @@ import numpy as np
 from .. import drawing
 from ..solution import Solution
 from .film import RATE, Film
-from .writers import WRITERS
+from .writers import WRITERS, check_writer
 
 #: Draws what stays on a matplotlib figure and returns a function that moves the drawing to frame i of the film.
 View = Callable[[Any, Film], Callable[[int], None]]
 
 _SIZE = 4.8, 3.6  # inches
 _DPI = 100
-_PREFIXES = (1e-6, "µs"), (1e-3, "ms"), (1.0, "s")
 
 
 def animate(view: View, solution: Solution, path: str | PathLike[str], *, has_seconds: bool = True) -> Path:
@@ -37,18 +36,17 @@ def animate(view: View, solution: Solution, path: str | PathLike[str], *, has_se
     kind = path.suffix[1:].lower()
     if kind not in WRITERS:
         raise ValueError(f"path must end with {' or '.join('.' + name for name in WRITERS)}, not {path.name!r}.")
-    try:
-        import matplotlib as mpl
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-        from PIL import Image
-    except ImportError:
-        raise ImportError("animate needs matplotlib: pip install 'eig3[plot]'.") from None
-    film = Film.of(drawing.before_growth(solution))
+    check_writer(kind)
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+    film = Film.of(drawing.before_growth(solution), has_seconds=has_seconds)
     with mpl.rc_context({"font.size": 9, "axes.titlesize": 9}):
         figure = Figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
         canvas = FigureCanvasAgg(figure)
-        show = stage(figure, view, film, solution, has_seconds=has_seconds)
+        show = stage(figure, view, film, solution)
         canvas.draw()
         figure.set_layout_engine("none")  # the layout of the first frame is that of all others
 
@@ -61,16 +59,13 @@ def animate(view: View, solution: Solution, path: str | PathLike[str], *, has_se
     return path
 
 
-def stage(
-    figure: Any, view: View, film: Film, solution: Solution, *, has_seconds: bool = True
-) -> Callable[[int], None]:
+def stage(figure: Any, view: View, film: Film, solution: Solution) -> Callable[[int], None]:
     """Draw the first frame of a film of `solution` with its captions; return the function that shows frame i."""
     move = view(figure, film)
-    duration = film.t[-1] - film.t[0]
-    scale, unit = next(((s, u) for s, u in _PREFIXES if duration < 500 * s), _PREFIXES[-1]) if has_seconds else (1, "")
+    scale, unit = film.clock
     digits = max(0, int(np.ceil(-np.log10((film.t[1] - film.t[0]) / scale))))
     left, right = {"x": 0.02, "ha": "left"}, {"x": 0.98, "ha": "right"}
-    lines = captions(film, solution, scale, unit)
+    lines = captions(film, solution)
     # An empty title keeps the place for the captions in the layout.
     figure.suptitle(" \n" * (len(lines) - 1) + " ", fontsize=10)
     clock = figure.text(**left, y=0.985, s="", va="top", fontsize=11)
@@ -84,10 +79,9 @@ def stage(
     return show
 
 
-def captions(film: Film, solution: Solution, scale: float, unit: str) -> list[str]:
+def captions(film: Film, solution: Solution) -> list[str]:
     """Say how fast the film is, and which part of the run it shows if not all of it."""
-    first, last, end = (x / scale for x in (film.t[0], film.t[-1], solution.t[-1]))
-    factor = film.speed
+    (scale, unit), factor = film.clock, film.speed
     if not unit:
         lines = [f"{factor:g} units of time a second"]
     elif factor == 1:
@@ -95,7 +89,7 @@ def captions(film: Film, solution: Solution, scale: float, unit: str) -> list[st
     else:
         lines = [f"sped up {factor:g} times" if factor > 1 else f"slowed {1 / factor:g} times"]
     if not solution.success:
-        lines.append(f"{solution.status.value} after t = {last:.3g} {unit}".rstrip())
-    elif last < end:
-        lines.append(f"the first {last - first:.3g} of {end - first:.3g} {unit}".rstrip())
+        lines.append(f"{solution.status.value}, shown up to t = {film.t[-1] / scale:.3g} {unit}".rstrip())
+    elif film.t[-1] < solution.t[-1]:
+        lines.append(f"the first {(film.t[-1] - film.t[0]) / scale:.3g} {unit}".rstrip())
     return lines

@@ -59,7 +59,7 @@ class Portrait:
         right.set_ylabel(f"displacement u ({self.units[0]})")
         (before,) = left.plot([], [], color="C0", linewidth=0.6, alpha=0.5)
         (trail,) = left.plot([], [], color="C0", linewidth=1.5)
-        (mark,) = left.plot([], [], "C3o", markersize=6)
+        (mark,) = left.plot([], [], "C0o", markersize=6)
         move = _against_time(right, film, u[:, None], film.u[:, None], [])
 
         def show(i: int) -> None:
@@ -90,8 +90,7 @@ class Oscillator:
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 3))
         low, high = limits(film.path[1])
-        if self.on == "spring":
-            high += 0.35 * (high - low)  # place for the spring
+        high += (0.35 if self.on == "spring" else 0.1) * (high - low)  # place for the spring or the ball
         left.set(xlim=(-1, 1), ylim=(low, high), xticks=[], ylabel=f"displacement u ({self.unit})")
         move = _against_time(right, film, film.path[1][:, None], film.u[:, None], [])
         right.set_ylim(low, high)
@@ -104,13 +103,13 @@ class Oscillator:
         else:
             left.axhspan(low, 0, color="0.85")
             left.axhline(0, color="0.35", linewidth=1)
-            (mass,) = left.plot([], [], color="C0", marker=_standing_ball(), markersize=28, linestyle="none")
+            (mass,) = left.plot([], [], color="C0", marker=_standing_ball(), markersize=56, linestyle="none")
 
         def show(i: int) -> None:
             u = film.u[i]
             mass.set_data([0], [u])
             level.set_data([0, 1], [u, u])
-            reach.set_data([film.t[0], film.t[i]], [u, u])
+            reach.set_data(film.t[[0, i]] / film.clock[0], [u, u])
             if self.on == "spring":
                 spring.set_data(*coils(np.array([[0.0, high]]), np.array([[0.0, u]]), 0.5)[0].T)
             move(i)
@@ -128,10 +127,12 @@ def _standing_ball() -> Any:
 def _against_time(axes: Any, film: Film, curves: np.ndarray, marks: np.ndarray, names: list[str]) -> Any:
     """Draw curves, shape (points of the path, k), up to the time of a frame, with marks, shape (frames, k), at it."""
     t = film.path[0]
-    axes.set(xlabel="t (s)", xlim=(t[0], t[-1]), ylim=limits(curves))
+    scale, unit = film.clock
+    t, times = t / scale, film.t / scale
+    axes.set(xlabel=f"t ({unit or '-'})", xlim=(t[0], t[-1]), ylim=limits(curves))
     axes.plot(t, curves, color="0.85", linewidth=0.8)
     lines = axes.plot(t, curves, linewidth=1.2)
-    dots = [axes.plot([], [], "o", color=line.get_color(), markersize=6, zorder=3)[0] for line in lines]
+    dots = [axes.plot([], [], "o", color=line.get_color(), markersize=6, zorder=3, clip_on=False)[0] for line in lines]
     for line, name in zip(lines, names, strict=False):
         line.set_label(name)
     if names:
@@ -141,6 +142,6 @@ def _against_time(axes: Any, film: Film, curves: np.ndarray, marks: np.ndarray, 
         rows = film.rows(i)
         for j, (line, dot) in enumerate(zip(lines, dots, strict=True)):
             line.set_data(t[rows], curves[rows, j])
-            dot.set_data(film.t[i : i + 1], marks[i : i + 1, j])
+            dot.set_data(times[i : i + 1], marks[i : i + 1, j])
 
     return show

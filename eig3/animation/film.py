@@ -15,7 +15,8 @@ _SECONDS = 8.0  # about the duration of a film
 _REAL_TIME = 6.0, 10.0  # motions of this duration, s, are shown in real time
 _PERIODS = 2.0, 16.0  # the fewest and the most that are shown of a motion with more of them
 _FACTORS = 1, 1.5, 2, 3, 4, 5, 6, 8, 10  # times powers of ten: how much faster or slower than the motion a film is
-_PATH = 10  # points on a path between two frames, at least
+_UNITS = (1e-6, "µs"), (1e-3, "ms"), (1.0, "s")
+_PATH, _MOST = 10, 20_000  # least number of points on a path between two frames; most saved states on a path
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,8 @@ class Film:
         The time of each frame.
     u, v : ndarray, shape (frames,) or (frames, n)
         The state in each frame, as ``solution.at`` interpolates it.
+    clock : (float, str)
+        The time in seconds of the unit in which the film shows the time, and this unit; "" for a time without unit.
     """
 
     solution: Solution
@@ -39,10 +42,13 @@ class Film:
     t: np.ndarray
     u: np.ndarray
     v: np.ndarray
+    clock: tuple[float, str] = (1.0, "s")
 
     @classmethod
-    def of(cls, solution: Solution) -> Film:
+    def of(cls, solution: Solution, *, has_seconds: bool = True) -> Film:
         """Choose what to show of a run: all of it, or the first periods of a run with very many.
+
+        `has_seconds` says whether the time has a unit.
 
         Raises
         ------
@@ -60,12 +66,14 @@ class Film:
         t = np.linspace(start, end, 1 + round((end - start) / speed * RATE))
         count = np.searchsorted(solution.t, end) + 1
         rows = {name: getattr(solution, name)[:count] for name in ("t", "u", "v")}
-        return cls(replace(solution, **rows), speed, t, *solution.at(t))
+        units = [(scale, unit) for scale, unit in _UNITS if end - start < 500 * scale] or [_UNITS[-1]]
+        return cls(replace(solution, **rows), speed, t, *solution.at(t), units[0] if has_seconds else (1.0, ""))
 
     @cached_property
     def path(self) -> tuple[np.ndarray, np.ndarray]:
         """Times and displacements that are close enough together for a smooth curve; those of the frames are in it."""
         saved = self.solution.t[self.solution.t <= self.t[-1]]
+        saved = saved[:: 1 + len(saved) // _MOST]
         between = np.linspace(self.t[0], self.t[-1], _PATH * (len(self.t) - 1) + 1)
         t = np.unique(np.concatenate([saved, between, self.t]))
         return t, self.solution.at(t)[0]
@@ -109,7 +117,9 @@ def excursions(solution: Solution) -> float:
 
 
 def is_resolved(solution: Solution) -> bool:
-    """Return whether the motion between two saved states is mostly shorter than its whole range."""
+    """Return whether the motion between two saved states is mostly shorter than its whole range, or the run failed."""
+    if not solution.success:
+        return True
     u, v = (x.reshape(len(solution.t), -1) for x in (solution.u, solution.v))
     way = np.linalg.norm(v[:-1], axis=1) * np.diff(solution.t)
     return bool(np.median(way) <= np.linalg.norm(np.ptp(u, axis=0)))

@@ -15,7 +15,8 @@ from .shapes import coils
 _COILS = 40  # more springs than this are drawn as lines
 _MARGIN = 0.08  # around the motion, as a part of its size
 _SHAPE = 1.35  # width of the axes as a part of their height
-_TRAIL = 1.5  # seconds of the film
+_LEAST = 0.5  # least side of the box in space as a part of its longest side
+_TRAIL = 0.7  # seconds of the film
 _SIZES = (30, 7.0), (300, 3.0)  # up to this number of points: size of the dots
 
 
@@ -66,8 +67,8 @@ class Mechanism:
         Planes normal . x = offset, whose normal points to the free side.
     trails : sequence of int
         The numbers of the points that leave a trail.
-    marks : sequence of (place, style, size)
-        Marks that stay, such as the sun: their place, and matplotlib's short form of their style, such as "C1o".
+    marks : sequence of (place, style, size, name)
+        Marks that stay, such as the sun. Their style is matplotlib's short form of it, such as "C1o".
     labels : tuple of str
         Labels of the axes; an axis without a label has no scale.
     note : str
@@ -92,8 +93,9 @@ class Mechanism:
         draw = _Space(axes) if x.shape[2] == 3 else _Plane(axes)
         for normal, offset in self.planes:
             draw.plane(np.asarray(normal, dtype=float), float(offset), low, high)
-        for place, style, marksize in self.marks:
-            axes.plot(*np.reshape(place, (-1, 1)), style, markersize=marksize)
+        for place, style, width, name in self.marks:
+            axes.plot(*np.reshape(place, (-1, 1)), style, markersize=width)
+            axes.text(*place, f"\n{name}", ha="center", va="top", linespacing=0.8)
         movers = [*self._trails(draw, film), *self._links(draw, x, film, high - low)]
         is_fixed = np.isin(np.arange(x.shape[1]), self.fixed)
         size = next((size for most, size in _SIZES if x.shape[1] <= most), 1.5)
@@ -115,14 +117,18 @@ class Mechanism:
             x = self.places(t, u.reshape(len(t), -1))
         low, high = x.min(axis=(0, 1)), x.max(axis=(0, 1))
         margin = _MARGIN * ((high - low).max() or 1.0)
-        return low - margin, high + margin
+        low, high = low - margin, high + margin
+        if low.size == 2:
+            return low, high
+        middle, half = (low + high) / 2, np.maximum(high - low, _LEAST * (high - low).max()) / 2
+        return middle - half, middle + half
 
     def _trails(self, draw: Any, film: Film) -> list[Callable[[int], None]]:
         if not len(self.trails):
             return []
         t, u = film.path
         x = self.places(t, u.reshape(len(t), -1))
-        movers = []
+        movers: list[Callable[[int], None]] = []
         for k, point in enumerate(self.trails):
             for seconds, style in ((np.inf, {"linewidth": 0.5, "alpha": 0.4}), (_TRAIL, {"linewidth": 1.4})):
                 line = draw.line(color=f"C{k}", **style)
@@ -174,7 +180,7 @@ def _axes_of(figure: Any, low: np.ndarray, high: np.ndarray, labels: tuple[str, 
     else:
         axes = figure.add_subplot(projection="3d")
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-        axes.set_box_aspect(high - low, zoom=0.9)
+        axes.set_box_aspect(high - low, zoom=0.95)
     axes.autoscale(False)
     for direction, label in zip("xyz"[: low.size], labels, strict=False):
         axis = getattr(axes, f"{direction}axis")
@@ -232,14 +238,16 @@ class _Space:
         return self.axes.add_collection3d(Line3DCollection([], **style), autolim=False)
 
     def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
-        """Draw the part of the plane inside the box, as a square about the point nearest to the middle."""
+        """Draw the part of the plane inside the box."""
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-        middle, half = (low + high) / 2, (high - low).max() / 2
-        foot = middle + (offset - normal @ middle) * normal
-        first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-        first *= half / np.linalg.norm(first)
-        second = np.cross(normal, first)
-        corners = [foot + a * first + b * second for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-        corners = np.clip(corners, low, high)
-        self.axes.add_collection3d(Poly3DCollection([corners], facecolor="0.8", alpha=0.5), autolim=False)
+        corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(8, 3)
+        above = corners @ normal - offset
+        edges = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit and above[i] * above[i | bit] < 0]
+        if not edges:
+            return
+        cuts = np.array([(corners[i] * above[j] - corners[j] * above[i]) / (above[j] - above[i]) for i, j in edges])
+        first = cuts[0] - cuts.mean(axis=0)
+        around = np.arctan2((cuts - cuts.mean(axis=0)) @ np.cross(normal, first), (cuts - cuts.mean(axis=0)) @ first)
+        patch = Poly3DCollection([cuts[np.argsort(around)]], facecolor="0.8", alpha=0.5)
+        self.axes.add_collection3d(patch, autolim=False)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 _TURNS = 8
 _STRAIGHT = 0.15  # part of a spring at each end that is straight
 _MARGIN = 0.1
 
 
-def coils(a: np.ndarray, b: np.ndarray, width: float) -> np.ndarray:
+def coils(a: ArrayLike, b: ArrayLike, width: float) -> np.ndarray:
     """Return springs between points a and b of a plane, shape (k, 2), as lines of shape (k, points, 2)."""
+    a, b = np.asarray(a), np.asarray(b)
     along = b - a
     length = np.linalg.norm(along, axis=1, keepdims=True)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.where(length > 0, length, 1.0) * width / 2

@@ -8,13 +8,17 @@ import json
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 #: Returns frame i as an image of Pillow.
 Frame = Callable[[int], Any]
 
-_COLORS = 63  # of a palette; one more marks the pixels that do not change
+_COLORS = 31  # of a palette; one more marks the pixels that do not change
+_PAPER = 248  # a colour of a palette with no component below this is white
 _NO_FFMPEG = "mp4 needs ffmpeg, which was not found: pip install imageio-ffmpeg, or choose gif or html."
 
 
@@ -86,9 +90,20 @@ def palette_frames(frame: Frame, count: int) -> Iterator[Any]:
     strip = Image.new("RGB", (width, height * len(some)))
     for k, image in enumerate(some):
         strip.paste(image, (0, k * height))
-    palette = strip.quantize(_COLORS, method=Image.Quantize.MEDIANCUT)
+    palette = strip.quantize(_COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
+    colors = np.reshape(palette.getpalette(), (-1, 3))
+    colors[(colors >= _PAPER).all(axis=1)] = 255
+    palette.putpalette(colors.ravel().tolist())
     for i in range(count):
         yield frame(i).quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def check_writer(kind: str) -> None:
+    """Raise an ImportError if something is not installed that a film in the format `kind` needs."""
+    if not all(find_spec(name) for name in ("matplotlib", "PIL")):
+        raise ImportError("an animation needs matplotlib: pip install 'eig3[plot]'.")
+    if kind == "mp4":
+        ffmpeg()
 
 
 WRITERS = {"gif": write_gif, "mp4": write_mp4, "html": write_html}

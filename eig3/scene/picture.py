@@ -12,6 +12,7 @@ from ..animation import Mechanism
 from .assembly import STATE, Cloud, Placement
 from .effect import Body, Link, Motion, arguments
 
+_TRAILS = 3  # masses of a scene with trails, at most
 _PLANES = 20  # planes of effects that are drawn, at most
 
 
@@ -72,12 +73,14 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
                 if effect.picture == "string":
                     strings[ends] = first_state + int((columns or {})[STATE][k])
     order = list(links)
+    masses = np.flatnonzero(cloud.free >= 0)
     return Mechanism(
         places=Places(cloud.positions, cloud.free, upright, _moves(placements)),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
         fixed=np.flatnonzero(cloud.free < 0),
+        trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
         planes=_planes(placements, dimension, upright),
         labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
     )
