@@ -115,7 +115,8 @@ class Mechanism:
         if len(self.trails):
             t, u = film.path
             x = self.places(t, u.reshape(len(t), -1))
-        low, high = x.min(axis=(0, 1)), x.max(axis=(0, 1))
+        shown = np.concatenate([x.reshape(-1, x.shape[2]), *([place] for place, *_ in self.marks)])
+        low, high = shown.min(axis=0), shown.max(axis=0)
         margin = _MARGIN * ((high - low).max() or 1.0)
         low, high = low - margin, high + margin
         if low.size == 2:
