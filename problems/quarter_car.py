@@ -90,7 +90,7 @@ def view(figure, film, speed, distances, profile):
     u = np.array([AXLE, SEAT]) + MAGNIFIED * (film.u - [AXLE, SEAT])
     axes = figure.add_subplot(aspect="equal")
     axes.set(xlim=(-0.9, 0.9), ylim=(-0.2, 1.2), xlabel="x from the axle (m)", ylabel="height (m)")
-    figure.supxlabel(f"vertical displacements {MAGNIFIED} times as large", fontsize="small", color="0.35")
+    figure.supxlabel(f"vertical displacements {MAGNIFIED} times as large", fontsize="medium", color="0.35")
     wheel = axes.add_patch(Circle((0, 0), AXLE, fill=False, color="0.35", linewidth=3))
     body = axes.add_patch(Rectangle((-0.5, 0), 1.0, 0.2, color="C0"))
     (spring,) = axes.plot([], [], color="0.35", linewidth=1.2, marker="o", markevery=[0])

@@ -171,8 +171,13 @@ def test_a_scene_of_one_dimension_stands_upright_under_gravity_and_its_string_br
 
 def test_a_scene_in_space_is_drawn_in_space(any_run, monkeypatch):
     patches = []
-    polygons = art3d.Poly3DCollection
-    monkeypatch.setattr(art3d, "Poly3DCollection", lambda x, **style: patches.extend(x) or polygons(x, **style))
+
+    class Kept(art3d.Poly3DCollection):
+        def __init__(self, polygons, **style):
+            patches.extend(polygons)
+            super().__init__(polygons, **style)
+
+    monkeypatch.setattr(art3d, "Poly3DCollection", Kept)
     scene = Scene(dimension=3)
     post, balls = scene.fixed((0, 0, 1)), scene.mass(1.0, [(0, 0, 0.5), (0.3, 0, 0.5)])
     scene.add(LinearSpring(100.0, 0.4), post, balls[0])

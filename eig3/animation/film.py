@@ -61,7 +61,7 @@ class Film:
                 "longer than its whole range: integrate with a smaller save_every, or to an earlier t_end."
             )
         start, end = solution.t[0], solution.t[-1]
-        end = start + min(end - start, shown_duration(end - start, excursions(solution)))
+        end = min(end, start + shown_duration(end - start, excursions(solution)))
         speed = film_speed(end - start)
         t = np.linspace(start, end, 1 + round((end - start) / speed * RATE))
         count = np.searchsorted(solution.t, end) + 1

@@ -190,7 +190,7 @@ def _axes_of(figure: Any, low: np.ndarray, high: np.ndarray, labels: tuple[str, 
         if not label:
             axis.set_ticks([])
     if note:
-        figure.supxlabel(note, fontsize="small", color="0.35")
+        figure.supxlabel(note, fontsize="medium", color="0.35")
     return axes
 
 
@@ -236,7 +236,7 @@ class _Space:
     def lines(self, **style: Any) -> Any:
         from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-        return self.axes.add_collection3d(Line3DCollection([], **style), autolim=False)
+        return self.axes.add_collection3d(Line3DCollection(np.zeros((1, 2, 3)), **style))
 
     def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
         """Draw the part of the plane inside the box."""
@@ -251,4 +251,4 @@ class _Space:
         first = cuts[0] - cuts.mean(axis=0)
         around = np.arctan2((cuts - cuts.mean(axis=0)) @ np.cross(normal, first), (cuts - cuts.mean(axis=0)) @ first)
         patch = Poly3DCollection([cuts[np.argsort(around)]], facecolor="0.8", alpha=0.5)
-        self.axes.add_collection3d(patch, autolim=False)
+        self.axes.add_collection3d(patch)
