@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -15,7 +16,7 @@ from eig3.options import Files, add_methods, add_out
 
 from . import pictures, text
 from .environment import environment, in_words
-from .options import add_problems, add_repeats, choose
+from .options import add_accuracies, add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET, VARIABLE_SPEED
 from .reach import Contest, Reach, contests, front, reach
 from .reference import METRICS
@@ -40,6 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--inline", action="store_true", help="compile the right-hand side into the kernels")
     parser.add_argument("--no-rivals", dest="rivals", action="store_false", help="leave out SciPy, heyoka and CyRK")
+    add_accuracies(parser, "those of each problem")
     add_out(parser, "folder for precision.json, precision.md and pictures")
 
 
@@ -51,6 +53,7 @@ def run(options: argparse.Namespace) -> None:
         longest=options.longest,
         rivals=options.rivals,
         inline=options.inline,
+        accuracies=options.accuracies,
         out=options.out,
     )
 
@@ -63,6 +66,7 @@ def benchmark(
     longest: float = LONGEST,
     rivals: bool = True,
     inline: bool = False,
+    accuracies: Sequence[float] | None = None,
     out: Path | None = None,
     write: Callable[[str], None] = print,
 ) -> None:
@@ -81,10 +85,11 @@ def benchmark(
             with files.writing("precision.md") as path:
                 path.write_text("\n\n".join(pages) + "\n")
 
-    add(heading(repeats, longest, inline))
     modes = ("inline",) if inline else ("pointer",)
+    add(f"Machine: {in_words()}\n\n{how_measured(repeats, longest, modes)}")
     for name in names:
-        results.append(measure(name, known[name], methods, repeats, longest, rivals=rivals, modes=modes))
+        chosen = known[name] if accuracies is None else replace(known[name], targets=tuple(accuracies))
+        results.append(measure(name, chosen, methods, repeats, longest, rivals=rivals, modes=modes))
         add(render(results[-1]))
     add(render_summary(results))
     if files:
@@ -92,20 +97,22 @@ def benchmark(
         files.finish(write, pictures.draw(figures, files, dpi=110))
 
 
-def heading(repeats: int, longest: float, inline: bool = False) -> str:
-    mode = "inlined" if inline else "through a pointer"
+def how_measured(repeats: int, longest: float, modes: Sequence[str]) -> str:
+    words = " and ".join(IN_WORDS[mode] for mode in modes)
     return (
-        f"Machine: {in_words()}\n\n"
         f"Times: medians of {repeats} interleaved runs, fewer if they take long; compiling left out. The methods keep "
-        f"{STATES} states or more, or all if there are fewer, and have the right-hand side {mode}. The rivals compute "
+        f"{STATES} states or more, or all if there are fewer, and have the right-hand side {words}. The rivals compute "
         f"{RIVAL_STATES} states by their dense output, as do the methods with tolerances, whose times are those in the "
         f"kernel. Steps are halved until a run takes {longest:g} s."
     )
 
 
+IN_WORDS = {"pointer": "through a pointer", "inline": "inlined"}
+
+
 def render(result: WorkPrecisionSet) -> str:
     """The page of one problem: for each metric a table of times to reach accuracies, and the Pareto front."""
-    parts = [f"## {result.title} ({result.name})"]
+    parts = [f"## {result.title} ({result.name})", result.description]
     parts.append(f"Truth: {result.source}, known to {result.uncertainty:.1g} of max |u|.")
     for metric in result.metrics:
         parts += [render_reach(result, metric), render_contests(result, metric), render_front(result, metric)]

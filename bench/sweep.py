@@ -19,7 +19,7 @@ from eig3.solution import Solution
 from eig3.stability import limit
 
 from . import text
-from .problem_set import BenchmarkProblem, describe
+from .problem_set import BenchmarkProblem, about, describe
 from .reference import METRICS, Judge, reference
 from .rivals import RIVALS, Answer, Rival
 from .timing import Storage, interleave, kernel_run
@@ -136,18 +136,24 @@ class WorkPrecisionSet:
         return metric != "trajectory" or target >= CERTAIN * self.uncertainty
 
     def as_json(self) -> dict[str, Any]:
-        """Everything as JSON, with the statistics of each point; an error that is not finite is null."""
-        return {**vars(self), "points": [_as_json(point) for point in self.points]}
+        """Everything as JSON, with the statistics of each point; a number that is not finite is null."""
+        plain = {"uncertainty": _finite(self.uncertainty), "points": [_as_json(point) for point in self.points]}
+        return {**vars(self), **plain}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> WorkPrecisionSet:
         """What `as_json` gave."""
-        fields = {**data, "targets": tuple(data["targets"]), "points": [_from_json(point) for point in data["points"]]}
-        return cls(**fields)
+        points = [_from_json(point) for point in data["points"]]
+        uncertainty = math.inf if data["uncertainty"] is None else data["uncertainty"]
+        return cls(**{**data, "targets": tuple(data["targets"]), "uncertainty": uncertainty, "points": points})
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _as_json(point: Point) -> dict[str, Any]:
-    errors = {metric: error if math.isfinite(error) else None for metric, error in point.errors.items()}
+    errors = {metric: _finite(error) for metric, error in point.errors.items()}
     return {**vars(point), **point.statistics, "errors": errors}
 
 
@@ -183,7 +189,7 @@ def measure(
             found += sweep(problem, chosen, judge, key, method, longest, storage, mode)
         for key, own in TOLERANCES.items() if chosen.tolerances else ():
             if key.partition(" ")[0] in methods:
-                found += sweep_tolerances(problem, chosen, judge, key, own, longest, mode)
+                found += sweep_tolerances(problem, chosen.targets, judge, key, own, longest, mode)
     skipped = []
     for key, rival in RIVALS.items() if rivals else ():
         if not rival.is_installed:
@@ -192,7 +198,7 @@ def measure(
             skipped.append(f"{rival.label} (more than {rival.most_degrees} degrees of freedom)")
         else:
             # a solver in Python takes long even with its loosest tolerance: its runs may take a second
-            found += sweep_tolerances(problem, chosen, judge, key, rival, max(longest, 1.0))
+            found += sweep_tolerances(problem, chosen.targets, judge, key, rival, max(longest, 1.0))
     points = [point for point, _ in found]
     timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
     for i, seconds in interleave(timed, repeats, name, ENOUGH).items():
@@ -200,7 +206,7 @@ def measure(
     return WorkPrecisionSet(
         name,
         chosen.title,
-        describe(problem, chosen.build),
+        describe(problem, about(chosen.build)),
         chosen.metric,
         chosen.targets,
         chosen.tolerances,
@@ -247,7 +253,7 @@ def sweep(
         text.status(f"{problem.name}, {label}, h = {h:.3g}")
         solution = problem.integrate(h=h, method=method, save_every=every, inline=inline)
         errors = judge.of_run(solution) if solution.success else {}
-        point = Point(key, label, mode, h, n_steps, solution.n_rhs, _is_stable(solution.success, errors), errors)
+        point = Point(key, label, mode, h, n_steps, solution.n_rhs, is_stable(solution.success, errors), errors)
         start = problem.stepper(h=h, method=method, inline=inline)
         return (point, kernel_run(start, n_steps, every=every, storage=storage)), solution
 
@@ -260,19 +266,26 @@ def sweep(
             yield from (at(factor * longer * bound)[0] for longer in _BETWEEN)
         yield found
         was_stable, pace = found[0].stable, solution.kernel_seconds / max(1, solution.n_steps)
-        if solution.kernel_seconds > longest or _is_enough(found[0], chosen):
+        if solution.kernel_seconds > longest or is_enough(found[0], chosen.targets):
             break
 
 
 def sweep_tolerances(
-    problem: Problem, chosen: BenchmarkProblem, judge: Judge, key: str, rival: Rival, longest: float, mode: str = ""
+    problem: Problem,
+    targets: Sequence[float],
+    judge: Judge,
+    key: str,
+    rival: Rival,
+    longest: float,
+    mode: str = "",
+    states: int = RIVAL_STATES,
 ) -> Iterator[Repeatable]:
     """Points of a rival or of a method with tolerances, from its loosest to its tightest tolerance.
 
     Only a method has a `mode`.
     """
     options = {"inline": True} if mode == "inline" else {}
-    times = np.linspace(*problem.t_span, RIVAL_STATES)
+    times = np.linspace(*problem.t_span, states)
     at = rival.prepare(problem, times, **options)
     at(rival.tolerances[0])()  # compiles: this must not count as time of a run
     for tolerance in rival.tolerances:
@@ -280,10 +293,10 @@ def sweep_tolerances(
         solve = at(tolerance)
         answer = solve()
         errors = judge.of_answer(times, answer) if answer.success else {}
-        stable = _is_stable(answer.success, errors)
+        stable = is_stable(answer.success, errors)
         point = Point(key, rival.label, mode, tolerance, None, answer.evaluations, stable, errors)
         yield point, partial(_seconds, solve)
-        if answer.seconds > longest or _is_enough(point, chosen):
+        if answer.seconds > longest or is_enough(point, targets):
             break
 
 
@@ -293,9 +306,11 @@ def _seconds(solve: Callable[[], Answer]) -> float:
     return seconds if seconds > _SHORT else solve().seconds
 
 
-def _is_stable(success: bool, errors: dict[str, float]) -> bool:
+def is_stable(success: bool, errors: Mapping[str, float]) -> bool:
+    """Whether a run that reached the end has errors that a stable run can have."""
     return success and all(error < _USELESS for error in errors.values())
 
 
-def _is_enough(point: Point, chosen: BenchmarkProblem) -> bool:
-    return point.stable and max(point.errors.values()) < _ENOUGH * min(chosen.targets)
+def is_enough(point: Point, targets: Sequence[float]) -> bool:
+    """Whether no run has to be more accurate than this one."""
+    return point.stable and max(point.errors.values()) < _ENOUGH * min(targets)

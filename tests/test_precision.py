@@ -13,7 +13,7 @@ from eig3 import problems
 from eig3.bench import loops, paper, plan, precision, report, rivals, sweep
 from eig3.bench.article import TABLES
 from eig3.bench.precision import reach
-from eig3.bench.problem_set import PROBLEM_SET, VARIABLE_SPEED, BenchmarkProblem, describe
+from eig3.bench.problem_set import PROBLEM_SET, VARIABLE_SPEED, BenchmarkProblem, about, describe
 from eig3.bench.reference import Judge, reference
 from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.bench.tolerances import TOLERANCES
@@ -79,12 +79,12 @@ def test_a_set_comes_back_from_json():
 
 def test_a_problem_is_described_without_its_parameters():
     chosen = PROBLEM_SET["kepler_03"]
-    assert describe(chosen.build(), chosen.build) == (
+    assert describe(chosen.build(), about(chosen.build)) == (
         "Kepler's problem in the plane, from the perihelion; u is (x, y) in m, and the sun is at the origin. "
         "It has 2 degrees of freedom and lasts 125.7 s; its forces do not read the velocity."
     )
     chosen = VARIABLE_SPEED["bouncing_ball"]
-    assert describe(chosen.build(), chosen.build).endswith("do not read the velocity; it has the event impact.")
+    assert describe(chosen.build(), about(chosen.build)).endswith("do not read the velocity; it has the event impact.")
 
 
 def test_front_names_the_methods_in_order():
@@ -371,7 +371,7 @@ def test_a_miss_says_what_is_wrong_with_the_first_choice():
         "RK4 takes 2.00 times as long as EIG-9",
         "no method is predicted to reach the accuracy, but EIG-9 does",
     ]
-    text = plan.summary(cases)
+    text = plan.render([plan.Outcome.of(case) for case in cases])
     assert "in 2 of 4 cases. It reaches the accuracy in 2." in text
     assert text.count("- single_dof, trajectory 0.01: ") == 3
     assert plan.Checked(prediction, 0.7, 1.1).is_hit
