@@ -60,6 +60,8 @@ class Matrix:
         lost = [(row, contest) for row, contest in held if contest.is_lost]
         if not won and not lost:
             return f"{begin}, no method that was measured is accurate enough, or the truth is not known so well."
+        if len(held) == 1:
+            return f"{begin}, {_of_one(held[0][1])}"
         labels = Counter(contest.ours.label for contest in won if contest.ours)
         counted = ", ".join(f"{label} ({count})" for label, count in labels.most_common())
         sentences = [
@@ -75,9 +77,19 @@ class Matrix:
         return " ".join(sentences)
 
 
+def _of_one(contest: Contest) -> str:
+    first = contest.reached[0]
+    others = ((contest.next_own, "the next method of eig3"), (contest.next_rival, "the best rival"))
+    behind = [
+        f"{who}, {one.label}, takes {times(one.seconds / first.seconds)} times as long" for one, who in others if one
+    ]
+    sentence = f"{first.label} is the fastest, with {in_units(first.seconds)}"
+    return f"{sentence}; {' and '.join(behind)}." if behind else f"{sentence}."
+
+
 def _lost(row: Row, contest: Contest) -> str:
-    times = f"{text.number(contest.ratio, 2)} times" if contest.ours else "no method of eig3 gets there"
-    return f"{contest.reached[0].label} on {short(row.title)} ({times})"
+    how = f"{text.number(contest.ratio, 2)} times" if contest.ours else "no method of eig3 gets there"
+    return f"{contest.reached[0].label} on {short(row.title)} ({how})"
 
 
 def short(title: str) -> str:

@@ -6,6 +6,7 @@ method. The colours have the same lightness, so that they are readable on white 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 #: The outlines of the shapes as SVG paths within a square from -1 to 1.
@@ -49,9 +50,11 @@ class Style:
 #: Colours of EIG-4 to EIG-13.
 _FAMILY = ("6a78cd", "507fcd", "2d86c8", "008dbe", "0092b0", "00969f", "00988a", "009874", "2c965d", "539344")
 _GREY = "#80868b"
+#: By name, in the order of legends.
 _STYLES = {
     "eig3": Style("#e23532", "circle", "3", "o"),
     **{f"eig{grade}": Style(f"#{color}", "circle", str(grade), f"${grade}$") for grade, color in enumerate(_FAMILY, 4)},
+    "bm6": Style("#764be5", "hexagon", "6", "h"),
     "cd": Style("#a5682a", "diamond", "C", "D"),
     "cd newton": Style("#a5682a", "diamond", "N", "D"),
     "cd fixed-point": Style("#c08a4e", "diamond", "F", "d"),
@@ -62,7 +65,6 @@ _STYLES = {
     "rk8": Style("#c63895", "square", "8", "X"),
     "ab2": Style("#918a21", "triangle", "2", "^"),
     "ab3": Style("#7d8f2a", "triangle", "3", "p"),
-    "bm6": Style("#764be5", "hexagon", "6", "h"),
     "eig3 tolerances": Style("#e23532", "circle", "3", "H", is_filled=False),
     "rk5 tolerances": Style("#9e4dd0", "square", "5", "H", is_filled=False),
     "rk8 tolerances": Style("#c63895", "square", "8", "H", is_filled=False),
@@ -78,3 +80,9 @@ _STYLES = {
 def style_of(method: str) -> Style:
     """The style of a method or rival. A method without one of its own is grey and has its first two letters."""
     return _STYLES.get(method, Style(_GREY, "circle", method[:2], "."))
+
+
+def in_order(methods: Iterable[str]) -> list[str]:
+    """The names in the order of legends; those without a style of their own come last."""
+    order = list(_STYLES)
+    return sorted(methods, key=lambda method: order.index(method) if method in order else len(order))

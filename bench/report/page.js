@@ -96,14 +96,15 @@ class Chart {
     const points = this.points();
     this.drawLegend(points);
     const shown = points.filter(p => this.shown.has(p.method) && (this.against === "time" || p.evaluations))
-      .map(p => ({ ...p, timed: `${time(p.seconds)} (${time(p.low)} to ${time(p.high)})` }));
+      .map(p => ({ ...p, timed: `${time(p.seconds)} (${time(p.low)} to ${time(p.high)})`,
+        words: `${p.label}: error ${p.error.toExponential(1)} in ${time(p.seconds)}` }));
     vegaEmbed(this.plot, this.specification(shown), { actions: false, renderer: "svg", ast: false })
       .then(result => { this.view?.finalize(); this.view = result.view; })
       .catch(console.error);
   }
 
   drawLegend(points) {
-    const methods = [...new Set(points.map(p => p.method))];
+    const present = new Set(points.map(p => p.method)), methods = Object.keys(data.methods).filter(method => present.has(method));
     this.legend.replaceChildren(...methods.map(method => {
       const one = data.methods[method], key = document.createElement("button");
       key.type = "button";
@@ -136,7 +137,7 @@ class Chart {
       return { data: { values }, layer: [
         { mark: { type: "line", color, clip, strokeWidth: 1.6, strokeDash: DASHES[kind] }, encoding: { x, y, order: number("setting") } },
         { mark: { type: "point", size: isNarrow ? 90 : 150, shape: data.shapes[shape], stroke: color, clip, opacity: 1, strokeWidth: 1.4,
-          fill: filled ? color : "var(--page)" }, encoding: { x, y, tooltip, description: name("label") }, params: i ? [] : this.zoom() },
+          fill: filled ? color : "var(--page)" }, encoding: { x, y, tooltip, description: name("words") }, params: i ? [] : this.zoom() },
         { mark: { type: "text", fontSize: isNarrow ? 7.5 : 9, fontWeight: 700, baseline: "middle", dy: 0.5, clip, color: filled ? "#fff" : color },
           encoding: { x, y, tooltip, text: name("sign") } },
       ] };

@@ -17,7 +17,7 @@ from ..paper import render as article_table
 from ..paper import render_claims, render_footnotes, render_relative
 from ..reference import METRICS
 from ..rivals import RIVALS
-from ..styles import SHAPES, style_of
+from ..styles import SHAPES, in_order, style_of
 from ..sweep import MODES, Point, WorkPrecisionSet
 from ..tolerances import TOLERANCES
 from .markdown import TITLES
@@ -90,9 +90,9 @@ class Section:
         self.rows = {(m.metric, m.mode): row for m in matrices for row in m.rows if row.name == result.name}
 
     def methods(self, metric: str, mode: str) -> list[tuple[str, str]]:
-        """The methods that reach an accuracy, in the order of the library."""
+        """The methods that reach an accuracy, in the order of legends."""
         reached = {found.method for contest in self.rows[metric, mode].contests for found in contest.reached}
-        return [(method, label) for method, label in self.result.methods.items() if method in reached]
+        return [(method, self.result.methods[method]) for method in in_order(reached)]
 
     def reached(self, metric: str, mode: str) -> list[dict[str, Any]]:
         """For each accuracy, what reaches it by method."""
@@ -134,8 +134,9 @@ def _data_url(path: Path) -> str:
 
 
 def _families(results: Sequence[WorkPrecisionSet]) -> list[tuple[str, str]]:
-    """Every method and rival of the results, in the order of the library."""
-    return list({method: label for result in results for method, label in result.methods.items()}.items())
+    """Every method and rival of the results, in the order of legends."""
+    labels = {method: label for result in results for method, label in result.methods.items()}
+    return [(method, labels[method]) for method in in_order(labels)]
 
 
 def _in_script(data: Any) -> str:
