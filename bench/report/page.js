@@ -41,8 +41,10 @@ function recall() {
 
 // Charts --------------------------------------------------------------------------------------------------------------
 
-// Labels at 1, 2 and 5 times powers of ten only.
-const SECONDS = "indexof(['1', '2', '5'], format(datum.value, '.0e')[0]) < 0 ? '' : datum.value >= 1 ? format(datum.value, '~g') + ' s' : datum.value >= 1e-3 ? "
+// Labels stand at 1, 2 and 5 times powers of ten only.
+const ROUND = "indexof(['1', '2', '5'], format(datum.value, '.0e')[0]) < 0 ? '' : ";
+const POWERS = ROUND + "format(datum.value, '.0e')";
+const SECONDS = ROUND + "datum.value >= 1 ? format(datum.value, '~g') + ' s' : datum.value >= 1e-3 ? "
   + "format(datum.value * 1e3, '~g') + ' ms' : format(datum.value * 1e6, '~g') + ' \u00b5s'";
 const MOST = 1.5; // a run with a larger error is of no use
 const DASHES = { steps: [1, 0], tolerances: [8, 3, 2, 3], rival: [4, 3] };
@@ -130,7 +132,7 @@ class Chart {
       ? { ...number("seconds"), scale, axis: { title: "time in the kernel, median", labelExpr: SECONDS, labelOverlap, grid } }
       : { ...number("evaluations"), scale, axis: { title: "evaluations of the right-hand side", format: "~s", labelOverlap, grid } };
     const y = { ...number("error"), scale,
-      axis: { title: this.title(), labelExpr: "format(datum.value, '.0e')", labelOverlap, grid, titleLimit: 380 } };
+      axis: { title: this.title(), labelExpr: POWERS, labelOverlap, grid, titleLimit: 380 } };
     // Each method is drawn whole before the next: otherwise the signs of hidden marks would be drawn over other marks.
     const layer = Object.entries(Object.groupBy(points, p => p.method)).map(([method, values], i) => {
       const { color, shape, kind, filled } = data.methods[method], clip = true;

@@ -126,7 +126,8 @@ def _summary(results: Sequence[WorkPrecisionSet]) -> str:
 def _converted(source: str) -> str:
     from markdown import markdown
 
-    return markdown(source, extensions=["tables", "sane_lists", "fenced_code"])
+    body = markdown(source, extensions=["tables", "sane_lists", "fenced_code"])
+    return body.replace("<table>", '<div class="scroll"><table>').replace("</table>", "</table></div>")
 
 
 def _data_url(path: Path) -> str:
