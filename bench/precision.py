@@ -122,7 +122,7 @@ def render(result: WorkPrecisionSet) -> str:
     if failed:
         parts.append(f"Unstable or useless, and kept in the pictures: {'; '.join(failed)}.")
     if result.skipped:
-        parts.append(f"Left out: {', '.join(result.skipped)}.")
+        parts.append(f"Left out: {'; '.join(result.skipped)}.")
     return "\n\n".join(parts)
 
 

@@ -10,8 +10,7 @@ import pytest
 
 import eig3
 from eig3 import problems
-from eig3.bench import loops, paper, plan, precision, report, rivals, sweep
-from eig3.bench.article import TABLES
+from eig3.bench import plan, precision, rivals, sweep
 from eig3.bench.precision import reach
 from eig3.bench.problem_set import PROBLEM_SET, VARIABLE_SPEED, BenchmarkProblem, about, describe
 from eig3.bench.reference import Judge, reference
@@ -305,7 +304,7 @@ def small(monkeypatch):
             lambda: problems.elastic_bar(n=20, width=0.2, t_end=4e-4), 2 * 5000 * 21.0, "bar", "continuum"
         ),
     }
-    for module in (precision, plan, report):
+    for module in (precision, plan):
         monkeypatch.setattr(module, "PROBLEM_SET", short)
 
 
@@ -377,27 +376,3 @@ def test_a_miss_says_what_is_wrong_with_the_first_choice():
     assert plan.Checked(prediction, 0.7, 1.1).is_hit
     assert not plan.Checked(prediction, 0.7, 2.0).is_hit
     assert not plan.Checked(prediction, 1.1, 1.0).is_hit
-
-
-@pytest.mark.usefixtures("small")
-def test_report_is_one_page_that_holds_its_pictures(tmp_path, monkeypatch):
-    """With one rival and one problem beside C: others would add rows, and seconds of compiling."""
-    monkeypatch.setattr(sweep, "RIVALS", {"scipy rk45": rivals.RIVALS["scipy rk45"]})
-    monkeypatch.setattr(loops, "N_STEPS", 500)
-    monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[:1])
-    monkeypatch.setattr(paper, "TABLES", [table for table in TABLES if table.number == 4])
-    monkeypatch.setattr(paper, "steps_of", lambda table, quick: table.steps[:2])
-    options = ["--method", "eig3", "--method", "rk4", "--repeats", "1", "--problem", "elastic_bar"]
-    assert main(["bench", "report", "--out", str(tmp_path), *options]) == 0
-    markdown, page = ((tmp_path / f"report.{end}").read_text() for end in ("md", "html"))
-    for heading in ("How to read it", "The article's tables and claims", "Beside C", "What eig3.plan predicts"):
-        assert f"## {heading}" in markdown
-        assert f"<h2>{heading}</h2>" in page
-    assert not re.search(r'(src|href)="(?!data:|https?:)', page)
-    assert page.count("data:image/svg+xml") == 2
-    assert page.count("<table>") >= 4
-
-
-def test_pictures_are_embedded(tmp_path):
-    (tmp_path / "a.svg").write_text("<svg/>")
-    assert "base64,PHN2Zy8+" in report.html("![x](a.svg)", tmp_path)

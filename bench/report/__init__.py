@@ -120,7 +120,7 @@ def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings
             "another folder."
         )
     if options.resume:
-        known = Settings(**Record.open(options.out).run.settings)
+        known = _known(Record.open(options.out))
         for name, value in given.items():
             if value != getattr(known, name):
                 raise SystemExit(
@@ -132,6 +132,13 @@ def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings
     settings = replace(_DEFAULTS, **given)
     _check_names(settings)
     return settings
+
+
+def _known(record: Record) -> Settings:
+    try:
+        return Settings(**record.run.settings)
+    except TypeError:
+        raise RecordError(f"{record.folder / RUN} has settings of another version: choose another folder.") from None
 
 
 def _check_names(settings: Settings) -> None:
@@ -217,8 +224,9 @@ def report(
 ) -> Path:
     """Measure what each accuracy costs in time on your own problem, and write a page of it.
 
-    The methods and their steps follow from pilot runs of `eig3.plan`. Each method runs with the right-hand side through
-    a pointer and inlined, and beside other solvers. This takes about a minute for a small system.
+    The methods and their steps follow from pilot runs of `eig3.plan`. They run with the right-hand side through a
+    pointer, the fastest of them also with it inlined, and beside other solvers. This takes about a minute for a small
+    system.
 
     Parameters
     ----------

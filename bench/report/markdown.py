@@ -101,7 +101,7 @@ def _fastest(contest: Contest | None) -> str:
 def _problem(record: Record, result: WorkPrecisionSet) -> list[str]:
     motion = record.motion(result.name)
     shown = [f"![The motion of {result.title}]({motion.name})"] if motion else []
-    parts = []
+    parts: list[str] = []
     for mode in result.modes or ["pointer"]:
         of_mode = result.in_mode(mode)
         heading, *rest = precision.render(of_mode).split("\n\n")

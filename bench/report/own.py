@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +29,7 @@ _TIMING = 15.0  # seconds for the interleaved runs of the library, as predicted,
 _RIVALS = 15.0  # and for those of all rivals
 _FEWEST_REPEATS = 3
 _LOOSER = 30.0  # a tolerance that is longer by this factor is measured too
+_INLINED = 3  # methods of each plan, the fastest, are measured inlined too: to compile a kernel takes a second or more
 _EVALUATION = 8e-6  # of SciPy in Python, s
 _ENOUGH = 0.5  # s; a run that has taken so long in three rounds is not repeated
 
@@ -139,19 +140,26 @@ def measure(
     skipped += too_long + _ruled_out(plans, candidates)
     runs = _Runs(judged, grid, judge)
     found: list[Repeatable] = []
+    fast = {p.method for each in plans for p in each.predictions[:_INLINED]}
     for mode in modes:
         for candidate in candidates:
-            text.status(f"{name}, {candidate.label}, {mode}")
-            found += runs.of(candidate, mode)
+            if mode != "inline" or candidate.prediction.method in fast:
+                text.status(f"{name}, {candidate.label}, {mode}")
+                found += runs.of(candidate, mode)
+    if "inline" in modes:
+        slow = [candidate.label for candidate in candidates if candidate.prediction.method not in fast]
+        skipped += _by_reason(dict.fromkeys(slow, f"not inlined, since not among the {_INLINED} fastest of a plan"))
     fewest = min((p.evaluations for each in plans for p in each.predictions if p.reaches), default=0)
     asked = _asked(rivals)
+    unsuitable = {}
     for key, rival in asked.items():
         why = _unsuitable(rival, judged, fewest, _RIVALS / len(asked))
         if why:
-            skipped.append(f"{rival.label} ({why})")
+            unsuitable[rival.label] = why
         else:
             longest = _RIVALS / len(asked) / (2 * repeats)
             found += sweep_tolerances(judged, targets, judge, key, rival, longest, states=grid.rival_states)
+    skipped += _by_reason(unsuitable)
     points = [point for point, _ in found]
     timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
     for i, seconds in interleave(timed, repeats, name, _ENOUGH).items():
@@ -227,7 +235,8 @@ def _affordable(candidates: Sequence[_Candidate], modes: int, repeats: int) -> t
     """Those that can be measured in the time, what is left out, and how often the others run."""
     seconds = modes * sum(candidate.seconds for candidate in candidates)
     repeats = max(min(repeats, _FEWEST_REPEATS), min(repeats, int(_TIMING / max(seconds, 1e-9))))
-    kept, left = [], []
+    kept: list[_Candidate] = []
+    left: list[_Candidate] = []
     spent = 0.0
     for candidate in sorted(candidates, key=lambda c: c.seconds):
         spent += modes * repeats * candidate.seconds
@@ -245,7 +254,15 @@ def _ruled_out(plans: Sequence[Plan], candidates: Sequence[_Candidate]) -> list[
         for p in each.predictions
         if not p.reaches and p.method not in named
     }
-    return [f"{label} ({reason})" for label, reason in reasons.items()]
+    return _by_reason(reasons)
+
+
+def _by_reason(reasons: Mapping[str, str]) -> list[str]:
+    """What was left out, from the reason of each, with what has the same reason together."""
+    together: dict[str, list[str]] = {}
+    for label, reason in reasons.items():
+        together.setdefault(reason, []).append(label)
+    return [f"{', '.join(labels)} ({reason})" for reason, labels in together.items()]
 
 
 def _asked(rivals: bool | Sequence[str]) -> dict[str, Rival]:
@@ -280,7 +297,7 @@ class _Runs:
 
     def of(self, candidate: _Candidate, mode: str) -> Iterable[Repeatable]:
         """The point of a candidate, and a function that repeats its run."""
-        options = {"method": candidate.prediction.method, "inline": mode == "inline"}
+        options: dict[str, Any] = {"method": candidate.prediction.method, "inline": mode == "inline"}
         if candidate.rtol is None:
             options |= self.grid.steps(candidate.n_steps)
         else:

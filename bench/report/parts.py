@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from eig3.drawing import before_growth, histories
 from eig3.methods import LIBRARY
 from eig3.options import Files
 from eig3.problem import Problem
-from eig3.run import draw
 
 from .. import c, hard, paper, pictures, plan, stability
 from ..article import TABLES
@@ -30,7 +30,7 @@ _STATES = 1201  # of the motion that is drawn
 _FEWEST = 3  # states; a run that fails before has no picture
 _ACCURATE = 1e-6  # its relative tolerance
 _MOST_STEPS = 1_000_000
-_WIDTH = 900  # of its picture, pixels
+_SIZE, _DPI = (9.0, 5.0), 100  # of its picture, inches, and pixels in an inch
 _QUALITIES = (80, 60, 40, 20)  # of the picture, the first with which the file is small enough
 _LARGEST = 40_000  # bytes
 
@@ -94,7 +94,7 @@ def _of_the_set(name: str, settings: Settings, record: Record) -> dict[str, Any]
     draw_motion(record, name, chosen.build())
     methods, modes = settings.methods or LIBRARY, settings.modes or MODES
     limits = settings.repeats, settings.longest
-    return measure(name, chosen, methods, *limits, rivals=settings.rivals, modes=modes).as_json()
+    return measure(name, chosen, methods, *limits, rivals=bool(settings.rivals), modes=modes).as_json()
 
 
 def _own(name: str, settings: Settings, record: Record) -> dict[str, Any]:
@@ -106,7 +106,7 @@ def measure_own(record: Record, name: str, problem: Problem, about: str, setting
     """Draw the motion of a user's problem, and measure it."""
     draw_motion(record, name, problem)
     accuracies, modes = settings.accuracies or own.ACCURACIES, settings.modes or MODES
-    options = {"repeats": settings.repeats, "rivals": settings.rivals, "modes": modes}
+    options: dict[str, Any] = {"repeats": settings.repeats, "rivals": settings.rivals, "modes": modes}
     return own.measure(problem, accuracies, name=name, about=about, **options).as_json()
 
 
@@ -116,13 +116,19 @@ def draw_motion(record: Record, name: str, problem: Problem) -> None:
     solution = problem.integrate(rtol=_ACCURATE, t_eval=times, invariants={}, max_steps=_MOST_STEPS)
     if len(solution.t) < _FEWEST:
         return
-    figure = pictures.new_figure(6, 4)
-    draw(figure, problem, solution)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    figure = pictures.new_figure(*_SIZE)
+    (problem.draw or histories)(figure, before_growth(solution))
+    figure.dpi = _DPI
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     files = Files(record.folder, "eig3 bench report")
     with files.writing(motion_file(name)) as path:
         for quality in _QUALITIES:
-            options = {"quality": quality, "method": 6}
-            figure.savefig(path, dpi=_WIDTH / figure.get_size_inches()[0], pil_kwargs=options)
+            picture.save(path, quality=quality, method=6)
             if path.stat().st_size <= _LARGEST:
                 break
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,7 @@ class Record:
         record = cls(folder, run, {})
         for name in run.parts:
             if record._path(name).exists():
-                record.measured[name] = _read(record._path(name), lambda content, name=name: _decoded(name, content))
+                record.measured[name] = _read(record._path(name), partial(_decoded, name))
         return record
 
     def keep(self, name: str, command: str, seconds: float, data: Any) -> None:

@@ -84,8 +84,9 @@ def find_truth(problem: Problem, grid: Grid, smallest: float) -> Reference:
         return Reference(lambda t: exact(t)[0], "exact solution", _ROUND_OFF)
     solution, uncertainty = _halved(problem, grid, smallest)
     difference, check = _checked(problem, grid, solution, max(uncertainty, _AGREES * smallest))
-    source = f"RK8 with {solution.n_steps} steps, halved until two runs agree; RK5 with {check} steps differs by "
-    return Reference(lambda t: grid.at(solution.u, t), source + f"{difference:.1g}", uncertainty)
+    beside = f"from which RK5 with {check} steps differs by {difference:.1g}"
+    source = f"RK8 with {solution.n_steps} steps, {beside}"
+    return Reference(lambda t: grid.at(solution.u, t), source, uncertainty)
 
 
 def _halved(problem: Problem, grid: Grid, smallest: float) -> tuple[Solution, float]:
