@@ -1,7 +1,11 @@
 """Runs of the article's problems: times of all methods at every step of a table, and errors in the article's metric."""
 
+import dataclasses
+import math
 import statistics
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +15,7 @@ from eig3.problem import Problem
 from eig3.solution import Solution
 
 from . import text
-from .article import Entry, Table, method_of
+from .article import TABLES, Entry, Table, method_of
 from .timing import Storage, interleave, kernel_run
 
 #: Table 4 gets one more row: CD with fixed-point iteration, which is faster here than the article's Newton iteration.
@@ -69,6 +73,33 @@ class MeasuredTable:
     @property
     def steps(self) -> list[float]:
         return sorted({cell.h for cell in self.cells}, reverse=True)
+
+    def as_json(self) -> dict[str, Any]:
+        """The cells with their statistics, as JSON; an error that is not finite is null."""
+        table = self.table
+        cells = [
+            {
+                **dataclasses.asdict(cell),
+                "mean_seconds": cell.mean,
+                "median_seconds": cell.median,
+                "error": cell.error if math.isfinite(cell.error) else None,
+            }
+            for cell in self.cells
+        ]
+        return {"number": table.number, "title": table.title, "metric": table.metric, "cells": cells}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> "MeasuredTable":
+        """What `as_json` gave."""
+        (table,) = (table for table in TABLES if table.number == data["number"])
+        return cls(table, [_cell(cell) for cell in data["cells"]])
+
+
+def _cell(data: Mapping[str, Any]) -> MeasuredCell:
+    known = {field.name: data[field.name] for field in dataclasses.fields(MeasuredCell)}
+    entry = known["entry"] and Entry(**known["entry"])
+    error = math.inf if known["error"] is None else known["error"]
+    return MeasuredCell(**{**known, "entry": entry, "error": error})
 
 
 def label(method: str) -> str:

@@ -9,9 +9,10 @@ import ctypes
 import os
 import shlex
 import shutil
+import statistics
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,12 +26,13 @@ from eig3.problem import Problem
 from . import handwritten, loops, text
 from .environment import in_words
 from .options import add_repeats, choose
-from .timing import Storage, medians
+from .timing import Storage, interleave
 
 SUMMARY = "ns/step of every method, compared with the article's algorithms in C"
 SOURCE = Path(__file__).parent / "c_sources" / "baseline.c"
 METHODS_IN_C = ("eig3", "cd", "rk2", "rk3", "ab2", "ab3")
 FLAGS = {"-O3": ["-O3"], "-O3 native": ["-O3", "-march=native"]}
+_IN_C = {f"C {flags}{how}": (flags, bool(how)) for how in ("", " inlined") for flags in FLAGS}
 HEADER = [
     "problem, method",
     "C -O3",
@@ -141,7 +143,13 @@ def version() -> str:
     return compile_with("--version").partition("\n")[0]
 
 
-def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print) -> None:
+#: The seconds of the runs of each column, by row.
+Timings = dict[str, dict[str, list[float]]]
+
+
+def benchmark(
+    *, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print
+) -> Timings:
     """Print ns/step of C and of both modes, with ratios. Without a compiler the columns of C hold dashes."""
     chosen = choose(methods, METHODS_IN_C)
     libraries = build_all()
@@ -149,26 +157,36 @@ def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: 
     write(f"C: {version()}")
     write(f"ns/step, every state stored: medians of {repeats} interleaved runs of {loops.N_STEPS} steps.")
     write("C has the article's order of operations. / C is the ratio to C -O3, with the rhs through a pointer.\n")
-    rows = [compare(make(), h, name, libraries, repeats) for make, h in loops.ARTICLE_PROBLEMS for name in chosen]
-    write(text.table(HEADER, rows))
+    timings = {
+        f"{problem.name}, {METHODS[name]().label}": compare(problem, h, name, libraries, repeats)
+        for problem, h in ((make(), h) for make, h in loops.ARTICLE_PROBLEMS)
+        for name in chosen
+    }
+    write(text.table(HEADER, [[label, *cells(seconds)] for label, seconds in timings.items()]))
+    return timings
 
 
-def compare(problem: Problem, h: float, method: str, libraries: dict[str, Library], repeats: int) -> list[str]:
-    """The row of one method on one problem."""
+def compare(
+    problem: Problem, h: float, method: str, libraries: dict[str, Library], repeats: int
+) -> dict[str, list[float]]:
+    """The seconds of each column for one method on one problem, and of the loop by hand, the floor."""
     storage = Storage.for_steps(problem, loops.N_STEPS)
     floor = handwritten.floor_pair if loops.is_vector(problem) else handwritten.floor_scalar
-    columns = {f"C {flags}{how}": (flags, bool(how)) for how in ("", " inlined") for flags in FLAGS}
     runs = {
         column: libraries[flags].loop(problem, h, method, storage, inline=inline)
-        for column, (flags, inline) in columns.items()
+        for column, (flags, inline) in _IN_C.items()
         if flags in libraries
     }
     runs["pointer"] = loops.kernel_loop(problem, h, method, storage, inline=False)
     runs["inline"] = loops.kernel_loop(problem, h, method, storage, inline=True)
     runs["floor"] = loops.hand_loop(problem, h, floor, storage, inline=True)
-    seconds = medians(runs, repeats, f"{problem.name}, {method}")
-    ns = {name: 1e9 * value / loops.N_STEPS for name, value in seconds.items()}
-    times = [f"{ns[name]:.1f}" if name in ns else "-" for name in (*columns, "pointer", "inline")]
+    return interleave(runs, repeats, f"{problem.name}, {method}")
+
+
+def cells(seconds: Mapping[str, Sequence[float]]) -> list[str]:
+    """A row of the table, from the seconds of its runs."""
+    ns = {name: 1e9 * statistics.median(values) / loops.N_STEPS for name, values in seconds.items()}
+    times = [f"{ns[name]:.1f}" if name in ns else "-" for name in (*_IN_C, "pointer", "inline")]
     pairs = (("pointer", "C -O3"), ("inline", "C -O3"), ("inline", "floor"))
     ratios = [f"{ns[a] / ns[b]:.2f}" if b in ns else "-" for a, b in pairs]
-    return [f"{problem.name}, {METHODS[method]().label}", *times, *ratios]
+    return [*times, *ratios]

@@ -2,6 +2,7 @@
 
 import os
 import platform
+from collections.abc import Mapping
 from pathlib import Path
 
 import numba
@@ -23,9 +24,9 @@ def environment() -> dict[str, str | int]:
     }
 
 
-def in_words() -> str:
-    """The environment on one line."""
-    e = environment()
+def in_words(e: Mapping[str, str | int] | None = None) -> str:
+    """An environment, by default this one, on one line."""
+    e = e or environment()
     versions = ", ".join(f"{name} {e[name]}" for name in ("python", "numba", "numpy", "eig3"))
     return f"{e['cpu']}, {e['cores']} cores, {e['system']}; {versions}"
 

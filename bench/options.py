@@ -23,6 +23,24 @@ def add_repeats(parser: argparse.ArgumentParser, default: int) -> None:
     parser.add_argument("--repeats", type=count, default=default, help=f"runs for each median ({default})")
 
 
+def add_accuracies(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add `--accuracies A ...`, the errors to reach; `default` describes those that are used without it."""
+    parser.add_argument(
+        "--accuracies", nargs="+", type=accuracy, metavar="A", help=f"the errors to reach (default: {default})"
+    )
+
+
+def accuracy(text: str) -> float:
+    """Convert the text of an option to a relative error."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"must be a number between 0 and 1, such as 1e-4, not {text!r}")
+    return value
+
+
 def choose(names: Sequence[str] | None, known: Sequence[str], option: str = "--method") -> Sequence[str]:
     """The names given on the command line, or all known names if None.
 

@@ -1,7 +1,6 @@
 """Run the article's five tables, and print the results next to the article's values."""
 
 import argparse
-import dataclasses
 import json
 from collections.abc import Callable
 from functools import partial
@@ -49,11 +48,7 @@ def benchmark(
 ) -> list[MeasuredTable]:
     """Measure, print each table as soon as it is complete, and save after each table in `out`."""
     settings = {"table": only, "repeats": repeats, "quick": quick, "mode": "right-hand side through a pointer"}
-    heading = (
-        f"Machine: {in_words()}\n\n"
-        f"Times: mean of {repeats} interleaved runs of the kernel alone, whole history stored. Each includes one call "
-        "from Python, about 20 microseconds, which is visible at the largest steps."
-    )
+    heading = f"Machine: {in_words()}\n\n{how_measured(repeats)}"
     write(heading)
     files = None if out is None else Files(out, "eig3 bench")
     pages, results = [heading], []
@@ -73,6 +68,13 @@ def benchmark(
         figures = {f"table{result.table.number}.png": partial(pictures.article_table, result) for result in results}
         files.finish(write, pictures.draw(figures, files))
     return results
+
+
+def how_measured(repeats: int) -> str:
+    return (
+        f"Times: mean of {repeats} interleaved runs of the kernel alone, whole history stored. Each includes one call "
+        "from Python, about 20 microseconds, which is visible at the largest steps."
+    )
 
 
 def steps_of(table: Table, quick: bool) -> tuple[float, ...]:
@@ -214,18 +216,7 @@ CLAIMS = (
 
 def save(files: Files, results: list[MeasuredTable], pages: list[str], settings: dict) -> None:
     """Write results.json and tables.md. Both are complete after every table, so an interrupted run loses nothing."""
-    tables = [
-        {
-            "number": result.table.number,
-            "title": result.table.title,
-            "metric": result.table.metric,
-            "cells": [
-                {**dataclasses.asdict(cell), "mean_seconds": cell.mean, "median_seconds": cell.median}
-                for cell in result.cells
-            ],
-        }
-        for result in results
-    ]
+    tables = [result.as_json() for result in results]
     content = {"environment": environment(), "settings": settings, "tables": tables}
     with files.writing("results.json") as path:
         path.write_text(json.dumps(content, indent=1))

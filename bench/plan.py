@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -139,45 +139,58 @@ class Case:
         ]
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """What the table and the summary say of a case: its name, its row, and what is wrong with the first choice."""
+
+    name: str
+    row: list[str]
+    is_good: bool
+    reaches: bool
+    miss: str
+
+    @classmethod
+    def of(cls, case: Case) -> Outcome:
+        is_good = bool(case.checked) and case.ratio <= MOST
+        return cls(case.name, case.row, is_good, bool(case.checked) and case.checked[0].error <= 1, case.miss)
+
+
 def benchmark(
     *,
     only: Sequence[str] | None = None,
     repeats: int = 9,
     longest: float = LONGEST,
-    swept: Mapping[str, WorkPrecisionSet] | None = None,
     write: Callable[[str], None] = print,
 ) -> None:
-    """Print a table with every case of every problem, the ratios, and every miss.
-
-    `swept` has the sweeps of problems that are known already.
-    """
+    """Print a table with every case of every problem, the ratios, and every miss."""
     names = choose(only, list(PROBLEM_SET), "--problem")
     write(f"Machine: {in_words()}")
-    write(
+    write(how_measured(repeats) + "\n")
+    write(render([Outcome.of(case) for name in names for case in cases_of(name, repeats, longest)]))
+
+
+def how_measured(repeats: int) -> str:
+    return (
         f"The first choice beside the {_CONTENDERS} fastest methods of a sweep, each at the step with which it reaches "
         f"the accuracy: medians of {repeats} interleaved runs. A prediction hits with {ERROR_RANGE[0]} to "
         f"{ERROR_RANGE[1]} of the requested error, or less with a note, and the predicted time to a factor of "
-        f"{TIME_FACTOR}; extrapolated predictions are left out.\n"
+        f"{TIME_FACTOR}; extrapolated predictions are left out."
     )
-    cases = [case for name in names for case in cases_of(name, repeats, longest, (swept or {}).get(name))]
-    write(text.table(HEADER, [case.row for case in cases]))
-    write("\n" + summary(cases))
 
 
-def summary(cases: Sequence[Case]) -> str:
-    """In how many cases the first choice is good, and a line for each of the others."""
-    good = sum(bool(case.checked) and case.ratio <= MOST for case in cases)
-    reached = sum(bool(case.checked) and case.checked[0].error <= 1 for case in cases)
+def render(outcomes: Sequence[Outcome]) -> str:
+    """The table of the cases, in how many of them the first choice is good, and a line for each of the others."""
+    good, reached = sum(outcome.is_good for outcome in outcomes), sum(outcome.reaches for outcome in outcomes)
     lines = [
-        f"The first choice takes at most {MOST} times as long as the best in {good} of {len(cases)} cases. It reaches "
-        f"the accuracy in {reached}.",
-        *(f"- {case.name}: {case.miss}" for case in cases if case.miss),
+        f"The first choice takes at most {MOST} times as long as the best in {good} of {len(outcomes)} cases. It "
+        f"reaches the accuracy in {reached}.",
+        *(f"- {outcome.name}: {outcome.miss}" for outcome in outcomes if outcome.miss),
     ]
-    return "\n".join(lines)
+    return "\n\n".join([text.table(HEADER, [outcome.row for outcome in outcomes]), "\n".join(lines)])
 
 
-def cases_of(name: str, repeats: int, longest: float, swept: WorkPrecisionSet | None) -> list[Case]:
-    """A plan for each metric and accuracy that a method of the sweep reaches."""
+def cases_of(name: str, repeats: int, longest: float, swept: WorkPrecisionSet | None = None) -> list[Case]:
+    """A plan for each metric and accuracy that a method of the sweep reaches; the sweep is measured if not given."""
     problem = dataclasses.replace(PROBLEM_SET[name].build(), name=name)
     chosen = dataclasses.replace(PROBLEM_SET[name], build=lambda: problem)  # its reference is found only once
     swept = swept or measure(name, chosen, LIBRARY, 3, longest, rivals=False)
@@ -200,7 +213,7 @@ def fastest(
     """The label, record and step of the methods of the sweep that reach the accuracy first."""
     reached = []
     for key, method in records(judge.problem, chosen, LIBRARY):
-        found = reach(swept.of(key), metric, accuracy)
+        found = reach(swept, key, metric, accuracy)
         if found:
             reached.append((found.seconds, swept.methods[key], method, found.setting))
     reached.sort(key=lambda entry: entry[0])

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -16,9 +16,9 @@ from eig3.options import Files, add_methods, add_out
 
 from . import pictures, text
 from .environment import environment, in_words
-from .options import add_problems, add_repeats, choose
+from .options import add_accuracies, add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET, VARIABLE_SPEED
-from .reach import Contest, Fastest, Reach, contests, fastest, front, reach
+from .reach import Contest, Reach, contests, front, reach
 from .reference import METRICS
 from .rivals import RIVALS
 from .sweep import LONGEST, REPEATS, RIVAL_STATES, STATES, Point, WorkPrecisionSet, measure
@@ -41,6 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--inline", action="store_true", help="compile the right-hand side into the kernels")
     parser.add_argument("--no-rivals", dest="rivals", action="store_false", help="leave out SciPy, heyoka and CyRK")
+    add_accuracies(parser, "those of each problem")
     add_out(parser, "folder for precision.json, precision.md and pictures")
 
 
@@ -52,6 +53,7 @@ def run(options: argparse.Namespace) -> None:
         longest=options.longest,
         rivals=options.rivals,
         inline=options.inline,
+        accuracies=options.accuracies,
         out=options.out,
     )
 
@@ -64,6 +66,7 @@ def benchmark(
     longest: float = LONGEST,
     rivals: bool = True,
     inline: bool = False,
+    accuracies: Sequence[float] | None = None,
     out: Path | None = None,
     write: Callable[[str], None] = print,
 ) -> None:
@@ -82,9 +85,11 @@ def benchmark(
             with files.writing("precision.md") as path:
                 path.write_text("\n\n".join(pages) + "\n")
 
-    add(heading(repeats, longest, inline))
+    modes = ("inline",) if inline else ("pointer",)
+    add(f"Machine: {in_words()}\n\n{how_measured(repeats, longest, modes)}")
     for name in names:
-        results.append(measure(name, known[name], methods, repeats, longest, rivals=rivals, inline=inline))
+        chosen = known[name] if accuracies is None else replace(known[name], targets=tuple(accuracies))
+        results.append(measure(name, chosen, methods, repeats, longest, rivals=rivals, modes=modes))
         add(render(results[-1]))
     add(render_summary(results))
     if files:
@@ -92,38 +97,40 @@ def benchmark(
         files.finish(write, pictures.draw(figures, files, dpi=110))
 
 
-def heading(repeats: int, longest: float, inline: bool = False) -> str:
-    mode = "inlined" if inline else "through a pointer"
+def how_measured(repeats: int, longest: float, modes: Sequence[str]) -> str:
+    words = " and ".join(IN_WORDS[mode] for mode in modes)
     return (
-        f"Machine: {in_words()}\n\n"
         f"Times: medians of {repeats} interleaved runs, fewer if they take long; compiling left out. The methods keep "
-        f"{STATES} states or more, or all if there are fewer, and have the right-hand side {mode}. The rivals compute "
+        f"{STATES} states or more, or all if there are fewer, and have the right-hand side {words}. The rivals compute "
         f"{RIVAL_STATES} states by their dense output, as do the methods with tolerances, whose times are those in the "
         f"kernel. Steps are halved until a run takes {longest:g} s."
     )
 
 
+IN_WORDS = {"pointer": "through a pointer", "inline": "inlined"}
+
+
 def render(result: WorkPrecisionSet) -> str:
     """The page of one problem: for each metric a table of times to reach accuracies, and the Pareto front."""
-    parts = [f"## {result.problem.title} ({result.name})"]
+    parts = [f"## {result.title} ({result.name})", result.description]
     parts.append(f"Truth: {result.source}, known to {result.uncertainty:.1g} of max |u|.")
     for metric in result.metrics:
         parts += [render_reach(result, metric), render_contests(result, metric), render_front(result, metric)]
-        parts += [render_tolerances(result, metric)] * result.problem.tolerances
+        parts += [render_tolerances(result, metric)] * result.tolerances
     unstable = groupby((point for point in result.points if not point.stable), key=lambda point: point.label)
     failed = [f"{label} at {', '.join(f'{point.setting:.2g}' for point in points)}" for label, points in unstable]
     if failed:
         parts.append(f"Unstable or useless, and kept in the pictures: {'; '.join(failed)}.")
     if result.skipped:
-        parts.append(f"Left out: {', '.join(result.skipped)}.")
+        parts.append(f"Left out: {'; '.join(result.skipped)}.")
     return "\n\n".join(parts)
 
 
 def render_reach(result: WorkPrecisionSet, metric: str) -> str:
     """The table of times to reach each target; the fastest of each target is bold."""
-    targets = result.problem.targets
+    targets = result.targets
     header = [f"time to reach ({metric})", *(f"{target:g}" for target in targets)]
-    reached = {m: [reach(result.of(m), metric, target) for target in targets] for m in result.methods}
+    reached = {m: [reach(result, m, metric, target) for target in targets] for m in result.methods}
     best = [
         min((found.seconds for found in column if found), default=None)
         for column in zip(*reached.values(), strict=True)
@@ -169,14 +176,12 @@ def render_tolerances(result: WorkPrecisionSet, metric: str) -> str:
         **{name: partial(_is_of, package) for package, name in packages.items()},
         "fixed steps": lambda method: method not in RIVALS and method not in TOLERANCES,
     }
-    targets = result.problem.targets
-    ours = [fastest(result, metric, target, TOLERANCES.__contains__) for target in targets]
+    held = contests(result, metric)
     rows = []
     for name, is_chosen in others.items():
-        theirs = [fastest(result, metric, target, is_chosen) for target in targets]
-        pairs = zip(ours, theirs, strict=True)
+        pairs = ((contest.of(TOLERANCES.__contains__), contest.of(is_chosen)) for contest in held)
         rows.append([name, *(text.number(one.seconds / two.seconds, 2) if one and two else "-" for one, two in pairs)])
-    header = [f"fastest with tolerances ({metric}) / fastest of", *(f"{target:g}" for target in targets)]
+    header = [f"fastest with tolerances ({metric}) / fastest of", *(f"{target:g}" for target in result.targets)]
     return text.table(header, rows)
 
 
@@ -184,7 +189,7 @@ def _is_of(package: str, method: str) -> bool:
     return method in RIVALS and RIVALS[method].package == package
 
 
-def _fastest(found: Fastest | None) -> str:
+def _fastest(found: Reach | None) -> str:
     return f"{found.label} {_milliseconds(found.seconds)}" if found else "none"
 
 
@@ -200,7 +205,7 @@ def render_summary(results: Sequence[WorkPrecisionSet]) -> str:
         return "No rival was measured."
     lost = sum(contest.is_lost for contest in cells)
     tables = []
-    for targets, group in groupby(results, key=lambda result: result.problem.targets):
+    for targets, group in groupby(results, key=lambda result: result.targets):
         header = ["fastest of eig3 / fastest rival", *(f"{target:g}" for target in targets)]
         tables.append(text.table(header, [[result.name, *map(_ratio, held[result.name])] for result in group]))
     return "\n\n".join(
@@ -244,16 +249,7 @@ def save(files: Files, results: Sequence[WorkPrecisionSet]) -> None:
     data = {
         "environment": environment(),
         "states": STATES,
-        "problems": [
-            {
-                "name": result.name,
-                "reference": result.source,
-                "uncertainty": result.uncertainty,
-                "skipped": result.skipped,
-                "points": [{**dataclasses.asdict(point), **point.statistics} for point in result.points],
-            }
-            for result in results
-        ],
+        "problems": [result.as_json() for result in results],
     }
     with files.writing("precision.json") as path:
         path.write_text(json.dumps(data, indent=1) + "\n")

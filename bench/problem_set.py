@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
 from eig3 import problems
 from eig3.methods import CentralDifference, Method
 from eig3.problem import Problem
@@ -39,6 +41,21 @@ class BenchmarkProblem:
     cd: tuple[tuple[str, Method], ...] = ()
     targets: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
     tolerances: bool = False
+
+
+def about(build: Callable[[], Problem]) -> str:
+    """The first paragraph about what builds a problem."""
+    return " ".join((getattr(build, "func", build).__doc__ or "").partition("\n\n")[0].split())
+
+
+def describe(problem: Problem, what: str) -> str:
+    """What the problem is, and a sentence of what it asks of a method."""
+    n, span = np.size(problem.u0), problem.t_span[1] - problem.t_span[0]
+    degrees = "one degree of freedom" if n == 1 else f"{n} degrees of freedom"
+    reads = "read the velocity" if problem.uses_velocity else "do not read the velocity"
+    plural = "s" if len(problem.events) > 1 else ""
+    events = f"; it has the event{plural} {', '.join(problem.events)}" if problem.events else ""
+    return f"{what} It has {degrees} and lasts {span:.4g} s; its forces {reads}{events}.".lstrip()
 
 
 _NEWTON = ("cd newton", CentralDifference(velocity="implicit", solver="newton"))

@@ -131,7 +131,7 @@ class Judge:
         found = {}
         for metric, truth in self.truths.items():
             true = truth(t)
-            with np.errstate(over="ignore", invalid="ignore"):
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 found[metric] = float(np.abs(u - true).max() / np.abs(true).max())
         return found
 
@@ -146,6 +146,6 @@ class Judge:
         """The errors of a run of a rival."""
         errors = self.errors(times, answer.u)
         if self.problem.energy is not None:
-            energies = np.array([self.problem.energy_of(u, v) for u, v in zip(answer.u, answer.v, strict=True)])
+            energies = self.problem.energy_of(answer.u, answer.v, times)
             errors["energy"] = float(np.abs(energies / energies[0] - 1).max())
         return errors

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +19,7 @@ from eig3.solution import Solution
 from eig3.stability import limit
 
 from . import text
-from .problem_set import BenchmarkProblem
+from .problem_set import BenchmarkProblem, about, describe
 from .reference import METRICS, Judge, reference
 from .rivals import RIVALS, Answer, Rival
 from .timing import Storage, interleave, kernel_run
@@ -33,14 +36,21 @@ _HOPELESS = 20  # a method is given up when its next run would take this multipl
 _ENOUGH = 0.3  # of the smallest target; no smaller step is tried
 _SHORT = 1e-3  # s
 _USELESS = 10.0  # only an unstable run has such a relative error
+#: How a kernel gets the right-hand side: it calls it through a pointer, or has it inlined.
+MODES = ("pointer", "inline")
+CERTAIN = 3  # an error below this multiple of the uncertainty of the truth is not known
 
 
 @dataclass
 class Point:
-    """One run: a method with a step, or a rival with a tolerance. `setting` is the step or the tolerance."""
+    """One run: a method with a step, or a rival with a tolerance.
+
+    `setting` is the step or the tolerance. `mode` is one of `MODES`; a rival has none, and its mode is "".
+    """
 
     method: str
     label: str
+    mode: str
     setting: float
     n_steps: int | None
     evaluations: int | None
@@ -63,20 +73,46 @@ class Point:
 
 @dataclass(frozen=True)
 class WorkPrecisionSet:
-    """All points on one problem, and the rivals that were skipped."""
+    """All points on one problem.
+
+    Attributes
+    ----------
+    name, title, description : str
+        The description is for a reader who does not know the problem.
+    metric : str
+        The metric of error that is shown first.
+    targets : tuple of float
+        The errors to reach.
+    tolerances : bool
+        Whether the library was measured with tolerances too.
+    source : str
+        Where the true motion is from.
+    uncertainty : float
+        Of the true motion, relative to max |u|.
+    points : list of Point
+    skipped : list of str
+        What was not measured, and why.
+    command : str
+        The command that measures these points alone, for the first of `modes`.
+    """
 
     name: str
-    problem: BenchmarkProblem
+    title: str
+    description: str
+    metric: str
+    targets: tuple[float, ...]
+    tolerances: bool
     source: str
     uncertainty: float
     points: list[Point]
     skipped: list[str]
+    command: str = ""
 
     @property
     def metrics(self) -> list[str]:
         """The metrics of error that were measured, the problem's own first."""
         known = {metric for point in self.points for metric in point.errors}
-        return sorted(known, key=lambda metric: (metric != self.problem.metric, list(METRICS).index(metric)))
+        return sorted(known, key=lambda metric: (metric != self.metric, list(METRICS).index(metric)))
 
     def of(self, method: str) -> list[Point]:
         return [point for point in self.points if point.method == method]
@@ -85,6 +121,45 @@ class WorkPrecisionSet:
     def methods(self) -> dict[str, str]:
         """The label of each method and rival."""
         return {point.method: point.label for point in self.points}
+
+    @property
+    def modes(self) -> list[str]:
+        """The modes that were measured, in the order of `MODES`."""
+        return [mode for mode in MODES if any(point.mode == mode for point in self.points)]
+
+    def in_mode(self, mode: str) -> WorkPrecisionSet:
+        """The points of one mode, and those of the rivals."""
+        return dataclasses.replace(self, points=[point for point in self.points if point.mode in (mode, "")])
+
+    def is_claimed(self, metric: str, target: float) -> bool:
+        """Whether the truth is certain enough to say that a run has such an error."""
+        return metric != "trajectory" or target >= CERTAIN * self.uncertainty
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything as JSON, with the statistics of each point; a number that is not finite is null."""
+        plain = {"uncertainty": _finite(self.uncertainty), "points": [_as_json(point) for point in self.points]}
+        return {**vars(self), **plain}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> WorkPrecisionSet:
+        """What `as_json` gave."""
+        points = [_from_json(point) for point in data["points"]]
+        uncertainty = math.inf if data["uncertainty"] is None else data["uncertainty"]
+        return cls(**{**data, "targets": tuple(data["targets"]), "uncertainty": uncertainty, "points": points})
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _as_json(point: Point) -> dict[str, Any]:
+    errors = {metric: _finite(error) for metric, error in point.errors.items()}
+    return {**vars(point), **point.statistics, "errors": errors}
+
+
+def _from_json(data: Mapping[str, Any]) -> Point:
+    known = {field.name: data[field.name] for field in dataclasses.fields(Point)}
+    return Point(**{**known, "errors": {metric: math.inf if e is None else e for metric, e in data["errors"].items()}})
 
 
 #: A point, and a function that repeats its run and returns the seconds.
@@ -99,24 +174,22 @@ def measure(
     longest: float,
     *,
     rivals: bool,
-    inline: bool = False,
+    modes: Sequence[str] = MODES[:1],
+    command: str = "",
 ) -> WorkPrecisionSet:
-    """Find the points of every method and rival, then time all of them in interleaved runs.
-
-    With `inline`, the kernels have the right-hand side inlined.
-    """
+    """Find the points of every method, in each of these modes, and of every rival; time all in interleaved runs."""
     problem = chosen.build()
     text.status(f"{name}: reference")
     truth = reference(problem, chosen.omega)
     judge = Judge(problem, truth)
     storage = Storage.for_steps(problem, 2 * STATES)  # a run stores fewer than 2 * STATES states
     found: list[Repeatable] = []
-    for key, method in records(problem, chosen, methods):
-        found += sweep(problem, chosen, judge, key, method, longest, storage, inline)
-    if chosen.tolerances:
-        for key, own in TOLERANCES.items():
+    for mode in modes:
+        for key, method in records(problem, chosen, methods):
+            found += sweep(problem, chosen, judge, key, method, longest, storage, mode)
+        for key, own in TOLERANCES.items() if chosen.tolerances else ():
             if key.partition(" ")[0] in methods:
-                found += sweep_tolerances(problem, chosen, judge, key, own, longest, inline=inline)
+                found += sweep_tolerances(problem, chosen.targets, judge, key, own, longest, mode)
     skipped = []
     for key, rival in RIVALS.items() if rivals else ():
         if not rival.is_installed:
@@ -125,12 +198,24 @@ def measure(
             skipped.append(f"{rival.label} (more than {rival.most_degrees} degrees of freedom)")
         else:
             # a solver in Python takes long even with its loosest tolerance: its runs may take a second
-            found += sweep_tolerances(problem, chosen, judge, key, rival, max(longest, 1.0))
+            found += sweep_tolerances(problem, chosen.targets, judge, key, rival, max(longest, 1.0))
     points = [point for point, _ in found]
     timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
     for i, seconds in interleave(timed, repeats, name, ENOUGH).items():
         points[int(i)].seconds = seconds
-    return WorkPrecisionSet(name, chosen, truth.source, truth.uncertainty, points, skipped)
+    return WorkPrecisionSet(
+        name,
+        chosen.title,
+        describe(problem, about(chosen.build)),
+        chosen.metric,
+        chosen.targets,
+        chosen.tolerances,
+        truth.source,
+        truth.uncertainty,
+        points,
+        skipped,
+        command,
+    )
 
 
 def records(problem: Problem, chosen: BenchmarkProblem, methods: Sequence[str]) -> Iterator[tuple[str, Method]]:
@@ -154,13 +239,13 @@ def sweep(
     method: Method,
     longest: float,
     storage: Storage,
-    inline: bool,
+    mode: str,
 ) -> Iterator[Repeatable]:
     """Points of one method, from a step just above its stability limit to ever smaller steps."""
     bound = (limit(method) or 2.0) / chosen.omega
     label = method.label + {"cd newton": ", Newton", "cd fixed-point": ", fixed point"}.get(key, "")
 
-    span = problem.t_span[1] - problem.t_span[0]
+    span, inline = problem.t_span[1] - problem.t_span[0], mode == "inline"
 
     def at(step: float) -> tuple[Repeatable, Solution]:
         n_steps, h = divide(span, step)
@@ -168,7 +253,7 @@ def sweep(
         text.status(f"{problem.name}, {label}, h = {h:.3g}")
         solution = problem.integrate(h=h, method=method, save_every=every, inline=inline)
         errors = judge.of_run(solution) if solution.success else {}
-        point = Point(key, label, h, n_steps, solution.n_rhs, _is_stable(solution.success, errors), errors)
+        point = Point(key, label, mode, h, n_steps, solution.n_rhs, is_stable(solution.success, errors), errors)
         start = problem.stepper(h=h, method=method, inline=inline)
         return (point, kernel_run(start, n_steps, every=every, storage=storage)), solution
 
@@ -181,18 +266,26 @@ def sweep(
             yield from (at(factor * longer * bound)[0] for longer in _BETWEEN)
         yield found
         was_stable, pace = found[0].stable, solution.kernel_seconds / max(1, solution.n_steps)
-        if solution.kernel_seconds > longest or _is_enough(found[0], chosen):
+        if solution.kernel_seconds > longest or is_enough(found[0], chosen.targets):
             break
 
 
 def sweep_tolerances(
-    problem: Problem, chosen: BenchmarkProblem, judge: Judge, key: str, rival: Rival, longest: float, **options: bool
+    problem: Problem,
+    targets: Sequence[float],
+    judge: Judge,
+    key: str,
+    rival: Rival,
+    longest: float,
+    mode: str = "",
+    states: int = RIVAL_STATES,
 ) -> Iterator[Repeatable]:
     """Points of a rival or of a method with tolerances, from its loosest to its tightest tolerance.
 
-    The `options` are those of `rival.prepare`.
+    Only a method has a `mode`.
     """
-    times = np.linspace(*problem.t_span, RIVAL_STATES)
+    options = {"inline": True} if mode == "inline" else {}
+    times = np.linspace(*problem.t_span, states)
     at = rival.prepare(problem, times, **options)
     at(rival.tolerances[0])()  # compiles: this must not count as time of a run
     for tolerance in rival.tolerances:
@@ -200,10 +293,10 @@ def sweep_tolerances(
         solve = at(tolerance)
         answer = solve()
         errors = judge.of_answer(times, answer) if answer.success else {}
-        stable = _is_stable(answer.success, errors)
-        point = Point(key, rival.label, tolerance, None, answer.evaluations, stable, errors)
+        stable = is_stable(answer.success, errors)
+        point = Point(key, rival.label, mode, tolerance, None, answer.evaluations, stable, errors)
         yield point, partial(_seconds, solve)
-        if answer.seconds > longest or _is_enough(point, chosen):
+        if answer.seconds > longest or is_enough(point, targets):
             break
 
 
@@ -213,9 +306,11 @@ def _seconds(solve: Callable[[], Answer]) -> float:
     return seconds if seconds > _SHORT else solve().seconds
 
 
-def _is_stable(success: bool, errors: dict[str, float]) -> bool:
-    return success and max(errors.values()) < _USELESS
+def is_stable(success: bool, errors: Mapping[str, float]) -> bool:
+    """Whether a run that reached the end has errors that a stable run can have."""
+    return success and all(error < _USELESS for error in errors.values())
 
 
-def _is_enough(point: Point, chosen: BenchmarkProblem) -> bool:
-    return point.stable and max(point.errors.values()) < _ENOUGH * min(chosen.targets)
+def is_enough(point: Point, targets: Sequence[float]) -> bool:
+    """Whether no run has to be more accurate than this one."""
+    return point.stable and max(point.errors.values()) < _ENOUGH * min(targets)

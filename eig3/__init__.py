@@ -54,6 +54,7 @@ __all__ = [
     "math",
     "plan",
     "problems",
+    "report",
     "scene",
     "stability",
 ]
@@ -63,4 +64,6 @@ def __getattr__(name: str) -> Any:
     # These modules are imported on first access, so that `import eig3` stays fast.
     if name in ("effects", "math", "problems", "scene", "stability"):
         return importlib.import_module(f"eig3.{name}")
+    if name == "report":
+        return importlib.import_module("eig3.bench.report").report
     raise AttributeError(f"module 'eig3' has no attribute {name!r}")

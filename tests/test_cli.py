@@ -252,7 +252,7 @@ def test_a_users_method_is_in_no_benchmark(capsys, monkeypatch):
 
     def measure(name, chosen, methods, *settings, **options):
         measured.extend(methods)
-        return WorkPrecisionSet(name, chosen, "", 0.0, [], [])
+        return WorkPrecisionSet(name, chosen.title, "", chosen.metric, chosen.targets, False, "", 0.0, [], [])
 
     monkeypatch.setattr(precision, "measure", measure)
     main(["bench", "precision", "--problem", "single_dof"])

@@ -3,16 +3,16 @@
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import eig3
 from eig3 import problems
-from eig3.bench import loops, paper, plan, precision, report, rivals, sweep
-from eig3.bench.article import TABLES
+from eig3.bench import plan, precision, rivals, sweep
 from eig3.bench.precision import reach
-from eig3.bench.problem_set import PROBLEM_SET, VARIABLE_SPEED, BenchmarkProblem
+from eig3.bench.problem_set import PROBLEM_SET, VARIABLE_SPEED, BenchmarkProblem, about, describe
 from eig3.bench.reference import Judge, reference
 from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.bench.tolerances import TOLERANCES
@@ -21,13 +21,19 @@ from eig3.cli import main
 
 def points(*pairs, metric="trajectory"):
     return [
-        Point("eig3", "EIG-3", 1 / 2**k, 2**k, 2**k, True, {metric: error}, [seconds])
+        Point("eig3", "EIG-3", "pointer", 1 / 2**k, 2**k, 2**k, True, {metric: error}, [seconds])
         for k, (error, seconds) in enumerate(pairs)
     ]
 
 
+def result_of(swept, **fields):
+    plain = {"name": "x", "title": "x", "description": "", "metric": "trajectory", "source": "", "uncertainty": 0.0}
+    plain |= {"targets": (1e-2, 1e-3, 1e-4, 1e-6, 1e-8), "tolerances": False, "points": swept, "skipped": []}
+    return WorkPrecisionSet(**plain | fields)
+
+
 def test_reach_interpolates_in_logarithms():
-    found = reach(points((1e-1, 1.0), (1e-3, 4.0)), "trajectory", 1e-2)
+    found = reach(result_of(points((1e-1, 1.0), (1e-3, 4.0))), "eig3", "trajectory", 1e-2)
     assert found.seconds == pytest.approx(2.0)
     assert found.setting == pytest.approx(2**-0.5)
     assert not found.at_most
@@ -35,23 +41,62 @@ def test_reach_interpolates_in_logarithms():
 
 def test_reach_says_at_most_where_the_first_step_is_accurate_and_nothing_where_none_is():
     swept = points((1e-3, 1.0), (1e-5, 2.0))
-    assert reach(swept, "trajectory", 1e-2).at_most
-    assert reach(swept, "trajectory", 1e-8) is None
+    result = result_of(swept)
+    assert reach(result, "eig3", "trajectory", 1e-2).at_most
+    assert reach(result, "eig3", "trajectory", 1e-8) is None
     swept[0].stable = False
-    assert reach(swept, "trajectory", 1e-2).seconds == 2.0
+    assert reach(result, "eig3", "trajectory", 1e-2).seconds == 2.0
+
+
+def test_nothing_is_claimed_below_three_times_the_uncertainty_of_the_truth():
+    swept = [replace(point, errors={"trajectory": 1e-9, "energy": 1e-9}) for point in points((1e-9, 1.0))]
+    result = result_of(swept, uncertainty=1e-5)
+    assert reach(result, "eig3", "trajectory", 3.1e-5)
+    assert reach(result, "eig3", "trajectory", 2.9e-5) is None
+    assert [bool(contest.ours) for contest in precision.contests(result, "trajectory")] == [True] * 3 + [False] * 2
+    assert all(contest.ours for contest in precision.contests(result, "energy"))  # needs no true motion
+
+
+def test_the_modes_of_a_set_are_apart_and_the_rivals_in_each():
+    swept = points((1e-3, 1.0))
+    swept += [replace(point, mode="inline", seconds=[0.5]) for point in swept]
+    swept.append(Point("heyoka", "heyoka", "", 1e-3, None, None, True, {"trajectory": 1e-3}, [2.0]))
+    result = result_of(list(reversed(swept)))
+    assert result.modes == ["pointer", "inline"]
+    for mode, ratio in (("pointer", 1 / 2), ("inline", 1 / 4)):
+        (contest, *_) = precision.contests(result.in_mode(mode), "trajectory")
+        assert contest.ratio == ratio
+        assert result.in_mode(mode).modes == [mode]
+
+
+def test_a_set_comes_back_from_json():
+    swept = [*points((1e-3, 1.0)), Point("rk4", "RK4", "inline", 1.0, 3, 12, False, {"trajectory": math.inf})]
+    result = result_of(swept, description="A mass.", skipped=["heyoka (not installed)"], command="eig3 bench")
+    text = json.dumps(result.as_json(), allow_nan=False)
+    assert WorkPrecisionSet.from_json(json.loads(text)) == result
+
+
+def test_a_problem_is_described_without_its_parameters():
+    chosen = PROBLEM_SET["kepler_03"]
+    assert describe(chosen.build(), about(chosen.build)) == (
+        "Kepler's problem in the plane, from the perihelion; u is (x, y) in m, and the sun is at the origin. "
+        "It has 2 degrees of freedom and lasts 125.7 s; its forces do not read the velocity."
+    )
+    chosen = VARIABLE_SPEED["bouncing_ball"]
+    assert describe(chosen.build(), about(chosen.build)).endswith("do not read the velocity; it has the event impact.")
 
 
 def test_front_names_the_methods_in_order():
     swept = points((1e-1, 1.0), (1e-3, 4.0))
-    swept.append(Point("rk4", "RK4", 0.1, 10, 40, True, {"trajectory": 1e-9}, [3.0]))
-    result = WorkPrecisionSet("x", PROBLEM_SET["single_dof"], "", 0.0, swept, [])
+    swept.append(Point("rk4", "RK4", "pointer", 0.1, 10, 40, True, {"trajectory": 1e-9}, [3.0]))
+    result = result_of(swept)
     assert precision.render_front(result, "trajectory").endswith("EIG-3 (1.0e-01), RK4 (1.0e-09).")
 
 
 def test_a_rival_that_is_ahead_is_named_for_each_accuracy():
     swept = points((1e-2, 1.0), (1e-6, 4.0))
-    swept += [Point("heyoka", "heyoka", tol, None, None, True, {"trajectory": tol}, [2.0]) for tol in (1e-2, 1e-8)]
-    result = WorkPrecisionSet("x", PROBLEM_SET["single_dof"], "", 0.0, swept, [])
+    swept += [Point("heyoka", "heyoka", "", tol, None, None, True, {"trajectory": tol}, [2.0]) for tol in (1e-2, 1e-8)]
+    result = result_of(swept)
     found = [(contest.target, contest.ratio, contest.is_lost) for contest in precision.contests(result, "trajectory")]
     # between two points, log t is linear in log error: at 1e-3 and 1e-4 ours takes 4^(1/4) and 4^(2/4) s
     expected = [(1e-2, 0.5, False), (1e-3, 4**0.25 / 2, False), (1e-4, 1.0, False), (1e-6, 2.0, True)]
@@ -64,7 +109,7 @@ def test_a_rival_that_is_ahead_is_named_for_each_accuracy():
 
 
 def test_without_rivals_nothing_is_called_ahead():
-    result = WorkPrecisionSet("x", PROBLEM_SET["single_dof"], "", 0.0, points((1e-3, 1.0)), [])
+    result = result_of(points((1e-3, 1.0)))
     assert all(contest.ratio is None and not contest.is_lost for contest in precision.contests(result, "trajectory"))
     assert "No rival was measured" in precision.render_contests(result, "trajectory")
     assert precision.render_summary([result]) == "No rival was measured."
@@ -182,7 +227,17 @@ def test_fixed_steps_are_left_out_where_there_are_events():
 
 def test_tolerances_are_compared_with_each_package_and_with_fixed_steps():
     swept = [
-        Point(key, key, 1e-5, None, None, True, {"trajectory": 1e-10}, [seconds])
+        Point(
+            key,
+            key,
+            "" if key in rivals.RIVALS else "pointer",
+            1e-5,
+            None,
+            None,
+            True,
+            {"trajectory": 1e-10},
+            [seconds],
+        )
         for key, seconds in [
             ("rk8", 6.0),
             ("rk5 tolerances", 3.0),
@@ -192,14 +247,14 @@ def test_tolerances_are_compared_with_each_package_and_with_fixed_steps():
             ("scipy dop853", 20.0),
         ]
     ]
-    result = WorkPrecisionSet("x", VARIABLE_SPEED["van_der_pol"], "", 0.0, swept, [])
+    result = result_of(swept, targets=(1e-3, 1e-6, 1e-9), tolerances=True)
     rows = [line.split("|")[1:-1] for line in precision.render_tolerances(result, "trajectory").splitlines()]
     cells = {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows}
     assert cells["SciPy"] == ["0.10"] * 3  # 2 s, of RK8, against 20 s, of DOP853
     assert cells["heyoka"] == ["0.50"] * 3
     assert cells["CyRK"] == ["-"] * 3
     assert cells["fixed steps"] == ["0.33"] * 3
-    summary = precision.render_summary([result, WorkPrecisionSet("y", PROBLEM_SET["single_dof"], "", 0.0, swept, [])])
+    summary = precision.render_summary([result, result_of(swept, name="y")])
     assert summary.count("fastest of eig3 / fastest rival") == 2  # a table for each set of targets
     assert "fastest in 8 of 8 cells" in summary
 
@@ -249,7 +304,7 @@ def small(monkeypatch):
             lambda: problems.elastic_bar(n=20, width=0.2, t_end=4e-4), 2 * 5000 * 21.0, "bar", "continuum"
         ),
     }
-    for module in (precision, plan, report):
+    for module in (precision, plan):
         monkeypatch.setattr(module, "PROBLEM_SET", short)
 
 
@@ -315,33 +370,9 @@ def test_a_miss_says_what_is_wrong_with_the_first_choice():
         "RK4 takes 2.00 times as long as EIG-9",
         "no method is predicted to reach the accuracy, but EIG-9 does",
     ]
-    text = plan.summary(cases)
+    text = plan.render([plan.Outcome.of(case) for case in cases])
     assert "in 2 of 4 cases. It reaches the accuracy in 2." in text
     assert text.count("- single_dof, trajectory 0.01: ") == 3
     assert plan.Checked(prediction, 0.7, 1.1).is_hit
     assert not plan.Checked(prediction, 0.7, 2.0).is_hit
     assert not plan.Checked(prediction, 1.1, 1.0).is_hit
-
-
-@pytest.mark.usefixtures("small")
-def test_report_is_one_page_that_holds_its_pictures(tmp_path, monkeypatch):
-    """With one rival and one problem beside C: others would add rows, and seconds of compiling."""
-    monkeypatch.setattr(sweep, "RIVALS", {"scipy rk45": rivals.RIVALS["scipy rk45"]})
-    monkeypatch.setattr(loops, "N_STEPS", 500)
-    monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[:1])
-    monkeypatch.setattr(paper, "TABLES", [table for table in TABLES if table.number == 4])
-    monkeypatch.setattr(paper, "steps_of", lambda table, quick: table.steps[:2])
-    options = ["--method", "eig3", "--method", "rk4", "--repeats", "1", "--problem", "elastic_bar"]
-    assert main(["bench", "report", "--out", str(tmp_path), *options]) == 0
-    markdown, page = ((tmp_path / f"report.{end}").read_text() for end in ("md", "html"))
-    for heading in ("How to read it", "The article's tables and claims", "Beside C", "What eig3.plan predicts"):
-        assert f"## {heading}" in markdown
-        assert f"<h2>{heading}</h2>" in page
-    assert not re.search(r'(src|href)="(?!data:|https?:)', page)
-    assert page.count("data:image/svg+xml") == 2
-    assert page.count("<table>") >= 4
-
-
-def test_pictures_are_embedded(tmp_path):
-    (tmp_path / "a.svg").write_text("<svg/>")
-    assert "base64,PHN2Zy8+" in report.html("![x](a.svg)", tmp_path)

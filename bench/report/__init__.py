@@ -1,0 +1,291 @@
+"""Measure what each accuracy costs in time on a set of problems, beside rivals, and write a page of it.
+
+The numbers are kept in JSON files as soon as they are measured. A run that was cut off goes on with --resume, and
+--from draws the page again without measuring.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import shlex
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from eig3.methods import LIBRARY
+from eig3.options import Files, add_methods, add_out, count
+from eig3.problem import Problem
+
+from .. import c, pictures
+from ..environment import environment, in_words
+from ..options import add_accuracies, choose
+from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
+from ..rivals import RIVALS
+from ..sweep import MODES
+from . import own
+from .comparison import Comparison
+from .markdown import draw_pictures
+from .markdown import page as markdown_page
+from .page import html
+from .parts import Part, Settings, measure_own, parts_of
+from .record import RUN, Record, RecordError, part_name
+
+SUMMARY = "everything on one page"
+_COMMAND = "eig3 bench report"
+_DEFAULTS = Settings()
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add(
+        "--problem",
+        dest="problems",
+        action="append",
+        metavar="NAME",
+        help="only this one, or your own as module:name; may be repeated",
+    )
+    add_methods(parser)
+    add("--repeats", type=count, help=f"runs for each median ({_DEFAULTS.repeats})")
+    add(
+        "--longest",
+        type=float,
+        metavar="S",
+        help=f"halve the steps until a run takes this time ({_DEFAULTS.longest})",
+    )
+    add("--mode", dest="modes", action="append", choices=MODES, help="only this mode; may be repeated")
+    add("--no-rivals", dest="rivals", action="store_false", default=None, help="leave out SciPy, heyoka and CyRK")
+    add_accuracies(parser, "1e-1 to 1e-10, or 1e-2, 1e-4, 1e-6 and 1e-8 for your own problem")
+    add_out(parser, "folder for the numbers and the page")
+    add("--resume", action="store_true", help="go on with the run in the folder of --out")
+    add("--from", dest="source", type=Path, metavar="DIR", help="draw the page of the run in DIR, without measuring")
+    add("--against", type=Path, metavar="DIR", help="compare with the run in DIR")
+
+
+def run(options: argparse.Namespace) -> None:
+    given = {name: value for name in asdict(_DEFAULTS) if (value := getattr(options, name)) is not None}
+    try:
+        if options.source is not None:
+            _draw_again(options, given)
+        else:
+            _measure(options, given)
+    except RecordError as error:
+        raise SystemExit(f"{_COMMAND}: {error}") from None
+
+
+def _draw_again(options: argparse.Namespace, given: Mapping[str, Any]) -> None:
+    if given or options.resume:
+        raise SystemExit(f"{_COMMAND}: --from only draws what was measured: leave out the options of a measurement.")
+    _check_pictures()
+    record = Record.open(options.source)
+    draw(record, options.out or options.source, _against(record, options.against), print)
+
+
+def _measure(options: argparse.Namespace, given: Mapping[str, Any]) -> None:
+    if options.out is None:
+        raise SystemExit(f"{_COMMAND}: give --out DIR to measure, or --from DIR to draw a page again.")
+    _check_pictures()
+    if options.against is not None:
+        Record.open(options.against)  # a folder without a run is an error now, and not after the measurement
+    settings = _settings(options, given)
+    parts = parts_of(settings)
+    if any(part.name == "c" for part in parts):
+        c.build_all()  # a compiler that fails ends the report here, and not after minutes of measuring
+    if options.resume:
+        record = Record.open(options.out)
+        _check_same_machine(record)
+    else:
+        record = Record.create(
+            options.out, _command_line(options.out, given), asdict(settings), [part.name for part in parts]
+        )
+    draw(record, options.out, None, _silently)  # a page that cannot be written is an error now too
+    try:
+        complete(record, parts, print)
+    except KeyboardInterrupt:
+        draw(record, options.out, _against(record, options.against), print)
+        print(f"{len(record.missing)} parts are not measured: {_COMMAND} --out {options.out} --resume goes on.")
+        raise
+    draw(record, options.out, _against(record, options.against), print)
+
+
+def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings:
+    """What to measure, from the options or, with --resume, from the run that goes on."""
+    has_run = (options.out / RUN).exists()
+    if has_run and not options.resume:
+        raise SystemExit(
+            f"{_COMMAND}: {options.out} holds a run: go on with it by --resume, draw its page by --from, or choose "
+            "another folder."
+        )
+    if options.resume:
+        known = _known(Record.open(options.out))
+        for name, value in given.items():
+            if value != getattr(known, name):
+                raise SystemExit(
+                    f"{_COMMAND}: --resume goes on with the options of the run, in which {name} is "
+                    f"{getattr(known, name)}, not {value}: leave the option out, or choose another folder."
+                )
+        _check_names(known)
+        return known
+    settings = replace(_DEFAULTS, **given)
+    _check_names(settings)
+    return settings
+
+
+def _known(record: Record) -> Settings:
+    try:
+        return Settings(**record.run.settings)
+    except TypeError:
+        raise RecordError(f"{record.folder / RUN} has settings of another version: choose another folder.") from None
+
+
+def _check_names(settings: Settings) -> None:
+    """Refuse names that are not known, and load the user's own problems."""
+    for name in settings.problems or ():
+        if own.is_own(name):
+            own.load(name)
+        else:
+            choose([name], [*PROBLEM_SET, *VARIABLE_SPEED, "your own as module:name"], "--problem")
+    choose(settings.methods, list(LIBRARY))
+
+
+def _check_pictures() -> None:
+    if not pictures.is_possible():
+        raise SystemExit(f"{_COMMAND}: the pictures need matplotlib; install it with pip install 'eig3[bench]'.")
+
+
+def _check_same_machine(record: Record) -> None:
+    if record.environment != environment():
+        raise SystemExit(
+            f"{_COMMAND}: {record.folder} was measured on {in_words(record.environment)}, but this is {in_words()}: "
+            "times of both do not belong together; choose another folder."
+        )
+
+
+def _command_line(out: Path, given: Mapping[str, Any]) -> str:
+    """The command that asks for what was given."""
+    words = [*_COMMAND.split(), "--out", str(out)]
+    for name, value in given.items():
+        if name == "rivals":
+            words.append("--no-rivals")
+        elif name == "accuracies":
+            words += ["--accuracies", *(f"{accuracy:g}" for accuracy in value)]
+        elif isinstance(value, list):
+            words += [word for entry in value for word in (f"--{name.removesuffix('s')}", entry)]
+        else:
+            words += [f"--{name}", f"{value:g}"]
+    return shlex.join(words)
+
+
+def _silently(line: str) -> None:
+    pass
+
+
+def _against(record: Record, folder: Path | None) -> Comparison | None:
+    return None if folder is None else Comparison.of(record, Record.open(folder))
+
+
+def complete(record: Record, parts: Sequence[Part], write: Callable[[str], None]) -> None:
+    """Measure the parts that are missing, and keep each as soon as it is complete."""
+    for part in parts:
+        if part.name in record.missing:
+            begin = time.perf_counter()
+            data = part.measure(record)
+            seconds = time.perf_counter() - begin
+            record.keep(part.name, part.command, seconds, data)
+            write(f"{part.name}: {seconds:.0f} s")
+
+
+def draw(record: Record, out: Path, comparison: Comparison | None, write: Callable[[str], None]) -> None:
+    """Write the page, as HTML and as Markdown with pictures, into the folder `out`."""
+    files = Files(out, _COMMAND)
+    draw_pictures(record, files)
+    for result in record.results if out != record.folder else ():
+        motion = record.motion(result.name)
+        if motion:
+            with files.writing(motion.name) as path:
+                path.write_bytes(motion.read_bytes())
+    for name, page in (("report.md", markdown_page), ("report.html", html)):
+        with files.writing(name) as path:
+            path.write_text(page(record, comparison))
+    if comparison:
+        write(comparison.summary)
+    files.finish(write)
+
+
+def report(
+    problem: Problem,
+    out: str | os.PathLike[str] = "report",
+    accuracies: Sequence[float] = own.ACCURACIES,
+    rivals: bool | Sequence[str] = True,
+    repeats: int = _DEFAULTS.repeats,
+) -> Path:
+    """Measure what each accuracy costs in time on your own problem, and write a page of it.
+
+    The methods and their steps follow from pilot runs of `eig3.plan`. They run with the right-hand side through a
+    pointer, the fastest of them also with it inlined, and beside other solvers. This takes about a minute for a small
+    system.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its events with `apply` are followed. A terminal event is refused.
+    out : path
+        The folder for the page and its numbers. An older report there is replaced.
+    accuracies : sequence of float
+        The relative errors of the trajectory and, if the problem has one, of the energy, between 0 and 1.
+    rivals : bool or sequence of str
+        Whether to measure other solvers, as far as they are installed, or which of "scipy dop853", "scipy rk45",
+        "scipy lsoda", "cyrk dop853" and "cyrk vern8".
+    repeats : int
+        Runs for each median.
+
+    Returns
+    -------
+    Path
+        The page, report.html. Beside it are report.md with pictures, and the numbers as JSON.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not valid, or if no run of the problem reaches the end of its span.
+    ImportError
+        If matplotlib, SciPy or Markdown is not installed.
+
+    Notes
+    -----
+    The errors are those against `problem.exact`, or else against RK8 with steps that are halved until two runs agree to
+    a tenth of the smallest accuracy. No method is said to reach an accuracy below three times their difference.
+    """
+    own.check(problem)
+    settings = _own_settings(problem, accuracies, rivals, repeats)
+    for package in ("matplotlib", "scipy", "markdown", "jinja2", "vl_convert"):
+        if importlib.util.find_spec(package) is None:
+            raise ImportError(f"eig3.report needs {package}: install it with pip install 'eig3[bench]'.")
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    name = problem.name
+    command = f"eig3.report({name}, accuracies={tuple(settings.accuracies or ())})"
+    part = Part(part_name("precision", name), command, lambda record: measure_own(record, name, problem, "", settings))
+    record = Record.create(folder, command, asdict(settings), [part.name])
+    complete(record, [part], _silently)
+    draw(record, folder, None, _silently)
+    return folder / "report.html"
+
+
+def _own_settings(
+    problem: Problem, accuracies: Sequence[float], rivals: bool | Sequence[str], repeats: int
+) -> Settings:
+    errors = [float(error) for error in accuracies]
+    if not errors or not all(0 < error < 1 for error in errors):
+        raise ValueError(f"accuracies must be numbers between 0 and 1, such as (1e-2, 1e-4), not {accuracies!r}.")
+    if not isinstance(repeats, int) or repeats < 1:
+        raise ValueError(f"repeats must be a whole number of at least 1, not {repeats!r}.")
+    if not isinstance(rivals, bool):
+        rivals = [rivals] if isinstance(rivals, str) else list(rivals)
+        unknown = [name for name in rivals if name not in RIVALS]
+        if unknown:
+            raise ValueError(f"rivals must be True, False or names of {', '.join(RIVALS)}, not {unknown[0]!r}.")
+    return Settings([problem.name], None, repeats, rivals=rivals, accuracies=errors)

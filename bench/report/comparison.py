@@ -1,0 +1,238 @@
+"""Two runs of the report side by side: how the times of each method changed, and whether by more than the noise."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from .. import text
+from ..environment import in_words
+from ..rivals import RIVALS
+from .record import Record
+
+CONFIDENCE = 0.99  # of the noise
+LEAST = 0.03  # no smaller change of the time is marked
+CHANGED = 0.01  # a method whose error changes by more computes something else
+SLOWER, FASTER = "slower", "faster"
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The times of one method on one problem at one setting, and its errors."""
+
+    problem: str
+    mode: str
+    method: str
+    label: str
+    setting: str
+    seconds: Sequence[float]
+    errors: Mapping[str, float]
+
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        return self.problem, self.mode, self.method, self.setting
+
+    @property
+    def words(self) -> str:
+        return ", ".join(word for word in (self.problem, self.mode, self.label, self.setting) if word)
+
+    @property
+    def is_control(self) -> bool:
+        """Whether its code is not part of the library: a rival, and the code in C."""
+        return self.method in RIVALS or self.mode.startswith("C ")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method on one problem in one mode: the ratio of its times in both runs.
+
+    Attributes
+    ----------
+    problem, mode, method, label : str
+    settings : int
+        The number of steps or tolerances that both runs have.
+    ratio : float
+        The new median time over the old one, as the geometric mean over these settings.
+    noise : float
+        The factor, above 1, by which the ratio may be wrong; infinite if the repeats cannot tell.
+    is_control : bool
+        Whether the code is the same in both runs.
+    """
+
+    problem: str
+    mode: str
+    method: str
+    label: str
+    settings: int
+    ratio: float
+    noise: float
+    is_control: bool
+
+    @property
+    def mark(self) -> str:
+        """Return "slower" or "faster" if the change is larger than the noise and than `LEAST`; otherwise empty."""
+        if abs(math.log(self.ratio)) <= max(math.log(self.noise), math.log1p(LEAST)):
+            return ""
+        return SLOWER if self.ratio > 1 else FASTER
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two runs side by side.
+
+    Attributes
+    ----------
+    new, old : Record
+    rows : list of Row
+        In the order of the new run.
+    changed : list of str
+        Sentences about errors that are not the same.
+    unpaired : list of str
+        What only one of the runs has, in words.
+    """
+
+    new: Record
+    old: Record
+    rows: list[Row]
+    changed: list[str]
+    unpaired: list[str]
+
+    @classmethod
+    def of(cls, new: Record, old: Record) -> Comparison:
+        """Pair what both records have: same problem, mode, method and setting."""
+        news, olds = ({timing.key: timing for timing in timings(record)} for record in (new, old))
+        pairs = [(timing, olds[key]) for key, timing in news.items() if key in olds]
+        lonely = [timing for key, timing in (*news.items(), *olds.items()) if not (key in news and key in olds)]
+        changed = [sentence for pair in pairs for sentence in _changed(*pair)]
+        return cls(new, old, list(_rows(pairs)), changed, _grouped(lonely))
+
+    @property
+    def control(self) -> float | None:
+        """The geometric mean of the ratios of the code that is the same in both runs; None if there is none."""
+        logarithms = [math.log(row.ratio) for row in self.rows if row.is_control]
+        return math.exp(statistics.fmean(logarithms)) if logarithms else None
+
+    @property
+    def marked(self) -> list[Row]:
+        """The methods of the library that became slower or faster."""
+        return [row for row in self.rows if row.mark and not row.is_control]
+
+    @property
+    def summary(self) -> str:
+        """How many methods became slower or faster, and how the machine changed."""
+        ours = [row for row in self.rows if not row.is_control]
+        counts = {mark: sum(row.mark == mark for row in ours) for mark in (SLOWER, FASTER)}
+        words = " and ".join(f"{count} became {mark}" for mark, count in counts.items())
+        control = (
+            f"The rivals and the code in C, which are the same in both runs, take {self.control:.3f} of their time: so "
+            "much of each ratio is the machine and its load."
+            if self.control
+            else "No rival is in both runs, so nothing tells how the machine and its load changed."
+        )
+        return f"Of {len(ours)} pairs of a problem and a method, {words} by more than the noise. {control}"
+
+    @property
+    def markdown(self) -> str:
+        """Both machines, the summary, and a table of what is marked; then what else differs."""
+        parts = [
+            f"New: {in_words(self.new.environment)}, by `{self.new.command}`.",
+            f"Old: {in_words(self.old.environment)}, by `{self.old.command}`.",
+            self.summary,
+        ]
+        if self.marked:
+            rows = [
+                [row.problem, row.mode, row.label, str(row.settings), f"{row.ratio:.3f}", percent(row.noise), row.mark]
+                for row in sorted(self.marked, key=lambda row: -row.ratio)
+            ]
+            header = ["problem", "mode", "method", "settings", "new / old time", "noise", "mark"]
+            parts.append(text.table(header, rows))
+        parts.append(
+            "A ratio is the geometric mean over the settings that both runs have. The noise is the half width of its "
+            f"{100 * CONFIDENCE:.0f} % interval, from the rounds of both runs. A change of less than "
+            f"{100 * LEAST:.0f} % is not marked."
+        )
+        if self.changed:
+            parts += ["Errors that changed by more than 1 %:", "\n".join(f"- {line}" for line in self.changed)]
+        if self.unpaired:
+            parts += ["In one of the runs only:", "\n".join(f"- {line}" for line in self.unpaired)]
+        return "\n\n".join(parts)
+
+
+def percent(noise: float) -> str:
+    """A factor above 1 as a change in per cent."""
+    return f"{100 * (noise - 1):.1f} %" if math.isfinite(noise) else "unknown"
+
+
+def timings(record: Record) -> Iterator[Timing]:
+    """Everything that a record has times of."""
+    for result in record.results:
+        for p in (point for point in result.points if point.seconds):
+            errors = {f"{metric} error": error for metric, error in p.errors.items()}
+            yield Timing(result.name, p.mode, p.method, p.label, f"{p.setting:.6g}", p.seconds, errors)
+    for table in record.article:
+        for cell in table.cells:
+            problem, setting, errors = f"Table {table.table.number}", f"{cell.h:g}", {"error": cell.error}
+            yield Timing(problem, "pointer", cell.method, cell.label, setting, cell.seconds, errors)
+    for row, columns in record.timings.items():
+        problem, _, label = row.partition(", ")
+        for column, seconds in columns.items():
+            yield Timing(f"{problem} beside C", column, label, label, "", seconds, {})
+
+
+def ratio_and_noise(pairs: Sequence[tuple[Sequence[float], Sequence[float]]]) -> tuple[float, float]:
+    """The ratio of the times of one method at several settings, and the factor by which it may be wrong.
+
+    `pairs` has the seconds of the new and the old run at each setting. The ratio is the geometric mean over the
+    settings of the new median over the old median.
+
+    The runs of a round are neighbours in time, so that one disturbance hits many settings: the rounds are independent,
+    but not the settings. So let x_r be the mean over the settings of the logarithm of the seconds in round r, for the
+    rounds that all settings have. Its variance s^2 over the rounds is pooled from both runs. The logarithm of the ratio
+    then has the variance (pi / 2) s^2 (1 / n_new + 1 / n_old): a median has pi / 2 times the variance of a mean. The
+    noise is exp(t sqrt(variance)), with Student's t for `CONFIDENCE` and n_new + n_old - 2 degrees of freedom. With
+    fewer than two rounds in each run it is infinite.
+    """
+    from scipy.special import stdtrit
+
+    logarithm = statistics.fmean(math.log(statistics.median(a) / statistics.median(b)) for a, b in pairs)
+    sides = [_rounds(side) for side in zip(*pairs, strict=True)]
+    if min(map(len, sides)) < 2:
+        return math.exp(logarithm), math.inf
+    freedom = sum(len(side) - 1 for side in sides)
+    pooled = sum((len(side) - 1) * statistics.variance(side) for side in sides) / freedom
+    variance = math.pi / 2 * pooled * sum(1 / len(side) for side in sides)
+    return math.exp(logarithm), math.exp(float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * math.sqrt(variance))
+
+
+def _rounds(settings: Iterable[Sequence[float]]) -> list[float]:
+    """The mean over the settings of the logarithm of the seconds in each round that all of them have."""
+    return [statistics.fmean(map(math.log, seconds)) for seconds in zip(*settings, strict=False)]
+
+
+def _rows(pairs: Sequence[tuple[Timing, Timing]]) -> Iterator[Row]:
+    groups: dict[tuple[str, str, str], list[tuple[Timing, Timing]]] = {}
+    for pair in pairs:
+        groups.setdefault(pair[0].key[:3], []).append(pair)
+    for group in groups.values():
+        first = group[0][0]
+        ratio, noise = ratio_and_noise([(new.seconds, old.seconds) for new, old in group])
+        yield Row(first.problem, first.mode, first.method, first.label, len(group), ratio, noise, first.is_control)
+
+
+def _changed(new: Timing, old: Timing) -> Iterator[str]:
+    for metric, error in new.errors.items():
+        before = old.errors.get(metric, error)
+        if error != before and not math.isclose(error, before, rel_tol=CHANGED):
+            yield f"{new.words}: {metric} {error:.3g}, before {before:.3g}"
+
+
+def _grouped(lonely: Sequence[Timing]) -> list[str]:
+    """A line for each method on each problem, with its settings."""
+    lines = []
+    for _, group in groupby(lonely, key=lambda timing: timing.key[:3]):
+        first, *others = group
+        lines.append(", ".join([first.words, *(timing.setting for timing in others)]))
+    return lines

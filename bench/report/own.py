@@ -1,0 +1,319 @@
+"""A user's own problem: which methods to measure, and with which steps, follows from the pilot runs of `eig3.plan`."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eig3.analysis.planner import Plan, Prediction, plan
+from eig3.problem import Problem
+
+from .. import text
+from ..problem_set import about, describe
+from ..reference import Judge
+from ..rivals import RIVALS, Rival
+from ..sweep import Point, Repeatable, WorkPrecisionSet, is_stable, sweep_tolerances
+from ..timing import Storage, interleave, kernel_run
+from .truth import Grid, find_truth
+
+ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
+_TIMING = 15.0  # seconds for the interleaved runs of the library, as predicted,
+_RIVALS = 15.0  # and for those of all rivals
+_FEWEST_REPEATS = 3
+_LOOSER = 30.0  # a tolerance that is longer by this factor is measured too
+_INLINED = 3  # methods of each plan, the fastest, are measured inlined too: to compile a kernel takes a second or more
+_EVALUATION = 8e-6  # of SciPy in Python, s
+_ENOUGH = 0.5  # s; a run that has taken so long in three rounds is not repeated
+
+
+def is_own(name: str) -> bool:
+    """Whether this value of --problem names a user's own problem, module:name."""
+    return ":" in name
+
+
+def load(name: str) -> tuple[Problem, str]:
+    """The problem that `module:name` is, or returns, and the first paragraph of the function's docstring.
+
+    Raises
+    ------
+    SystemExit
+        If there is no such problem.
+    """
+    module, _, attribute = name.partition(":")
+    with _current_folder():
+        try:
+            found = getattr(importlib.import_module(module), attribute)
+        except ModuleNotFoundError as error:
+            if error.name and module.startswith(error.name):
+                raise _refused(name, f"there is no module {module} here or among the installed ones") from None
+            raise _refused(name, f"the module {module} cannot be imported ({error})") from None
+        except AttributeError as error:
+            raise _refused(name, f"the module {module} has no {attribute or 'empty name'} ({error})") from None
+        except Exception as error:
+            raise _refused(name, f"the module {module} cannot be imported ({_in_words(error)})") from None
+        words = ""
+        if callable(found) and not isinstance(found, Problem):
+            words = about(found)
+            try:
+                found = found()
+            except Exception as error:
+                raise _refused(name, f"{attribute}() fails ({_in_words(error)})") from None
+    try:
+        check(found)
+    except (TypeError, ValueError) as error:
+        raise _refused(name, str(error).rstrip(".")) from None
+    return found, words
+
+
+def check(problem: Any) -> None:
+    """Refuse what is not a problem, and a problem that an event ends.
+
+    Raises
+    ------
+    TypeError, ValueError
+    """
+    if not isinstance(problem, Problem):
+        kind = type(problem).__name__
+        raise TypeError(f"problem must be an eig3.Problem or a function that returns one, not {kind}.")
+    for event in (event for event, what in problem.events.items() if what.terminal):
+        raise ValueError(
+            f"problem must have no terminal event, such as {event!r} of {problem.name}: let t_span end where it "
+            "occurs, and leave it out, with problem.with_(t_span=..., events={})."
+        )
+
+
+def _refused(name: str, why: str) -> SystemExit:
+    return SystemExit(f"eig3 bench report: --problem {name}: {why}.")
+
+
+def _in_words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+@contextmanager
+def _current_folder():
+    """Let modules of the current folder be imported."""
+    folder = str(Path.cwd())
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
+
+
+def measure(
+    problem: Problem,
+    accuracies: Sequence[float],
+    *,
+    name: str,
+    about: str = "",
+    repeats: int,
+    rivals: bool | Sequence[str],
+    modes: Sequence[str],
+) -> WorkPrecisionSet:
+    """Measure the methods that `eig3.plan` names for these accuracies, and the rivals, in one interleaved run.
+
+    Each method runs with the steps or tolerances that the plans name, and with a longer one. Predicted times decide how
+    often, and which runs take so long that they are left out.
+    """
+    targets = tuple(sorted(accuracies, reverse=True))
+    judged, skipped = _judged(problem)
+    text.status(f"{name}: plans")
+    plans = [
+        plan(judged, accuracy, metric=metric)
+        for metric in ("trajectory", "energy")[: 1 if judged.energy is None else 2]
+        for accuracy in targets
+    ]
+    text.status(f"{name}: reference")
+    grid = Grid.of(judged)
+    truth = find_truth(judged, grid, min(targets))
+    judge = Judge(judged, truth)
+    candidates, too_long, repeats = _affordable(_candidates(plans, grid), len(modes), repeats)
+    skipped += too_long + _ruled_out(plans, candidates)
+    runs = _Runs(judged, grid, judge)
+    found: list[Repeatable] = []
+    fast = {p.method for each in plans for p in each.predictions[:_INLINED]}
+    for mode in modes:
+        for candidate in candidates:
+            if mode != "inline" or candidate.prediction.method in fast:
+                text.status(f"{name}, {candidate.label}, {mode}")
+                found += runs.of(candidate, mode)
+    if "inline" in modes:
+        slow = [candidate.label for candidate in candidates if candidate.prediction.method not in fast]
+        skipped += _by_reason(dict.fromkeys(slow, f"not inlined, since not among the {_INLINED} fastest of a plan"))
+    fewest = min((p.evaluations for each in plans for p in each.predictions if p.reaches), default=0)
+    asked = _asked(rivals)
+    unsuitable = {}
+    for key, rival in asked.items():
+        why = _unsuitable(rival, judged, fewest, _RIVALS / len(asked))
+        if why:
+            unsuitable[rival.label] = why
+        else:
+            longest = _RIVALS / len(asked) / (2 * repeats)
+            found += sweep_tolerances(judged, targets, judge, key, rival, longest, states=grid.rival_states)
+    skipped += _by_reason(unsuitable)
+    points = [point for point, _ in found]
+    timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
+    for i, seconds in interleave(timed, repeats, name, _ENOUGH).items():
+        points[int(i)].seconds = seconds
+    title = problem.name
+    words = describe(problem, about or problem.source)
+    return WorkPrecisionSet(
+        name, title, words, "trajectory", targets, True, truth.source, truth.uncertainty, points, skipped
+    )
+
+
+def _judged(problem: Problem) -> tuple[Problem, list[str]]:
+    """The problem with the energy and the events that can be measured, and what was left out."""
+    acting = {name: event for name, event in problem.events.items() if event.apply is not None}
+    changes: dict[str, Any] = {"events": acting} if len(acting) < len(problem.events) else {}
+    skipped = []
+    if problem.energy is not None:
+        start = float(problem.energy_of(problem.u0, problem.v0))
+        if problem.integrals:
+            skipped.append("the energy (it changes by the work)")
+        elif not (math.isfinite(start) and start):
+            skipped.append(f"the energy (it is {start:g} at the start, so that relative errors have no meaning)")
+        if skipped:
+            changes["energy"] = None
+    return problem.with_(**changes), skipped
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A method with a number of steps or a tolerance, and the seconds that a run is predicted to take."""
+
+    prediction: Prediction
+    n_steps: int
+    rtol: float | None
+    seconds: float
+
+    @property
+    def key(self) -> str:
+        name = self.prediction.method.name
+        return name if self.rtol is None else f"{name} tolerances"
+
+    @property
+    def label(self) -> str:
+        label = self.prediction.method.label
+        return label if self.rtol is None else f"{label}, tolerances"
+
+    @property
+    def setting(self) -> float:
+        return self.n_steps if self.rtol is None else self.rtol
+
+    @property
+    def longer(self) -> _Candidate:
+        """With twice the step, or a tolerance that takes about as many steps as that."""
+        if self.rtol is None:
+            return replace(self, n_steps=self.n_steps // 2, seconds=self.seconds / 2)
+        return replace(self, rtol=min(0.1, _LOOSER * self.rtol), seconds=self.seconds / 2)
+
+
+def _candidates(plans: Sequence[Plan], grid: Grid) -> list[_Candidate]:
+    """What the plans name, each with a longer step too, in the order of the methods and of their steps."""
+    named = [_Candidate(p, p.n_steps, p.rtol, p.seconds) for each in plans for p in each.predictions if p.reaches]
+    different: dict[tuple, _Candidate] = {}
+    for candidate in (*named, *(candidate.longer for candidate in named)):
+        if candidate.rtol is None:
+            fitted = replace(candidate, n_steps=grid.fit(candidate.n_steps))
+            different.setdefault((candidate.key, fitted.n_steps), fitted)
+        else:
+            different.setdefault((candidate.key, round(3 * math.log10(candidate.rtol))), candidate)
+    return sorted(different.values(), key=lambda c: (c.key, c.n_steps if c.rtol is None else -c.rtol))
+
+
+def _affordable(candidates: Sequence[_Candidate], modes: int, repeats: int) -> tuple[list[_Candidate], list[str], int]:
+    """Those that can be measured in the time, what is left out, and how often the others run."""
+    seconds = modes * sum(candidate.seconds for candidate in candidates)
+    repeats = max(min(repeats, _FEWEST_REPEATS), min(repeats, int(_TIMING / max(seconds, 1e-9))))
+    kept: list[_Candidate] = []
+    left: list[_Candidate] = []
+    spent = 0.0
+    for candidate in sorted(candidates, key=lambda c: c.seconds):
+        spent += modes * repeats * candidate.seconds
+        (kept if spent <= _TIMING or not kept else left).append(candidate)
+    words = [f"{c.label} at {c.setting:.3g} (a run of {c.seconds:.2g} s)" for c in left]
+    return [candidate for candidate in candidates if candidate in kept], words, repeats
+
+
+def _ruled_out(plans: Sequence[Plan], candidates: Sequence[_Candidate]) -> list[str]:
+    """The methods that no plan names, each with the reason of the plan for the smallest accuracy."""
+    named = {candidate.prediction.method for candidate in candidates}
+    reasons = {
+        p.method.label: p.note.removeprefix("ruled out: ")
+        for each in plans
+        for p in each.predictions
+        if not p.reaches and p.method not in named
+    }
+    return _by_reason(reasons)
+
+
+def _by_reason(reasons: Mapping[str, str]) -> list[str]:
+    """What was left out, from the reason of each, with what has the same reason together."""
+    together: dict[str, list[str]] = {}
+    for label, reason in reasons.items():
+        together.setdefault(reason, []).append(label)
+    return [f"{', '.join(labels)} ({reason})" for reason, labels in together.items()]
+
+
+def _asked(rivals: bool | Sequence[str]) -> dict[str, Rival]:
+    if isinstance(rivals, bool):
+        return dict(RIVALS) if rivals else {}
+    return {key: RIVALS[key] for key in rivals}
+
+
+def _unsuitable(rival: Rival, problem: Problem, fewest: int, share: float) -> str:
+    """Why the rival is not measured; empty if it is."""
+    if not rival.is_installed:
+        return "not installed"
+    if rival.package == "heyoka":
+        return "needs the equations in its own symbols"
+    if np.size(problem.u0) > rival.most_degrees:
+        return f"more than {rival.most_degrees} degrees of freedom"
+    if problem.events and (len(problem.events) > 1 or np.ndim(problem.u0)):
+        return "only one event of one degree of freedom is written for it"
+    seconds = fewest * _EVALUATION
+    if rival.package == "scipy" and seconds > share:
+        return f"about {seconds:.0f} s for its loosest tolerance"
+    return ""
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """Runs of candidates on the times of the grid."""
+
+    problem: Problem
+    grid: Grid
+    judge: Judge
+
+    def of(self, candidate: _Candidate, mode: str) -> Iterable[Repeatable]:
+        """The point of a candidate, and a function that repeats its run."""
+        options: dict[str, Any] = {"method": candidate.prediction.method, "inline": mode == "inline"}
+        if candidate.rtol is None:
+            options |= self.grid.steps(candidate.n_steps)
+        else:
+            options |= {"rtol": candidate.rtol, "t_eval": np.linspace(*self.problem.t_span, self.grid.rival_states)}
+        solution = self.problem.integrate(**options)
+        errors = self.judge.of_run(solution) if solution.success else {}
+        setting = solution.h if candidate.rtol is None else candidate.rtol
+        steps = solution.n_steps if candidate.rtol is None else None
+        stable = is_stable(solution.success, errors)
+        point = Point(candidate.key, candidate.label, mode, setting, steps, solution.n_rhs, stable, errors)
+        yield point, self._again(candidate, options)
+
+    def _again(self, candidate: _Candidate, options: dict[str, Any]) -> Callable[[], float]:
+        if candidate.rtol is not None or self.problem.events:
+            return lambda: self.problem.integrate(**options, invariants={}).kernel_seconds
+        every = options["save_every"]
+        start = self.problem.stepper(h=options["h"], method=options["method"], inline=options["inline"])
+        storage = Storage.for_steps(self.problem, candidate.n_steps // every)
+        return kernel_run(start, candidate.n_steps, every=every, storage=storage)

@@ -1,0 +1,185 @@
+"""The parts of a report, in the order in which they are measured: first those that answer its question."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from eig3.drawing import before_growth, histories
+from eig3.methods import LIBRARY
+from eig3.options import Files
+from eig3.problem import Problem
+
+from .. import c, hard, paper, pictures, plan, stability
+from ..article import TABLES
+from ..article_runs import measure as measure_table
+from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
+from ..sweep import MODES, measure
+from . import own
+from .record import Record, motion_file, part_name
+
+#: The accuracies of a problem of the library: ten decades.
+DECADES = tuple(10.0**-k for k in range(1, 11))
+_STATES = 1201  # of the motion that is drawn
+_FEWEST = 3  # states; a run that fails before has no picture
+_ACCURATE = 1e-6  # its relative tolerance
+_MOST_STEPS = 1_000_000
+_SIZE, _DPI = (9.0, 5.0), 100  # of its picture, inches, and pixels in an inch
+_QUALITIES = (80, 60, 40, 20)  # of the picture, the first with which the file is small enough
+_LARGEST = 40_000  # bytes
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a report measures; None stands for everything there is.
+
+    `repeats` is the number of runs for a median, and `longest` the time (s) at which steps are halved no more.
+    """
+
+    problems: list[str] | None = None
+    methods: list[str] | None = None
+    repeats: int = 5
+    longest: float = 0.02
+    modes: list[str] | None = None
+    rivals: bool | list[str] = True
+    accuracies: list[float] | None = None
+
+    @property
+    def options(self) -> str:
+        """The options of `eig3 bench precision` that these settings ask for."""
+        words = [f"--repeats {self.repeats} --longest {self.longest:g}"]
+        words += ["--no-rivals"] * (not self.rivals)
+        words += [f"--method {name}" for name in self.methods or ()]
+        return " ".join([*words, "--accuracies", *(f"{accuracy:g}" for accuracy in self.accuracies or DECADES)])
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part: its name, the command that measures it alone, and a function that measures it and gives its data."""
+
+    name: str
+    command: str
+    measure: Callable[[Record], Any]
+
+
+def parts_of(settings: Settings) -> list[Part]:
+    """The parts in their order. With `problems`, only what is about them."""
+    names = settings.problems or [*PROBLEM_SET, *VARIABLE_SPEED]
+    found = [_precision(name, settings) for name in names]
+    if settings.methods is None:  # the planner chooses from all
+        found += [_plan(name, settings) for name in names if name in PROBLEM_SET]
+    if settings.problems is None:
+        found += [_article(table.number, settings) for table in paper.TABLES]
+        found += _c(settings)
+        found += [Part("stability", "eig3 bench stability", _stability), Part("hard", "eig3 bench hard", _hard)]
+    return found
+
+
+def _precision(name: str, settings: Settings) -> Part:
+    if own.is_own(name):
+        command = f"eig3 bench report --problem {shlex.quote(name)} --out DIR"
+        return Part(part_name("precision", name), command, lambda record: _own(name, settings, record))
+    command = f"eig3 bench precision --problem {name} {settings.options}"
+    return Part(part_name("precision", name), command, partial(_of_the_set, name, settings))
+
+
+def _of_the_set(name: str, settings: Settings, record: Record) -> dict[str, Any]:
+    chosen = replace((PROBLEM_SET | VARIABLE_SPEED)[name], targets=tuple(settings.accuracies or DECADES))
+    draw_motion(record, name, chosen.build())
+    methods, modes = settings.methods or LIBRARY, settings.modes or MODES
+    limits = settings.repeats, settings.longest
+    return measure(name, chosen, methods, *limits, rivals=bool(settings.rivals), modes=modes).as_json()
+
+
+def _own(name: str, settings: Settings, record: Record) -> dict[str, Any]:
+    problem, about = own.load(name)
+    return measure_own(record, name, problem, about, settings)
+
+
+def measure_own(record: Record, name: str, problem: Problem, about: str, settings: Settings) -> dict[str, Any]:
+    """Draw the motion of a user's problem, and measure it."""
+    draw_motion(record, name, problem)
+    accuracies, modes = settings.accuracies or own.ACCURACIES, settings.modes or MODES
+    options: dict[str, Any] = {"repeats": settings.repeats, "rivals": settings.rivals, "modes": modes}
+    return own.measure(problem, accuracies, name=name, about=about, **options).as_json()
+
+
+def draw_motion(record: Record, name: str, problem: Problem) -> None:
+    """Draw the motion of a problem into a small file of the record."""
+    times = np.linspace(*problem.t_span, _STATES)
+    solution = problem.integrate(rtol=_ACCURATE, t_eval=times, invariants={}, max_steps=_MOST_STEPS)
+    if len(solution.t) < _FEWEST:
+        return
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    figure = pictures.new_figure(*_SIZE)
+    (problem.draw or histories)(figure, before_growth(solution))
+    figure.dpi = _DPI
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    files = Files(record.folder, "eig3 bench report")
+    with files.writing(motion_file(name)) as path:
+        for quality in _QUALITIES:
+            picture.save(path, quality=quality, method=6)
+            if path.stat().st_size <= _LARGEST:
+                break
+
+
+def _plan(name: str, settings: Settings) -> Part:
+    def measured(record: Record) -> list[dict[str, Any]]:
+        swept = next((result for result in record.results if result.name == name and "pointer" in result.modes), None)
+        cases = plan.cases_of(name, settings.repeats, settings.longest, swept and swept.in_mode("pointer"))
+        return [asdict(plan.Outcome.of(case)) for case in cases]
+
+    options = f"--repeats {settings.repeats} --longest {settings.longest:g}"
+    return Part(part_name("plan", name), f"eig3 bench plan {options} --problem {name}", measured)
+
+
+def _article(number: int, settings: Settings) -> Part:
+    (table,) = (table for table in TABLES if table.number == number)
+    command = f"eig3 bench paper --table {number} --quick --repeats {settings.repeats}"
+
+    def measured(record: Record) -> dict[str, Any]:
+        return measure_table(table, paper.steps_of(table, quick=True), settings.repeats).as_json()
+
+    return Part(part_name("article", str(number)), command, measured)
+
+
+def _c(settings: Settings) -> list[Part]:
+    """The comparison with C, if one of the methods is there in C."""
+    methods = [name for name in settings.methods or LIBRARY if name in c.METHODS_IN_C]
+    command = f"eig3 bench c --repeats {settings.repeats}"
+    if settings.methods:
+        command += "".join(f" --method {name}" for name in methods)
+
+    def measured(record: Record) -> dict[str, Any]:
+        lines: list[str] = []
+        timings = c.benchmark(methods=methods, repeats=settings.repeats, write=lines.append)
+        return {"markdown": _page(lines), "timings": timings}
+
+    return [Part("c", command, measured)] if methods else []
+
+
+def _stability(record: Record) -> dict[str, Any]:
+    lines: list[str] = []
+    stability.benchmark(write=lines.append)
+    return {"markdown": _page(lines).replace("## ", "### ")}
+
+
+def _hard(record: Record) -> dict[str, Any]:
+    lines: list[str] = []
+    hard.benchmark(write=lines.append)
+    return {"markdown": re.sub(r"(?m)^(\d+\. )", r"### \1", _page(lines))}
+
+
+def _page(lines: list[str]) -> str:
+    """What a benchmark prints, as paragraphs, without the machine, which the report names once."""
+    return "\n\n".join(line.strip("\n") for line in lines if line.strip() and not line.startswith("Machine: "))

@@ -1,0 +1,431 @@
+"""The report: numbers apart from the page, runs that go on, comparison of two runs, and a user's own problem."""
+
+import json
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import problems
+from eig3.bench import hard, loops, paper, report, rivals, stability, sweep
+from eig3.bench.article import TABLES
+from eig3.bench.hard_cases import HARD_CASES
+from eig3.bench.plan import Outcome
+from eig3.bench.problem_set import BenchmarkProblem
+from eig3.bench.reach import reach
+from eig3.bench.report import own, parts
+from eig3.bench.report.comparison import Comparison, ratio_and_noise
+from eig3.bench.report.record import Record, RecordError
+from eig3.bench.sweep import Point, WorkPrecisionSet
+from eig3.cli import main
+
+SHORT = {
+    "single_dof": BenchmarkProblem(lambda: problems.single_dof(t_end=20.0), 4.0, "oscillator"),
+    "kepler": BenchmarkProblem(lambda: problems.kepler(e=0.3, t_end=6.0), 1.8, "orbit"),
+}
+#: Steps are halved until the accuracies are reached, whatever the machine does.
+QUICK = [
+    "--method",
+    "rk4",
+    "--no-rivals",
+    "--repeats",
+    "1",
+    "--longest",
+    "1000",
+    "--mode",
+    "pointer",
+    "--accuracies",
+    "1e-1",
+    "1e-3",
+]
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Two short problems in place of the set."""
+    for module in (parts, report):
+        monkeypatch.setattr(module, "PROBLEM_SET", SHORT)
+        monkeypatch.setattr(module, "VARIABLE_SPEED", {})
+
+
+def command(*words):
+    return main(["bench", "report", *map(str, words)])
+
+
+def two_problems(out, *words):
+    return command("--out", out, *QUICK, "--problem", "single_dof", "--problem", "kepler", *words)
+
+
+def interrupt_second(monkeypatch, module, name):
+    """Let the second call be interrupted, as by Ctrl-C."""
+    function, calls = getattr(module, name), []
+
+    def interrupted(*arguments, **options):
+        calls.append(arguments)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return function(*arguments, **options)
+
+    monkeypatch.setattr(module, name, interrupted)
+
+
+@pytest.mark.usefixtures("small")
+def test_a_run_that_was_cut_off_goes_on_and_gives_what_an_uncut_run_gives(tmp_path, monkeypatch, capsys):
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    assert two_problems(whole) == 0
+    with monkeypatch.context() as patch:
+        interrupt_second(patch, parts, "measure")
+        assert two_problems(cut) == 130
+    assert f"1 parts are not measured: eig3 bench report --out {cut} --resume goes on." in capsys.readouterr().out
+    assert "Not measured yet: precision_kepler." in (cut / "report.md").read_text()
+    first = (cut / "precision_single_dof.json").read_bytes()
+    assert command("--out", cut, "--resume", "--repeats", "1") == 0
+    assert (cut / "precision_single_dof.json").read_bytes() == first
+    records = [Record.open(folder) for folder in (whole, cut)]
+    assert [record.missing for record in records] == [[], []]
+    one, two = ([replace(point, seconds=[]) for r in record.results for point in r.points] for record in records)
+    assert one == two
+    assert len(one) > 4
+    for result in records[1].results:
+        assert min(point.errors["trajectory"] for point in result.points) < 1e-3
+        picture = records[1].motion(result.name).read_bytes()
+        assert picture[8:12] == b"WEBP"
+        assert len(picture) < 40_000
+    assert records[1].results[0].command == (
+        "eig3 bench precision --problem single_dof --repeats 1 --longest 1000 --no-rivals --method rk4 "
+        "--accuracies 0.1 0.001"
+    )
+
+
+@pytest.mark.usefixtures("small")
+def test_the_page_is_drawn_again_without_measuring(tmp_path, monkeypatch, capsys):
+    run, again, compared = (tmp_path / name for name in ("run", "again", "compared"))
+    command("--out", run, *QUICK, "--problem", "kepler")
+    for name in ("integrate", "stepper"):
+        monkeypatch.setattr(eig3.Problem, name, lambda *arguments, **options: pytest.fail("measured"))
+    assert command("--from", run, "--out", again) == 0
+    names = {"report.md", "report.html", "precision_kepler.svg", "motion_kepler.webp"}
+    assert names <= {path.name for path in again.iterdir()}
+    for name in ("report.md", "report.html"):
+        assert (again / name).read_text() == (run / name).read_text()
+    capsys.readouterr()
+    assert command("--from", run, "--against", run, "--out", compared) == 0
+    assert "0 became slower and 0 became faster by more than the noise. No rival is in both" in capsys.readouterr().out
+    assert "## Beside another run" in (compared / "report.md").read_text()
+
+
+@pytest.mark.usefixtures("small")
+def test_what_does_not_fit_a_run_is_refused(tmp_path, monkeypatch):
+    run, empty = tmp_path / "run", tmp_path / "empty"
+    command("--out", run, *QUICK, "--problem", "kepler")
+    content = (run / "run.json").read_text()
+
+    def refused(message, *words):
+        with pytest.raises(SystemExit, match=message) as caught:
+            command(*words)
+        assert "\n" not in str(caught.value)
+
+    refused("--out DIR to measure, or --from DIR to draw")
+    refused("holds a run: go on with it by --resume", "--out", run)
+    refused("in which repeats is 1, not 2", "--out", run, "--resume", "--repeats", "2")
+    refused("in which methods is .'rk4'., not .'rk8'.", "--out", run, "--resume", "--method", "rk8")
+    refused("empty has no run.json", "--out", empty, "--resume")
+    refused("empty has no run.json", "--from", empty)
+    refused("empty has no run.json", "--out", tmp_path / "new", "--against", empty)
+    refused("--from only draws", "--from", run, "--repeats", "1")
+    refused("--problem must be one of single_dof, kepler, your own as module:name, not orbit", "--out", empty,
+            "--problem", "orbit")  # fmt: skip
+    (run / "run.json").write_text(content.replace('"cores": ', '"cores": 9'))
+    refused("times of both do not belong together", "--out", run, "--resume")
+    for damaged in ("{", "[]", '{"format": 7}', content.replace("precision_kepler", "../precision_kepler")):
+        (run / "run.json").write_text(damaged)
+        refused(r"run\.json is damaged or no file of a report", "--from", run)
+    (run / "run.json").write_text(content)
+    for damaged in ("", "{}", '{"command": "x", "seconds": 1, "data": {}}', "\x00", '{"command": "x", "seconds": 1}'):
+        (run / "precision_kepler.json").write_text(damaged)
+        refused(r"precision_kepler\.json is damaged or no file of a report", "--from", run)
+
+
+@pytest.mark.usefixtures("small")
+def test_everything_is_on_the_page(tmp_path, monkeypatch):
+    """With one rival, and few rows in the parts that are not about a problem: others would only take time."""
+    for module in (parts, report):
+        monkeypatch.setattr(module, "PROBLEM_SET", {"kepler": SHORT["kepler"]})
+    monkeypatch.setattr(sweep, "RIVALS", {"scipy rk45": rivals.RIVALS["scipy rk45"]})
+    monkeypatch.setattr(loops, "N_STEPS", 500)
+    monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[:1])
+    monkeypatch.setattr(paper, "TABLES", [table for table in TABLES if table.number == 4])
+    monkeypatch.setattr(paper, "steps_of", lambda table, quick: table.steps[:2])
+    monkeypatch.setattr(hard, "HARD_CASES", {1: HARD_CASES[1]})
+    for name, nothing in (("UNDAMPED", ()), ("DAMPED", ()), ("GROWING", {}), ("weakly_growing", dict)):
+        monkeypatch.setattr(stability, name, nothing)
+    words = [
+        "--method",
+        "eig3",
+        "--repeats",
+        "2",
+        "--longest",
+        "0.001",
+        "--mode",
+        "pointer",
+        "--accuracies",
+        "1e-1",
+        "1e-3",
+    ]
+    assert command("--out", tmp_path, *words) == 0
+    record = Record.open(tmp_path)
+    assert record.missing == []
+    assert [result.name for result in record.results] == ["kepler"]
+    assert record.results[0].of("scipy rk45")
+    assert list(record.texts) == ["c", "stability", "hard"]
+    assert [table.table.number for table in record.article] == [4]
+    assert all(len(seconds) == 2 for columns in record.timings.values() for seconds in columns.values())
+    markdown, page = ((tmp_path / f"report.{end}").read_text() for end in ("md", "html"))
+    for heading in ("How to read it", "The article's tables and claims", "Beside C", "Stability limits", "Hard cases"):
+        assert f"## {heading}" in markdown
+        assert heading.replace("'", "&#x27;") in page or heading in page
+    for part in record.run.parts:
+        assert f"Measured by `{record.measured[part].command}`." in markdown
+    assert (tmp_path / "table4.svg").exists()
+    before = Record.open(tmp_path)
+    for row in before.timings.values():
+        row["pointer"] = [seconds / 2 for seconds in row["pointer"]]  # an older run that was twice as fast
+    found = {(row.problem, row.mode): row.ratio for row in Comparison.of(record, before).rows if row.mode}
+    assert found[("single_dof beside C", "pointer")] == pytest.approx(2)
+    assert found[("single_dof beside C", "inline")] == found[("Table 4", "pointer")] == 1
+
+
+def test_the_planners_cases_are_one_table(tmp_path):
+    outcomes = [
+        Outcome("a, energy 0.01", ["a", *["1"] * 10], True, True, ""),
+        Outcome("b, energy 0.01", ["b", *["2"] * 10], False, True, "RK4 takes 2.00 times as long as RK8"),
+    ]
+    record = Record.create(tmp_path, "eig3 bench report", {"repeats": 5}, ["plan_a", "plan_b"])
+    for name, outcome in zip("ab", outcomes, strict=True):
+        record.keep(f"plan_{name}", f"eig3 bench plan --repeats 5 --problem {name}", 1.0, [vars(outcome)])
+    text = Record.open(tmp_path).texts["plan"]
+    assert text.command == "eig3 bench plan --repeats 5 --problem a --problem b"
+    assert "in 1 of 2 cases. It reaches the accuracy in 2." in text.markdown
+    assert "- b, energy 0.01: RK4 takes 2.00 times as long as RK8" in text.markdown
+
+
+def times(rng, median, repeats=5, spread=0.01):
+    return [float(x) for x in median * np.exp(spread * rng.standard_normal(repeats))]
+
+
+def record_of(folder, seed, scale=(), errors=(), settings=(0.1, 0.05, 0.025)):
+    """A record of one problem with four methods and a rival, whose times scatter by 1 %."""
+    rng, points = np.random.default_rng(seed), []
+    for method in ("eig3", "rk4", "rk5", "rk8", "scipy rk45"):
+        mode = "" if method in rivals.RIVALS else "pointer"
+        for h in settings:
+            seconds = times(rng, dict(scale).get(method, 1.0) * 1e-3 / h)
+            error = dict(errors).get(method, h**2)
+            points.append(Point(method, method, mode, h, 10, 20, True, {"trajectory": error}, seconds))
+    result = WorkPrecisionSet("x", "x", "", "trajectory", (1e-2,), False, "exact", 0.0, points, [])
+    folder.mkdir()
+    record = Record.create(folder, "eig3 bench report", {"repeats": 5}, ["precision_x"])
+    record.keep("precision_x", "eig3 bench precision --problem x", 1.0, result.as_json())
+    return Record.open(folder)
+
+
+def test_only_the_method_that_became_slower_is_marked(tmp_path):
+    old, new = record_of(tmp_path / "old", 1), record_of(tmp_path / "new", 2, scale={"rk5": 1.5})
+    same = Comparison.of(old, old)
+    assert same.marked == []
+    assert {row.ratio for row in same.rows} == {1.0}
+    found = Comparison.of(new, old)
+    (row,) = found.marked
+    assert (row.method, row.mark, row.settings) == ("rk5", "slower", 3)
+    assert row.ratio == pytest.approx(1.5, rel=0.03)  # the error of a median of five is 0.6 %, here of three settings
+    (back,) = Comparison.of(old, new).marked
+    assert (back.method, back.mark) == ("rk5", "faster")
+    assert found.control == pytest.approx(1, rel=0.03)
+    assert "1 became slower and 0 became faster" in found.summary
+    assert re.search(r"\| x +\| pointer \| +rk5 \| +3 \| +1\.\d+ \|", found.markdown)
+
+
+def test_changed_results_and_settings_without_a_partner_are_listed(tmp_path):
+    old = record_of(tmp_path / "old", 1)
+    new = record_of(tmp_path / "new", 1, errors={"rk8": 1.02e-2}, settings=(0.1, 0.05, 0.02))
+    found = Comparison.of(new, old)
+    assert found.changed == [
+        "x, pointer, rk8, 0.1: trajectory error 0.0102, before 0.01",
+        "x, pointer, rk8, 0.05: trajectory error 0.0102, before 0.0025",
+    ]
+    assert "x, pointer, rk4, 0.02" in found.unpaired
+    assert "x, pointer, rk4, 0.025" in found.unpaired
+    assert {row.settings for row in found.rows} == {2}
+
+
+@pytest.mark.parametrize("shared", [0.0, 0.05])
+def test_noise_alone_exceeds_the_stated_noise_in_one_of_a_hundred_runs_at_most(shared):
+    """Also where a disturbance hits all settings of a round. 2000 draws of 1 % have a standard deviation of 4.4."""
+    rng, exceeded = np.random.default_rng(0), 0
+    for _ in range(2000):
+        sides = [np.exp(0.05 * rng.standard_normal((4, 5)) + shared * rng.standard_normal((1, 5))) for side in range(2)]
+        ratio, noise = ratio_and_noise(list(zip(*sides, strict=True)))
+        exceeded += abs(math.log(ratio)) > math.log(noise)
+    assert exceeded <= 20 + 3 * 4.4
+
+
+def test_without_repeats_nothing_is_marked():
+    ratio, noise = ratio_and_noise([([2.0], [1.0])])
+    assert (ratio, noise) == (pytest.approx(2.0), math.inf)
+
+
+@eig3.jit
+def spring(t, u, v, p):
+    return -p[0] * u
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return 0.5 * (v * v + p[0] * u * u)
+
+
+def oscillator(**fields):
+    return eig3.Problem("oscillator", spring, 1.0, 0.0, [4.0], (0.0, 20.0), **fields)
+
+
+def exact(t):
+    return np.cos(2 * t), -2 * np.sin(2 * t)
+
+
+def test_a_users_problem_is_judged_by_its_exact_solution(tmp_path, monkeypatch):
+    monkeypatch.setattr(own, "_INLINED", 1)  # to compile more kernels would only take time
+    problem = oscillator(exact=exact, energy=energy)
+    page = eig3.report(problem, tmp_path / "new", accuracies=(1e-3, 1e-6), rivals=("scipy dop853",), repeats=2)
+    assert page == tmp_path / "new" / "report.html"
+    assert "oscillator" in page.read_text()
+    (result,) = Record.open(page.parent).results
+    assert result.source == "exact solution"
+    assert result.modes == ["pointer", "inline"]
+    assert result.metrics == ["trajectory", "energy"]
+    assert "EIG-3" in " ".join([*result.methods.values(), *result.skipped])
+    fixed = [point for point in result.points if point.stable and point.n_steps]
+    for point in fixed:
+        run = problem.integrate(h=point.setting, method=point.method)
+        worst = np.abs(run.u - exact(run.t)[0]).max()
+        # they are compared at 61 states or more of a motion of 6 periods, which miss little of the largest
+        assert 0.8 * worst <= point.errors["trajectory"] <= worst * (1 + 1e-9) + 1e-13
+        assert point.errors["energy"] == pytest.approx(run.drift["energy"] / 2, rel=1e-6, abs=1e-12)
+    assert len(fixed) > 10
+    for method in result.methods:
+        for mode in result.modes:
+            swept = result.in_mode(mode)
+            loose, tight = (reach(swept, method, "trajectory", target) for target in result.targets)
+            assert not (tight and loose) or tight.setting <= loose.setting
+    assert any(reach(result.in_mode("inline"), method, "trajectory", 1e-6) for method in result.methods)
+    assert reach(result, "scipy dop853", "trajectory", 1e-6)
+
+
+def test_the_truth_of_a_users_problem_is_known_to_its_uncertainty():
+    problem = oscillator()
+    grid = own.Grid.of(problem)
+    truth = own.find_truth(problem, grid, 1e-8)
+    t = np.linspace(0, 20, grid.count + 1)
+    error = np.abs(truth.u(t) - exact(t)[0]).max()
+    # of the two runs of RK8 that differ by the uncertainty, the better one errs by 1/255 of it, and by round-off
+    assert error < truth.uncertainty + 1e-12
+    assert truth.uncertainty <= 1e-9
+    assert "RK5" in truth.source
+
+
+def test_a_run_compares_enough_states_of_the_grid():
+    grid = own.Grid((0.0, 1.0), 976)
+    for n_steps in (1, 61, 100, 600, 5000, 123_456):
+        fitted = grid.fit(n_steps)
+        steps = grid.steps(fitted)
+        states = fitted // steps["save_every"]
+        assert n_steps <= fitted <= max(61, 1.25 * n_steps)
+        assert grid.count % states == 0
+        assert fitted % states == 0
+        assert states >= min(976, fitted / 8)
+
+
+@eig3.jit
+def raises(t, u, v, p):
+    if t > 1:
+        raise ValueError("too late")
+    return -u
+
+
+@eig3.jit
+def explodes(t, u, v, p):
+    return u * u * u
+
+
+OWN = """
+import eig3
+from eig3 import problems
+number = 3
+def broken():
+    raise ValueError("no data")
+def ball():
+    return problems.bouncing_ball().with_(events={"end": eig3.Event(lambda t, u, v, p: u, terminal=True)})
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nothing_there:x", "--problem nothing_there:x: there is no module nothing_there here or among the installed"),
+        ("mine:missing", "the module mine has no missing"),
+        ("mine:", "the module mine has no empty name"),
+        ("mine:number", "problem must be an eig3.Problem or a function that returns one, not int"),
+        ("mine:broken", r"broken\(\) fails \(ValueError: no data\)"),
+        ("mine:ball", "problem must have no terminal event, such as 'end' of bouncing_ball"),
+        ("needs:x", r"the module needs cannot be imported \(No module named 'not_installed'\)"),
+        ("wrong:x", r"the module wrong cannot be imported \(SyntaxError"),
+    ],
+)
+def test_a_wrong_name_of_a_users_problem_gets_a_sentence(name, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for module, text in (("mine", OWN), ("needs", "import not_installed"), ("wrong", "x = (")):
+        (tmp_path / f"{module}.py").write_text(text)
+    with pytest.raises(SystemExit, match=message) as caught:
+        command("--out", "new", "--problem", name)
+    assert "\n" not in str(caught.value)
+    for module in ("mine", "needs", "wrong"):
+        report.own.sys.modules.pop(module, None)
+
+
+def test_wrong_arguments_of_a_users_report_are_refused_before_it_begins(tmp_path):
+    problem, out = oscillator(), tmp_path / "new"
+    for wrong, message in (
+        ({"accuracies": ()}, "accuracies must be numbers between 0 and 1"),
+        ({"accuracies": (1e-3, 2)}, "accuracies must be numbers between 0 and 1"),
+        ({"repeats": 0}, "repeats must be a whole number"),
+        ({"rivals": ("scipy",)}, "rivals must be True, False or names of scipy dop853"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            eig3.report(problem, out, **wrong)
+    with pytest.raises(TypeError, match=r"problem must be an eig3\.Problem"):
+        eig3.report(spring, out)
+    assert not out.exists()
+
+
+def test_a_users_problem_that_cannot_be_run_says_why(tmp_path, monkeypatch):
+    late = eig3.Problem("late", raises, 1.0, 0.0, [], (0.0, 5.0))
+    with pytest.raises(ValueError, match="too late"):
+        eig3.report(late, tmp_path)
+    unbounded = eig3.Problem("unbounded", explodes, 1.0, 1.0, [], (0.0, 5.0))
+    monkeypatch.setattr("eig3.bench.report.truth._SECONDS", 0.0)
+    with pytest.raises(ValueError, match=r"problem unbounded does not reach the end of t_span with RK8: .*non-finite"):
+        eig3.report(unbounded, tmp_path)
+
+
+def test_a_folder_without_a_record_is_an_error(tmp_path):
+    with pytest.raises(RecordError, match=re.escape(f"{tmp_path} has no run.json")):
+        Record.open(tmp_path)
+
+
+def test_numbers_that_are_not_finite_are_null_in_json(tmp_path):
+    record = record_of(tmp_path / "x", 1, errors={"rk4": math.inf})
+    content = json.loads((tmp_path / "x" / "precision_x.json").read_text(), parse_constant=pytest.fail)
+    assert None in [point["errors"]["trajectory"] for point in content["data"]["points"]]
+    assert math.inf in [point.errors["trajectory"] for point in record.results[0].points]
