@@ -13,43 +13,18 @@ from eig3.drawing import NO_PICTURES
 from eig3.options import Files
 
 from .article_runs import MeasuredTable
+from .matrix import IN_WORDS, Matrix, abbreviated, in_units, power, times
 from .options import ARTICLE_METHODS
-from .reach import front
+from .reach import Contest, front
 from .reference import METRICS
 from .rivals import RIVALS
+from .styles import style_of
 from .sweep import WorkPrecisionSet
 from .tolerances import TOLERANCES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Colours of EIG-4 to EIG-13; their marker is the grade.
-_FAMILY = ("440154", "482878", "3e4a89", "31688e", "26828e", "1f9e89", "35b779", "6ece58", "b5a01e", "d0b400")
-#: Colour and marker of each method and rival in every picture.
-STYLE = {
-    "eig3": ("C3", "o"),
-    "cd": ("C0", "s"),
-    "cd newton": ("C0", "s"),
-    "cd fixed-point": ("C9", "D"),
-    "rk2": ("C1", "v"),
-    "rk3": ("C5", "<"),
-    "rk4": ("C4", ">"),
-    "ab2": ("C2", "^"),
-    "ab3": ("C8", "p"),
-    **{f"eig{grade}": (f"#{color}", f"${grade}$") for grade, color in enumerate(_FAMILY, 4)},
-    "rk5": ("C6", "P"),
-    "rk8": ("k", "X"),
-    "bm6": ("C0", "d"),
-    "eig3 tolerances": ("C3", "H"),
-    "rk5 tolerances": ("C6", "H"),
-    "rk8 tolerances": ("k", "H"),
-    "scipy dop853": ("0.1", "x"),
-    "scipy rk45": ("0.35", "x"),
-    "scipy lsoda": ("0.6", "x"),
-    "heyoka": ("C1", "*"),
-    "cyrk dop853": ("0.2", "+"),
-    "cyrk vern8": ("0.5", "+"),
-}
 _BLOWN_UP = 1e3  # a larger error means instability, and would compress the rest of the picture
 
 
@@ -89,9 +64,9 @@ def article_table(result: MeasuredTable) -> Figure:
         cells = [cell for cell in result.cells if cell.method == method]
         shown = [cell for cell in cells if cell.error < _BLOWN_UP]
         outside += [f"{cell.label} h = {cell.h:g} ({cell.error:.1e})" for cell in cells if cell not in shown]
-        color, marker = STYLE[method]
-        times, errors = [cell.mean for cell in shown], [cell.error for cell in shown]
-        axes.loglog(times, errors, color=color, marker=marker, label=cells[0].label, alpha=0.85)
+        style = style_of(method)
+        seconds, errors = [cell.mean for cell in shown], [cell.error for cell in shown]
+        axes.loglog(seconds, errors, color=style.color, marker=style.marker, label=cells[0].label, alpha=0.85)
     for cell in (cell for cell in result.cells if cell.method == "eig3" and cell.error < _BLOWN_UP):
         axes.annotate(
             f"h = {cell.h:g} s",
@@ -99,7 +74,7 @@ def article_table(result: MeasuredTable) -> Figure:
             xytext=(9, 6),
             textcoords="offset points",
             fontsize=8,
-            color="C3",
+            color=style_of("eig3").color,
             bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
         )
     axes.margins(x=0.17)
@@ -138,14 +113,57 @@ def work_precision(result: WorkPrecisionSet) -> Figure:
     return figure
 
 
+def matrix(shown: Matrix) -> Figure:
+    """The fastest to reach each accuracy on each problem, its time, and how far ahead it is."""
+    columns, rows = len(shown.targets), len(shown.rows)
+    figure = new_figure(2.4 + 1.05 * columns, 1.0 + 0.52 * rows)
+    axes = figure.subplots()
+    for i, row in enumerate(shown.rows):
+        for j, target in enumerate(shown.targets):
+            _matrix_cell(axes, i, j, row.at(target))
+    axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
+    axes.set_xticks(range(columns), [power(target) for target in shown.targets])
+    axes.set_yticks(range(rows), [textwrap.fill(row.title, 26) for row in shown.rows])
+    axes.xaxis.tick_top()
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+    axes.set_xlabel(
+        "In each cell: the fastest, its time, and how many times as long the next method of eig3 takes, and the best "
+        f"rival.\nError: {METRICS[shown.metric]}; {IN_WORDS[shown.mode]}. Hatched: a rival is the fastest.",
+        fontsize=9,
+    )
+    figure.suptitle("What accuracy costs: the fastest way to an error of ...", fontsize=12)
+    return figure
+
+
+def _matrix_cell(axes: Any, i: int, j: int, contest: Contest | None) -> None:
+    if contest is None or contest.fastest is None:
+        words = "" if contest is None else "-" if contest.is_claimed else "unknown"
+        axes.text(j, i, words, ha="center", va="center", fontsize=8, color="0.5")
+        return
+    first, color = contest.fastest, style_of(contest.fastest.method).color
+    hatch = "////" if first.is_rival else None
+    axes.fill_between([j - 0.48, j + 0.48], i - 0.46, i + 0.46, color=color, alpha=0.22, linewidth=0, hatch=hatch)
+    following = (contest.next_own, contest.next_rival)
+    leads = "  ".join(f"x{times(one.seconds / first.seconds)}" if one else "-" for one in following)
+    lines = (
+        (-0.26, abbreviated(first.label), 8.5, color),
+        (0.02, in_units(first.seconds), 8, "k"),
+        (0.29, leads, 7, "0.35"),
+    )
+    for down, words, size, ink in lines:
+        weight = "bold" if ink == color else "normal"
+        axes.text(j, i + down, words, ha="center", va="center", fontsize=size, color=ink, fontweight=weight)
+
+
 def _work_precision_lines(
     by_time: Any, by_evaluations: Any, result: WorkPrecisionSet, method: str, label: str, metric: str
 ) -> None:
     """The lines of one method; they are thin and grey without a label."""
-    color, marker = STYLE[method]
-    style = {"color": color, "marker": marker, "markersize": 5.5, "alpha": 0.85, "label": label}
+    drawn = style_of(method)
+    style: dict[str, Any] = {"color": drawn.color, "marker": drawn.marker, "markersize": 5.5, "label": label}
     if not label:
-        style = {"color": "0.75", "linewidth": 0.6, "marker": marker, "markersize": 2.5, "zorder": 1}
+        style |= {"color": "0.75", "linewidth": 0.6, "markersize": 2.5, "zorder": 1}
     style["linestyle"] = "--" if method in RIVALS else "-." if method in TOLERANCES else "-"
     points = [p for p in result.of(method) if p.stable and metric in p.errors and p.errors[metric] > 0]
     if points:
@@ -157,5 +175,5 @@ def _work_precision_lines(
     if unstable and label:
         edge = by_evaluations.get_xaxis_transform()
         by_evaluations.plot(
-            unstable, [0.985] * len(unstable), transform=edge, color=color, marker="x", linestyle="none"
+            unstable, [0.985] * len(unstable), transform=edge, color=drawn.color, marker="x", linestyle="none"
         )

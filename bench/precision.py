@@ -18,7 +18,7 @@ from . import pictures, text
 from .environment import environment, in_words
 from .options import add_accuracies, add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET, VARIABLE_SPEED
-from .reach import Contest, Fastest, Reach, contests, fastest, front, reach
+from .reach import Contest, Reach, contests, front, reach
 from .reference import METRICS
 from .rivals import RIVALS
 from .sweep import CERTAIN, LONGEST, REPEATS, RIVAL_STATES, STATES, Point, WorkPrecisionSet, measure
@@ -180,14 +180,12 @@ def render_tolerances(result: WorkPrecisionSet, metric: str) -> str:
         **{name: partial(_is_of, package) for package, name in packages.items()},
         "fixed steps": lambda method: method not in RIVALS and method not in TOLERANCES,
     }
-    targets = result.targets
-    ours = [fastest(result, metric, target, TOLERANCES.__contains__) for target in targets]
+    held = contests(result, metric)
     rows = []
     for name, is_chosen in others.items():
-        theirs = [fastest(result, metric, target, is_chosen) for target in targets]
-        pairs = zip(ours, theirs, strict=True)
+        pairs = ((contest.of(TOLERANCES.__contains__), contest.of(is_chosen)) for contest in held)
         rows.append([name, *(text.number(one.seconds / two.seconds, 2) if one and two else "-" for one, two in pairs)])
-    header = [f"fastest with tolerances ({metric}) / fastest of", *(f"{target:g}" for target in targets)]
+    header = [f"fastest with tolerances ({metric}) / fastest of", *(f"{target:g}" for target in result.targets)]
     return text.table(header, rows)
 
 
@@ -195,7 +193,7 @@ def _is_of(package: str, method: str) -> bool:
     return method in RIVALS and RIVALS[method].package == package
 
 
-def _fastest(found: Fastest | None) -> str:
+def _fastest(found: Reach | None) -> str:
     return f"{found.label} {_milliseconds(found.seconds)}" if found else "none"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from .rivals import RIVALS
@@ -14,11 +14,20 @@ _USEFUL = 0.11  # a larger error counts for nothing
 
 @dataclass(frozen=True)
 class Reach:
-    """What a method needs for a target: seconds and setting. With `at_most`, its first setting is already enough."""
+    """What a method or rival needs for a target: seconds, and its step or tolerance.
 
+    With `at_most`, its first setting is already enough.
+    """
+
+    method: str
+    label: str
     seconds: float
     setting: float
     at_most: bool
+
+    @property
+    def is_rival(self) -> bool:
+        return self.method in RIVALS
 
 
 def reach(result: WorkPrecisionSet, method: str, metric: str, target: float) -> Reach | None:
@@ -28,37 +37,64 @@ def reach(result: WorkPrecisionSet, method: str, metric: str, target: float) -> 
     """
     if not result.is_claimed(metric, target):
         return None
-    points = (point for point in result.of(method) if point.stable and metric in point.errors)
+    points = [point for point in result.of(method) if point.stable and metric in point.errors]
     usable = sorted(points, key=lambda point: -point.setting)
     first = next((i for i, point in enumerate(usable) if point.errors[metric] <= target), None)
     if first is None:
         return None
     if first == 0:
-        return Reach(usable[0].time, usable[0].setting, True)
+        return Reach(method, usable[0].label, usable[0].time, usable[0].setting, True)
     one, two = usable[first - 1], usable[first]
     fraction = math.log(one.errors[metric] / target) / math.log(one.errors[metric] / max(two.errors[metric], 1e-300))
 
     def between(a: float, b: float) -> float:
         return a ** (1 - fraction) * b**fraction
 
-    return Reach(between(one.time, two.time), between(one.setting, two.setting), False)
-
-
-@dataclass(frozen=True)
-class Fastest:
-    """The label of the fastest of some methods or rivals, and its seconds."""
-
-    label: str
-    seconds: float
+    return Reach(method, one.label, between(one.time, two.time), between(one.setting, two.setting), False)
 
 
 @dataclass(frozen=True)
 class Contest:
-    """The fastest method of the library and the fastest rival for one target; None where none reaches it."""
+    """All methods and rivals that reach one target, the fastest first.
+
+    Attributes
+    ----------
+    target : float
+    reached : sequence of Reach
+    is_claimed : bool
+        Whether the truth is certain enough to tell who reaches the target.
+    """
 
     target: float
-    ours: Fastest | None
-    rival: Fastest | None
+    reached: Sequence[Reach]
+    is_claimed: bool
+
+    def of(self, is_chosen: Callable[[str], bool]) -> Reach | None:
+        """The fastest of the methods and rivals whose names are chosen."""
+        return next((found for found in self.reached if is_chosen(found.method)), None)
+
+    @property
+    def fastest(self) -> Reach | None:
+        return self.reached[0] if self.reached else None
+
+    @property
+    def ours(self) -> Reach | None:
+        """The fastest method of the library."""
+        return self.of(lambda method: method not in RIVALS)
+
+    @property
+    def rival(self) -> Reach | None:
+        return self.of(RIVALS.__contains__)
+
+    @property
+    def next_own(self) -> Reach | None:
+        """The fastest method of the library that is not the fastest of all."""
+        return next((found for found in self.reached[1:] if not found.is_rival), None)
+
+    @property
+    def next_rival(self) -> Reach | None:
+        """The fastest rival that is not the fastest of all."""
+        return next((found for found in self.reached[1:] if found.is_rival), None)
 
     @property
     def ratio(self) -> float | None:
@@ -75,21 +111,12 @@ class Contest:
 
 def contests(result: WorkPrecisionSet, metric: str) -> list[Contest]:
     """One contest for each target."""
-    ours, rivals = (lambda m: m not in RIVALS), (lambda m: m in RIVALS)
-    return [
-        Contest(target, fastest(result, metric, target, ours), fastest(result, metric, target, rivals))
-        for target in result.targets
-    ]
-
-
-def fastest(result: WorkPrecisionSet, metric: str, target: float, is_chosen: Callable[[str], bool]) -> Fastest | None:
-    """The fastest of the chosen methods and rivals to reach the target; None if none does."""
-    found = [
-        Fastest(label, reached.seconds)
-        for method, label in result.methods.items()
-        if is_chosen(method) and (reached := reach(result, method, metric, target))
-    ]
-    return min(found, key=lambda f: f.seconds, default=None)
+    found = []
+    for target in result.targets:
+        reached = [one for method in result.methods if (one := reach(result, method, metric, target))]
+        reached.sort(key=lambda one: one.seconds)
+        found.append(Contest(target, reached, result.is_claimed(metric, target)))
+    return found
 
 
 def front(result: WorkPrecisionSet, metric: str) -> list[Point]:

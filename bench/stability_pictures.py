@@ -14,8 +14,9 @@ from eig3.problem import Problem
 from eig3.stability import damping_ratio, limit, period_error, spectral_radius, stable_region
 
 from .options import ARTICLE_METHODS
-from .pictures import STYLE, new_figure
+from .pictures import new_figure
 from .stability_sets import ARTICLE_DAMPED, EIG3_SETS, FAMILY_DAMPED, UNSTABLE_SETS, evaluations_per_step
+from .styles import style_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +27,7 @@ _RADIUS = r"spectral radius $\rho$ (-)"
 _DAMPING = r"algorithmic damping ratio $\bar\xi$ (-)"
 _PERIOD = r"relative period error $(T_h - T)/T$ (%)"
 _SET_STYLE = {
-    "EIG-3(1, 1/2)": (STYLE["eig3"][0], "-"),
+    "EIG-3(1, 1/2)": (style_of("eig3").color, "-"),
     "EIG-3(1.2, 1/2)": ("C1", "-"),
     "EIG-3(1.5, 1/2)": ("C4", "-"),
     "EIG-3(2, 1/2)": ("C5", "-"),
@@ -53,7 +54,7 @@ def regions() -> Figure:
     figure = new_figure(11.5, 5.2)
     left, right = figure.subplots(1, 2)
     Omega, weight = np.linspace(0.005, 2.4, 480), np.linspace(0, 2.5, 251)
-    color = STYLE["eig3"][0]
+    color = style_of("eig3").color
 
     _region(left, Omega, weight, stable_region(Omega, weight[:, None], 0.5))
     alpha = np.linspace(1, 2.5, _DENSE)
@@ -77,8 +78,8 @@ def regions() -> Figure:
 
 
 def _region(axes: Axes, Omega: np.ndarray, weight: np.ndarray, region: np.ndarray) -> None:
-    axes.contourf(Omega, weight, region, levels=[0.5, 1.5], colors=[STYLE["eig3"][0]], alpha=0.25)
-    axes.fill([], [], color=STYLE["eig3"][0], alpha=0.25, label="stable")
+    axes.contourf(Omega, weight, region, levels=[0.5, 1.5], colors=[style_of("eig3").color], alpha=0.25)
+    axes.fill([], [], color=style_of("eig3").color, alpha=0.25, label="stable")
     axes.set(xlim=(0, 2.4), ylim=(0, 2.5), xlabel=_OMEGA)
     axes.grid(alpha=0.35)
 
@@ -149,8 +150,8 @@ def methods_radius() -> Figure:
     _methods(axes, lambda method, bound: (Omega, spectral_radius(method, Omega)))
     for name, method in _free_methods().items():
         if limit(method):
-            color, marker = STYLE[name]
-            axes.plot(limit(method), 1, marker=marker, color=color, markersize=13 if name == "eig3" else 7, zorder=3)
+            style, size = style_of(name), 13 if name == "eig3" else 7
+            axes.plot(limit(method), 1, marker=style.marker, color=style.color, markersize=size, zorder=3)
     axes.set(xlim=(0, 3.1), ylim=(0.4, 1.8), ylabel=_RADIUS)
     axes.legend(loc="upper left")
     return figure
@@ -191,7 +192,7 @@ def _methods(axes: Axes, curve: Callable[[Method, float], tuple[np.ndarray, np.n
     lines: dict[str, dict[str, Any]] = {"eig3": {"linewidth": 4, "alpha": 0.6}, "cd": {"linestyle": "--", "zorder": 3}}
     labels = {"eig3": "EIG-3(1, 1/2)", "rk4": "RK4 (not in the article)"}
     for name, method in _free_methods().items():
-        style = {"color": STYLE[name][0], "linewidth": 1.8, **lines.get(name, {})}
+        style = {"color": style_of(name).color, "linewidth": 1.8, **lines.get(name, {})}
         axes.plot(*curve(method, limit(method) or 1.0), label=labels.get(name, method.label), **style)
 
 
@@ -203,7 +204,7 @@ def four_steps() -> Figure:
     for axes, h in zip(grid.flat, _FOUR_STEPS, strict=True):
         t, u = _run(problem, h)
         axes.plot(fine, np.cos(4 * fine), color="0.65", label=r"exact: $\cos \omega t$")
-        axes.plot(t, u, color=STYLE["eig3"][0], marker="o", markersize=3.5, linewidth=1, label="EIG-3(1, 1/2)")
+        axes.plot(t, u, color=style_of("eig3").color, marker="o", markersize=3.5, linewidth=1, label="EIG-3(1, 1/2)")
         rho = spectral_radius("eig3", 4 * h)
         axes.set_title(rf"$h = {h:g}$ s, $\omega h = {4 * h:g}$, $\rho = {rho:.3f}$", fontsize=11)
         axes.set(xlim=(0, _SHOWN), xlabel="time (s)", ylabel="displacement (m)")
@@ -242,7 +243,7 @@ def damped_limits() -> Figure:
             evaluations_per_step(case.method, xi, 0.95 * bound)
             for xi, bound in zip(dampings.tolist(), limits.tolist(), strict=True)
         ]
-        style = {"color": STYLE[name][0], "linestyle": line, "linewidth": 1.8}
+        style = {"color": style_of(name).color, "linestyle": line, "linewidth": 1.8}
         left.semilogx(dampings, limits, label=case.label, **style)
         right.semilogx(dampings, limits / cost, label=f"{case.label} ({np.mean(cost):.2g})", **style)
     left.set_ylabel(r"limit of $\Omega = \omega h$ (rad)")
@@ -264,10 +265,10 @@ def all_limits() -> Figure:
     dampings = np.geomspace(1e-3, 2, 30)
     for case in (*ARTICLE_DAMPED, *FAMILY_DAMPED):
         if case in FAMILY_DAMPED:
-            style = {"color": STYLE[case.method.name][0], "linewidth": 2.2}
+            style = {"color": style_of(case.method.name).color, "linewidth": 2.2}
         else:
             name, line = _DAMPED_STYLE[case.label]
-            style = {"color": STYLE[name][0], "linewidth": 1.2, "linestyle": {"-": "--", "--": ":"}[line]}
+            style = {"color": style_of(name).color, "linewidth": 1.2, "linestyle": {"-": "--", "--": ":"}[line]}
         limits = np.array([limit(case.method, xi) for xi in dampings.tolist()])
         panels[0].loglog(dampings, limits, label=case.label, **style)
         if case.method.evaluations:

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.critical import CriticalStep, critical_step
+from .animation import Curves
+from .animation.animate import View, animate
 from .callbacks import check_callback, reads_velocity
 from .checks import check_params, check_span, check_state, reals
 from .ensembles.run import ensemble
@@ -70,6 +74,9 @@ class Problem:
         energy must also accept u and v without these degrees of freedom.
     events : dict of str to Event
         Events of the motion by name, such as the impacts of a ball, which `integrate` follows.
+    view : callable, optional
+        What `animate` shows: ``view(figure, film)`` draws what stays on a matplotlib figure, and returns ``show(i)``,
+        which moves the drawing to frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
     """
 
     name: str
@@ -90,6 +97,7 @@ class Problem:
     names: tuple[str, ...] = ()
     integrals: tuple[str, ...] = ()
     events: Mapping[str, Event] = field(default_factory=dict)
+    view: View | None = None
 
     def with_(self, **changes: Any) -> Problem:
         """Return a copy with some fields changed, such as ``problem.with_(u0=[0.1, 0.0], t_span=(0, 20))``.
@@ -103,8 +111,8 @@ class Problem:
         -------
         Problem
             Without `exact` and `continuum` if u0, v0, params or the start of t_span change, because these hold for one
-            start and one set of parameters; without `draw` if params change, because a picture may contain constants
-            of the problem. What is given in `changes` is kept.
+            start and one set of parameters; without `draw` and `view` if params change, because a picture may contain
+            constants of the problem. What is given in `changes` is kept.
 
         Raises
         ------
@@ -121,7 +129,7 @@ class Problem:
         changed = {name for name in _START if name in new and not np.array_equal(new[name], getattr(self, name))}
         if "t_span" in new and new["t_span"][0] != self.t_span[0]:
             changed.add("t_span")
-        dropped = ["exact", "continuum"] * bool(changed) + ["draw"] * ("params" in changed)
+        dropped = ["exact", "continuum"] * bool(changed) + ["draw", "view"] * ("params" in changed)
         return replace(self, **{**dict.fromkeys(dropped), **new})
 
     def integrate(
@@ -275,6 +283,43 @@ class Problem:
         u, v = np.asarray(u), np.asarray(v)
         times = np.broadcast_to(np.asarray(time, dtype=np.float64), len(u))
         return np.array([of(*state) for state in zip(times, u, v, strict=True)])
+
+    def animate(self, solution: Solution, path: str | PathLike[str]) -> Path:
+        """Write an animation of a run, true to scale, with its time and its speed.
+
+        It lasts 6 to 10 s and has 20 frames a second, whose states are those of ``solution.at``. A motion of 6 to 10 s
+        is shown in real time, and any other faster or slower. Of a run with very many periods the first 25 are shown,
+        and of one that diverged the part before the growth.
+
+        Parameters
+        ----------
+        solution : Solution
+            A run of this problem.
+        path : str or path
+            The file, which is replaced if it exists. Its ending is the format: ".gif"; ".html", a page with a button
+            and a slider that needs no network; ".mp4", which needs ffmpeg.
+
+        Returns
+        -------
+        Path
+            The path of the file.
+
+        Raises
+        ------
+        ValueError
+            For another ending, and if the states of the solution are too far apart to show the motion.
+        ImportError
+            If matplotlib, or for ".mp4" ffmpeg, is not installed.
+        OSError
+            If the file cannot be written.
+
+        Notes
+        -----
+        The picture is that of `view`. Scenes and the problems of the library have one: points, links, supports and
+        planes of a scene, or a field over space. Without one it is the degrees of freedom against time.
+        """
+        has_seconds = self.energy_unit != "-"  # a problem without units has a time without unit
+        return animate(self.view or Curves(self.labels), solution, path, has_seconds=has_seconds)
 
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from . import drawing
+from .animation.film import is_resolved
+from .animation.writers import check_writer
 from .checks import check_h, check_span
 from .first_step import first_step
 from .methods import Method
@@ -32,6 +34,7 @@ def run(
     method: str | Method | None = None,
     t_end: float | None = None,
     out: Path | None = None,
+    animate: str | None = None,
     write: Callable[[str], None] = print,
 ) -> Solution:
     """Integrate one of `eig3.problems` and report on the run.
@@ -51,6 +54,8 @@ def run(
         Duration, s; the problem's own if not given.
     out : Path, optional
         An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
+    animate : {"gif", "mp4", "html"}, optional
+        The format of an animation, which is written to `out` or else to the current folder.
     write : callable
         Called with each part of the report.
 
@@ -62,6 +67,8 @@ def run(
     ------
     TypeError, ValueError
         For bad arguments, as `eig3.integrate` raises them.
+    ImportError
+        If what an animation needs is not installed.
     KeyboardInterrupt
         After Ctrl-C. The run up to then is reported and written before.
     SystemExit
@@ -72,11 +79,12 @@ def run(
         options["t_end"] = check_span((0.0, t_end))[1]
     if h is not None and rtol is not None:
         raise ValueError("h and rtol exclude each other: give one of them.")
+    if animate:
+        check_writer(animate)
     problem = build(**options)
-    steps = _fixed_steps(problem, h, method or "eig3") if rtol is None else _tolerances(problem, rtol, method)
     interrupt = None
     try:
-        solution = problem.integrate(**steps, invariants={})
+        solution = problem.integrate(**_steps(problem, h, rtol, method), invariants={})
     except KeyboardInterrupt as error:
         if not getattr(error, "solution", None):
             raise
@@ -88,11 +96,30 @@ def run(
         write(balance.summary())
     elif solution.success:
         write("  energy: this problem defines none")
-    if out is not None:
-        files = Files(out, "eig3 run")
-        files.finish(write, _save(problem, solution, balance, files))
+    if out is not None or animate:
+        files = Files(out or Path(), "eig3 run")
+        lacking = "" if out is None else _save(problem, solution, balance, files)
+        if animate and not interrupt:
+            resolved = _resolved(problem, solution, lambda shorter: _steps(shorter, h, rtol, method))
+            with files.writing(f"{file_name(problem.name)}.{animate}") as path:
+                problem.animate(resolved, path)
+        files.finish(write, lacking)
     if interrupt:
         raise interrupt
+    return solution
+
+
+def _steps(problem: Problem, h: float | None, rtol: float | None, method: str | Method | None) -> dict[str, Any]:
+    """Return the options of a run that save some thousand states."""
+    return _fixed_steps(problem, h, method or "eig3") if rtol is None else _tolerances(problem, rtol, method)
+
+
+def _resolved(problem: Problem, solution: Solution, steps: Callable[[Problem], dict[str, Any]]) -> Solution:
+    """Return a run with states close enough together for an animation, which may be shorter than `solution`."""
+    while not is_resolved(solution) and solution.n_steps > len(solution.t):
+        start, end = problem.t_span
+        problem = problem.with_(t_span=(start, start + (end - start) / 10))
+        solution = problem.integrate(**steps(problem), invariants={})
     return solution
 
 

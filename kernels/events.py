@@ -6,6 +6,7 @@ The names in capitals stand for functions that depend on the form of the right-h
 
 from __future__ import annotations
 
+import functools
 from types import SimpleNamespace
 from typing import Any
 
@@ -193,6 +194,7 @@ def write_time(watch, tally, t, h, t_end, n, coefficients, u_end, v_end):
     tally[NEXT] += 1
 
 
+@functools.cache  # so that kernels share the compiled elements
 def functions(form: Form) -> SimpleNamespace:
     """Return the elements for one form of right-hand side.
 

@@ -263,6 +263,7 @@ def _compile_pointer_kernel(
     return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)
 
 
+@functools.cache
 def pointer_callbacks(form: Form, takes_jacobian: bool) -> tuple[Any, dict[str, Any]]:
     """Return the type of the argument `callbacks` of a kernel, and the functions that take the callbacks out of it."""
     rhs_at, jacobian_at = function_at(form.rhs), function_at(form.jacobian)

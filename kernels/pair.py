@@ -12,6 +12,7 @@ allow a single one an error far beyond.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from fractions import Fraction
 from math import comb
@@ -60,6 +61,7 @@ class Pair:
         self.evaluations, self.dense_evaluations = self._stages, len(extra_c)
         self._text = "\n".join([self._trial(), self._error(errors), self._dense()])
 
+    @functools.cache  # noqa: B019  a pair lives as long as its module
     def functions(self, accelerate: Any) -> dict[str, Any]:
         """Return the elements `trial`, `square` and `dense`.
 

@@ -309,7 +309,7 @@ def inline_watched_kernel(method: Formulas, order: int, form: Form, rhs: Any, ja
 
 
 def _compile(method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], label: str) -> Any:
-    names = {**method.names(form), **names, "N": 0, **_search_names(order, form)}
+    names = {**method.names(form), **names, "N": 0, **_search_names(_pair_for(order), form)}
     start = {"START": element(method.start), "PAST": method.past}
     if form is SCALAR:
         names["STARTED"] = element(bound(started_scalar, start) if method.past else started_without_past)
@@ -319,8 +319,9 @@ def _compile(method: Formulas, order: int, form: Form, callbacks: Any, names: di
     return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)
 
 
-def _search_names(order: int, form: Form) -> dict[str, Any]:
-    watching, pair = functions(form), _pair_for(order)
+@functools.cache  # so that the kernels of all methods share the compiled search
+def _search_names(pair: Any, form: Form) -> dict[str, Any]:
+    watching = functions(form)
     theirs = pair.functions(watching.accelerate)
     has_extension = pair.dense_evaluations > 0
     names = {

@@ -3,6 +3,7 @@
 import math
 
 from eig3 import drawing
+from eig3.animation import Mechanism, in_plane
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -74,6 +75,12 @@ def arenstorf(
         "Solving Ordinary Differential Equations I, section II.0",
         h=1e-4,
         draw=draw,
+        view=Mechanism(
+            in_plane,
+            trails=[0],
+            marks=[((-mu, 0), "C2o", 12, "earth"), ((1 - mu, 0), "C7o", 6, "moon")],
+            labels=("x (-)", "y (-)"),
+        ),
     )
 
 

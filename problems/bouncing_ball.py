@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eig3 import drawing
+from eig3.animation import Oscillator
 from eig3.callbacks import cached_jit
 from eig3.events import Event
 from eig3.problem import Problem
@@ -70,6 +71,7 @@ def bouncing_ball(restitution: float = 0.8, h0: float = 1.0, g: float = 9.81, t_
         source="a textbook example of events; Johnson, Contact Mechanics, section 11.5, for the restitution",
         h=1e-4,
         draw=drawing.oscillator,
+        view=Oscillator("floor"),
         events={"impact": Event(height, direction=-1, apply=bounce)},
     )
 

@@ -11,6 +11,9 @@ from eig3.problem import Problem
 from eig3.scene import Scene
 
 G = 9.81
+SQUARES = 18  # along a side of the cloth in the animation
+LIGHT = np.array([0.6, -0.64, 0.48])  # direction of the light in the animation
+SURFACE = np.array([0.35, 0.62, 0.9])  # colour of the cloth
 
 
 def curtain(
@@ -70,7 +73,35 @@ def curtain(
         source="mass-spring cloth of computer graphics, after Provot (1995)",
         h=2e-4,
         draw=partial(draw, n=n, side=side),
+        view=partial(view, n=n, side=side),
     )
+
+
+def view(figure, film, n, side):
+    """Show the cloth as a surface, light where it faces the light."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    some = np.unique(np.linspace(0, n - 1, SQUARES + 1).round().astype(int))
+    corners = np.moveaxis(film.u.reshape(-1, 3, n, n), 1, -1)[:, some[:, None], some]
+    sides = np.stack([corners[:, i : i - 1 or None, j : j - 1 or None] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))], 3)
+    sides = sides.reshape(len(film.t), -1, 4, 3)
+    normals = np.cross(sides[:, :, 2] - sides[:, :, 0], sides[:, :, 3] - sides[:, :, 1])
+    light = np.abs(normals @ LIGHT) / np.linalg.norm(normals, axis=-1)
+    colors = (0.2 + 0.8 * light[..., None]) * SURFACE
+    low, high = (extreme(corners, axis=(0, 1, 2)) for extreme in (np.min, np.max))
+    axes = figure.add_subplot(projection="3d", azim=-40, elev=20)
+    axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", yticks=(0, side), zticks=(-side, -side / 2, 0))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=0.95)
+    axes.locator_params(axis="x", nbins=4)
+    cloth = axes.add_collection3d(Poly3DCollection(sides[0], linewidth=0, antialiased=False))
+    axes.plot([0, 0], [0, side], [0, 0], "k^", markersize=7)
+
+    def show(i):
+        cloth.set_verts(sides[i])
+        cloth.set_facecolor(colors[i])
+
+    return show
 
 
 def draw(figure, solution, n, side):

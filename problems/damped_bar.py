@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from eig3.animation import Profile
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -66,4 +67,5 @@ def damped_bar(
         units="pulse heights",
         source="Kelvin-Voigt bar, by modal superposition",
         draw=drawing_of_bar(x * length),
+        view=Profile(x * length, "x (m)", "pulse heights"),
     )

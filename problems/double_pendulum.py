@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
+from eig3.animation import Mechanism
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -79,7 +80,14 @@ def double_pendulum(
         source="Landau and Lifshitz, Mechanics, section 5, problem 1",
         h=1e-3,
         draw=partial(draw, l1=l1, l2=l2),
+        view=Mechanism(partial(places, lengths=(l1, l2)), links=[(0, 1), (1, 2)], fixed=[0], trails=[2]),
     )
+
+
+def places(t, u, lengths):
+    """Return the places of the support and of the two masses, m."""
+    rods = np.asarray(lengths)[:, None] * np.stack([np.sin(u), -np.cos(u)], axis=-1)
+    return np.concatenate([np.zeros_like(rods[:, :1]), np.cumsum(rods, axis=1)], axis=1)
 
 
 def draw(figure, solution, l1, l2):

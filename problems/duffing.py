@@ -1,6 +1,7 @@
 """u'' + delta u' + a u + b u^3 = gamma cos(omega t): Duffing's oscillator; zero terms are not compiled."""
 
 from eig3 import drawing
+from eig3.animation import Portrait
 from eig3.callbacks import cached_jit
 from eig3.math import cos
 from eig3.problem import Problem
@@ -91,4 +92,5 @@ def duffing(
         source="Guckenheimer and Holmes, Nonlinear Oscillations, Dynamical Systems, and Bifurcations of Vector Fields, "
         "section 2.2",
         draw=drawing.oscillator,
+        view=Portrait(),
     )

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eig3 import drawing
+from eig3.animation import Profile
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -86,6 +87,7 @@ def elastic_bar(
         units="pulse heights",
         source="d'Alembert; the lumped frequencies are from Lagrange's loaded string",
         draw=drawing_of_bar(x * length),
+        view=Profile(x * length, "x (m)", "pulse heights"),
     )
 
 

@@ -3,6 +3,7 @@
 import math
 
 from eig3 import drawing
+from eig3.animation import Oscillator
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -54,4 +55,5 @@ def friction_oscillator(
         t_span=(0.0, t_end),
         source="Den Hartog, Mechanical Vibrations: free vibration with Coulomb's friction",
         draw=drawing.oscillator,
+        view=Oscillator(),
     )

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
+from eig3.animation import Profile
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -72,4 +73,5 @@ def hardening_chain(
         energy_unit="J/kg",
         source="Fermi, Pasta, Ulam and Tsingou's chain with cubic forces, with an impact as in tests of rods",
         draw=partial(drawing.field, places=np.arange(1.0, n + 1), label="number of the mass", units=("m", "m/s")),
+        view=Profile(np.arange(1.0, n + 1), "number of the mass"),
     )

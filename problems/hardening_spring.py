@@ -1,6 +1,7 @@
 """u'' + S1 u (1 + S2 u^2) = 0: a mass on a spring that becomes stiffer under load."""
 
 from eig3 import drawing
+from eig3.animation import Oscillator
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -43,4 +44,5 @@ def hardening_spring(
         source="EIG-3 article, section 4.2, after Xie",
         h=1e-4,
         draw=drawing.oscillator,
+        view=Oscillator(),
     )

@@ -3,6 +3,7 @@
 import math
 
 from eig3 import drawing
+from eig3.animation import Mechanism, in_plane
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -57,6 +58,7 @@ def henon_heiles(E: float = 1 / 12, y0: float = 0.1, t_end: float = 600.0) -> Pr
         source="Henon and Heiles, The Astronomical Journal 69 (1964), 73-79",
         h=0.01,
         draw=draw,
+        view=Mechanism(in_plane, trails=[0], labels=("x (-)", "y (-)")),
     )
 
 

@@ -3,6 +3,7 @@
 import math
 
 from eig3 import drawing
+from eig3.animation import Oscillator
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -59,6 +60,7 @@ def hertz_impact(k: float = 1e6, speed: float = 1.0, t_end: float | None = None)
         energy_unit="J/kg",
         source="Hertz, Über die Berührung fester elastischer Körper (1881); Johnson, Contact Mechanics, chapter 11",
         draw=drawing.oscillator,
+        view=Oscillator("floor"),
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eig3 import drawing
+from eig3.animation import Mechanism, in_plane
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -75,6 +76,7 @@ def kepler(GM: float = 1.0, a: float = 1.0, e: float = 0.9, t_end: float | None 
         "Integration, section I.2",
         h=1e-3,
         draw=partial(draw, exact=exact, period=period),
+        view=Mechanism(in_plane, trails=[0], marks=[((0, 0), "C1o", 12, "sun")]),
     )
 
 

@@ -10,7 +10,7 @@ from eig3.effects import LinearDamper, LinearSpring, MassImpact, SampledMotion
 from eig3.problem import Problem
 from eig3.scene import Scene
 
-from .shear_building import quake
+from .shear_building import quake, view_of_buildings
 
 
 def pounding_buildings(
@@ -70,6 +70,7 @@ def pounding_buildings(
         "record: Kanai (1957) and Tajimi (1960)",
         h=1e-4,
         draw=partial(draw, gap=gap),
+        view=view_of_buildings([(-gap, 0.0), (0.0, 1.0)], t, x),
     )
 
 

@@ -6,11 +6,14 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
+from eig3.animation import coils
 from eig3.effects import Gravity, LinearDamper, LinearSpring, SampledMotion
 from eig3.problem import Problem
 from eig3.scene import Scene
 
 G = 9.81
+AXLE, SEAT = 0.3, 0.8  # heights at rest, m
+MAGNIFIED = 5  # displacements in the animation
 
 
 def road(length: float, spacing: float, roughness: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -62,12 +65,12 @@ def quarter_car(
     x, z = road(max(speed * t_end, 10.0), 0.05, roughness, seed=8608)
     scene = Scene(dimension=1)
     ground = scene.fixed(0.0)
-    axle = scene.mass(wheel, 0.3)
-    seat = scene.mass(body, 0.8)
+    axle = scene.mass(wheel, AXLE)
+    seat = scene.mass(body, SEAT)
     sag = G * body / suspension, G * (body + wheel) / tyre  # at rest under gravity
     scene.add(Gravity(-G))
-    scene.add(LinearSpring(tyre, 0.3 + sag[1]), ground, axle)
-    scene.add(LinearSpring(suspension, 0.5 + sag[0]), axle, seat)
+    scene.add(LinearSpring(tyre, AXLE + sag[1]), ground, axle)
+    scene.add(LinearSpring(suspension, SEAT - AXLE + sag[0]), axle, seat)
     scene.add(LinearDamper(damper), axle, seat)
     scene.add(SampledMotion(x / speed, z), ground)
 
@@ -76,15 +79,39 @@ def quarter_car(
         source="the quarter-car model of vehicle dynamics; road: ISO 8608",
         h=2e-5,
         draw=partial(draw, times=x / speed, profile=z, tyre=tyre, weight=G * (body + wheel)),
+        view=partial(view, speed=speed, distances=x, profile=z),
     )
+
+
+def view(figure, film, speed, distances, profile):
+    """Show the car on the road that passes below it, with magnified displacements."""
+    from matplotlib.patches import Circle, Rectangle
+
+    u = np.array([AXLE, SEAT]) + MAGNIFIED * (film.u - [AXLE, SEAT])
+    axes = figure.add_subplot(aspect="equal")
+    axes.set(xlim=(-0.9, 0.9), ylim=(-0.2, 1.2), xlabel="x from the axle (m)", ylabel="height (m)")
+    figure.supxlabel(f"vertical displacements {MAGNIFIED} times as large", fontsize="medium", color="0.35")
+    wheel = axes.add_patch(Circle((0, 0), AXLE, fill=False, color="0.35", linewidth=3))
+    body = axes.add_patch(Rectangle((-0.5, 0), 1.0, 0.2, color="C0"))
+    (spring,) = axes.plot([], [], color="0.35", linewidth=1.2, marker="o", markevery=[0])
+    x = np.linspace(-1, 1, 201)
+    (road,) = axes.plot(x, 0 * x, color="k", linewidth=1.5)
+
+    def show(i):
+        wheel.center = 0, u[i, 0]
+        body.set_y(u[i, 1])
+        spring.set_data(*coils(*([[0, y]] for y in u[i]), 0.1)[0].T)
+        road.set_ydata(MAGNIFIED * np.interp(speed * film.t[i] + x, distances, profile))
+
+    return show
 
 
 def draw(figure, solution, times, profile, tyre, weight):
     t, (wheel, body) = solution.t, solution.u.T
     below = np.interp(t, times, profile)
-    heights = np.column_stack([wheel - 0.3, body - 0.8, below])
+    heights = np.column_stack([wheel - AXLE, body - SEAT, below])
     drawing.lines(drawing.time_panel(figure, "height above rest\n(mm)"), t, 1e3 * heights, ["wheel", "body", "road"])
-    squeeze = 0.3 + weight / tyre - wheel + below
+    squeeze = AXLE + weight / tyre - wheel + below
     loads = drawing.time_panel(figure, "force of tyre\non road (kN)")
     loads.axhline(1e-3 * weight, color="0.6", label="at rest")
     drawing.lines(loads, t, 1e-3 * tyre * squeeze, ["driving"])

@@ -9,12 +9,14 @@ from numpy.typing import ArrayLike
 
 import eig3
 from eig3 import drawing
+from eig3.animation import Magnified
 from eig3.effects import Gravity, LinearDamper, LinearSpring, Link
 from eig3.effects.hertz import push
 from eig3.problem import Problem
 from eig3.scene import Scene
 
 G = 9.81
+MAGNIFIED = 50  # displacements in the animation
 REACH = 0.5  # height of the wheel's centre above the rail when they touch, m
 
 
@@ -105,13 +107,48 @@ def rail_joint(
     meeting = RollingContact(contact, REACH, speed, start=1.0, half=0.5, angle=angle)
     scene.add(meeting, head, centre)
 
+    problem = scene.problem((0.0, t_end), name="rail_joint", work=work)
     return replace(
-        scene.problem((0.0, t_end), name="rail_joint", work=work),
+        problem,
         source="Jenkins and others, The effect of track and vehicle parameters on wheel/rail vertical dynamic forces "
         "(1974), with two layers of track",
         h=1e-5,
         draw=partial(draw, meeting=meeting, weight=carried[2]),
+        view=partial(view, mechanism=problem.view, meeting=meeting),
     )
+
+
+def view(figure, film, mechanism, meeting):
+    """Show wheel and track from the side, with magnified displacements; the rail passes below the wheel."""
+    from matplotlib.patches import Circle, Rectangle
+
+    start = mechanism.places(film.t[:1], film.u[:1])[0]
+    places = Magnified(mechanism.places, MAGNIFIED, start)
+    is_contact = [k for k, ends in enumerate(mechanism.links.tolist()) if ends == [2, 3]]
+    links = np.delete(mechanism.links, is_contact, axis=0)
+    labels = "x from the wheel (m)", "height (m)"
+    note = f"vertical displacements {MAGNIFIED} times as large"
+    move = replace(mechanism, places=places, links=links, springs=range(len(links)), labels=labels, note=note)(
+        figure, film
+    )
+    (axes,) = figure.axes
+    axes.set(xlim=(-1.25, 1.25), ylim=(-0.1, 1.75))
+    y = places(film.t, film.u)[:, :, 1]
+    x = np.linspace(-3, 3, 601)
+    wheel = axes.add_patch(Circle((0, 0), REACH, fill=False, color="0.35", linewidth=2))
+    sleeper = axes.add_patch(Rectangle((-0.13, 0), 0.26, 0.08, color="0.6"))
+    car = axes.add_patch(Rectangle((-0.6, 0), 1.2, 0.15, color="C0", zorder=2))
+    (rail,) = axes.plot(x, 0 * x, color="k", linewidth=2)
+
+    def show(i):
+        move(i)
+        closeness = np.maximum(0, 1 - abs(meeting.speed * film.t[i] + x - meeting.start) / meeting.half)
+        rail.set_ydata(y[i, 2] - MAGNIFIED * meeting.half * meeting.angle / 2 * closeness**2)
+        sleeper.set_y(y[i, 1] - 0.08)
+        wheel.center = 0, y[i, 3]
+        car.set_y(y[i, 4])
+
+    return show
 
 
 def draw(figure, solution, meeting, weight):

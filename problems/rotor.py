@@ -1,6 +1,7 @@
 """A disc on a shaft with a hardening stiffness, in the frame that turns with it: gyroscopic forces and no damping."""
 
 from eig3 import drawing
+from eig3.animation import Mechanism, in_plane
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -66,6 +67,12 @@ def rotor(
         source="Jeffcott, Philosophical Magazine 37 (1919), 304-314, with a cubic stiffness",
         h=0.01 / omega,
         draw=draw,
+        view=Mechanism(
+            in_plane,
+            trails=[0],
+            marks=[((0, 0), "k+", 9, "")],
+            labels=("x in turning axes (m)", "y in turning axes (m)"),
+        ),
     )
 
 

@@ -6,9 +6,13 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
+from eig3.animation import Mechanism
 from eig3.effects import LinearDamper, LinearSpring, SampledMotion
 from eig3.problem import Problem
 from eig3.scene import Scene
+
+MAGNIFIED = 40  # displacements in animations
+STOREY, WIDTH = 3.0, 6.0  # in animations, m
 
 
 def quake(duration: float, spacing: float, peak: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +80,43 @@ def shear_building(
         source="the shear building of structural dynamics; record: Kanai (1957) and Tajimi (1960)",
         h=1e-4,
         draw=partial(draw, times=t, ground=x),
+        view=view_of_buildings([(0.0, 0.5)], t, x),
     )
+
+
+def view_of_buildings(walls, times, ground):
+    """Return the view of buildings of three storeys with magnified displacements.
+
+    Parameters
+    ----------
+    walls : sequence of (float, float)
+        For each building, the place of its wall at rest, m, and the part of its width that is to the right of the wall.
+    times, ground : ndarray
+        The record of the ground.
+    """
+    frame = [(k, k + 1) for k in range(0, 8, 2)] + [(k, k + 2) for k in range(6)]  # floors, then columns
+    corners = 8 * np.arange(len(walls))
+    return Mechanism(
+        partial(corners_of_floors, walls=walls, times=times, ground=ground),
+        links=np.concatenate([np.array(frame) + first for first in corners]),
+        fixed=np.concatenate([corners, corners + 1]),
+        planes=[((0.0, 1.0), 0.0)],
+        labels=("", "height (m)"),
+        note=f"horizontal displacements {MAGNIFIED} times as large",
+    )
+
+
+def corners_of_floors(t, u, walls, times, ground):
+    """Return the left and the right end of the ground and of each floor, building by building."""
+    base = np.interp(t, times, ground)
+    height = np.repeat(np.arange(4) * STOREY, 2)
+    found = []
+    for k, (wall, right) in enumerate(walls):
+        levels = np.column_stack([base + wall, u[:, 3 * k : 3 * k + 3]])
+        ends = MAGNIFIED * levels[:, :, None] + WIDTH * np.array([right - 1, right])
+        x = ends.reshape(len(t), 8)
+        found.append(np.stack([x, np.broadcast_to(height, x.shape)], axis=-1))
+    return np.concatenate(found, axis=1)
 
 
 def draw(figure, solution, times, ground):

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eig3 import drawing
+from eig3.animation import Oscillator
 from eig3.callbacks import cached_jit
 from eig3.math import cos
 from eig3.problem import Problem
@@ -88,6 +89,7 @@ def single_dof(
         source="EIG-3 article, section 4.1",
         h=1e-2,
         draw=drawing.oscillator,
+        view=Oscillator(),
     )
 
 

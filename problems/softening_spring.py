@@ -3,6 +3,7 @@
 import math
 
 from eig3 import drawing
+from eig3.animation import Oscillator
 from eig3.callbacks import cached_jit
 from eig3.math import tanh
 from eig3.problem import Problem
@@ -43,4 +44,5 @@ def softening_spring(S: float = 100.0, u0: float = 4.0, v0: float = 0.0, t_end: 
         source="EIG-3 article, section 4.3, after Xie",
         h=1e-3,
         draw=drawing.oscillator,
+        view=Oscillator(),
     )

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from eig3 import drawing
+from eig3.animation import Mechanism
 from eig3.callbacks import cached_jit
 from eig3.math import cos, sincos
 from eig3.problem import Problem
@@ -67,7 +68,15 @@ def spring_pendulum(
         source="EIG-3 article, section 4.4",
         h=1e-3,
         draw=draw,
+        view=Mechanism(places, links=[(0, 1)], springs=[0], fixed=[0], trails=[1]),
     )
+
+
+def places(t, u):
+    """Return the places of the support and of the mass, m."""
+    r, theta = u.T
+    mass = np.stack([r * np.sin(theta), -r * np.cos(theta)], axis=-1)
+    return np.stack([np.zeros_like(mass), mass], axis=1)
 
 
 def draw(figure, solution):

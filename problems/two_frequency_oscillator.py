@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eig3 import drawing
+from eig3.animation import Curves
 from eig3.callbacks import cached_jit
+from eig3.labels import Labels
 from eig3.problem import Problem
 
 
@@ -59,6 +61,7 @@ def two_frequency_oscillator(
         exact=partial(two_cosines, omega=np.array([omega, omega_fast]), u0=np.array(u0)),
         source="The linear part of Hairer, Lubich and Wanner, Geometric Numerical Integration, chapter XIII",
         draw=draw,
+        view=Curves(Labels(("slow", "fast"))),
     )
 
 

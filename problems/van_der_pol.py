@@ -3,6 +3,7 @@
 from functools import partial
 
 from eig3 import drawing
+from eig3.animation import Portrait
 from eig3.callbacks import cached_jit
 from eig3.problem import Problem
 
@@ -48,4 +49,5 @@ def van_der_pol(mu: float = 10.0, u0: float = 2.0, v0: float = 0.0, t_end: float
         units="-",
         source="Van der Pol, On relaxation-oscillations, Philosophical Magazine 2 (1926)",
         draw=partial(drawing.oscillator, units=("-", "1/s")),
+        view=Portrait(("-", "1/s")),
     )

@@ -71,11 +71,24 @@ def compilations(*methods, cache=None):
     return tuple(map(int, result.stdout.split()))
 
 
-def test_second_process_compiles_only_the_users_functions(tmp_path):
+def test_second_process_compiles_only_the_users_functions_until_the_cache_is_cleared(tmp_path):
     kernels, own = compilations("rk2", cache=tmp_path)
     assert kernels > 0
     assert own == 3
     assert compilations("rk2", cache=tmp_path) == (0, 3)
+    kept = sorted(path.parent for path in tmp_path.rglob("*.nbc"))
+    assert kept
+    assert {str(folder) for folder in kept} <= set(cache_command("--path", tmp_path))
+    deleted = [int(line.split()[-3]) for line in cache_command("--clear", tmp_path)]
+    assert sum(deleted) == len(kept)
+    assert not list(tmp_path.rglob("*.nbc"))
+
+
+def cache_command(option, folder):
+    """The lines that `eig3 cache` prints for another folder."""
+    command = [sys.executable, "-m", "eig3", "cache", option]
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
 
 
 @pytest.mark.usefixtures("compiled_kernels")
@@ -182,23 +195,6 @@ def test_two_keys_of_one_text_are_different(tmp_path):
     path = files._path(("'a'", files._versions))
     path.rename(files._path(("'b'", files._versions)))
     assert files.load("'b'") is None
-
-
-def test_cache_command_shows_and_clears_the_folders(tmp_path):
-    command = [sys.executable, "-m", "eig3", "cache"]
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-
-    def printed(option):
-        run = subprocess.run([*command, option], env=environment, capture_output=True, text=True, check=True)
-        return run.stdout.splitlines()
-
-    compilations("rk2", cache=tmp_path)
-    kept = sorted(path.parent for path in tmp_path.rglob("*.nbc"))
-    assert kept
-    assert {str(folder) for folder in kept} <= set(printed("--path"))
-    deleted = [int(line.split()[-3]) for line in printed("--clear")]
-    assert sum(deleted) == len(kept)
-    assert not list(tmp_path.rglob("*.nbc"))
 
 
 def test_compilation_in_threads_leaves_the_filters_of_warnings_as_they_were():

@@ -106,7 +106,8 @@ def assert_alone(member, alone, rtol=ROUND_OFF):
     np.testing.assert_allclose(member.v, alone.v, rtol=0, atol=rtol * size)
 
 
-METHODS = ["eig3", "ab2", "ab3", "rk2", "rk3", "rk4", "rk5", "rk8", "eig4", "eig9"]
+#: One of each kind. The formulas are those of runs alone: the others of a kind would only compile more kernels.
+METHODS = ["eig3", "ab3", "rk4", "rk8", "eig9"]
 METHODS += [eig3.EIG3(alpha=1.2), eig3.CentralDifference(velocity="lagged")]
 
 

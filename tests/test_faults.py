@@ -4,7 +4,7 @@ import pytest
 
 from . import faults
 
-TRIALS = {"interrupts_while_compiling": 2, "flipped_bit": 4}
+TRIALS = {"flipped_bit": 3}
 TESTED_ELSEWHERE = {"pickled_problem", "name_that_is_code", "unwritten_entry", "shared_stepper", "copied_stepper"}
 
 

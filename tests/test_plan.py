@@ -19,6 +19,7 @@ from eig3.methods import LIBRARY
 from eig3.scene import Scene
 
 ANY_FORCE = [name for name in LIBRARY if name != "bm6"]  # the methods for a force that depends on the velocity
+OF_EACH_KIND = ["eig3", "cd", "rk4", "ab3", "eig9"]  # all others would only compile more kernels
 
 
 def achieved(prediction, problem):
@@ -195,8 +196,8 @@ def running_away(t, u, v, p):
     ("build", "methods", "expected"),
     [
         (falling_cloth, ["eig3", "cd", "rk4"], "has a stable step"),
-        (lambda: problems.double_pendulum(t_end=20.0), ANY_FORCE, "has a stable step"),
-        (lambda: problems.damped_bar(n=80, t_end=2e-4), ANY_FORCE, "has a stable step"),
+        (lambda: problems.double_pendulum(t_end=20.0), OF_EACH_KIND, "has a stable step"),
+        (lambda: problems.damped_bar(n=80, t_end=2e-4), OF_EACH_KIND, "has a stable step"),
         (
             lambda: eig3.Problem("infinite", running_away, 1.0, 1.0, (), (0.0, 10.0)),
             ["eig3", "rk4"],

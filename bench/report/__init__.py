@@ -261,7 +261,7 @@ def report(
     """
     own.check(problem)
     settings = _own_settings(problem, accuracies, rivals, repeats)
-    for package in ("matplotlib", "scipy", "markdown"):
+    for package in ("matplotlib", "scipy", "markdown", "jinja2", "vl_convert"):
         if importlib.util.find_spec(package) is None:
             raise ImportError(f"eig3.report needs {package}: install it with pip install 'eig3[bench]'.")
     folder = Path(out)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from itertools import groupby
 
 from eig3.options import Files
 
 from .. import paper, pictures, precision, text
 from ..environment import in_words
-from ..reach import fastest
+from ..matrix import Matrix, in_units, power
+from ..reach import Contest
 from ..sweep import MODES, WorkPrecisionSet
 from . import own
 from .comparison import Comparison
 from .record import Record, part_name
 
+MATRIX = "matrix.svg"
 _HOW_TO_READ = """## How to read it
 
 Times from different machines cannot be compared. Ratios within one table can, since its runs are interleaved. No time
@@ -22,7 +24,7 @@ includes compiling. In a work-precision picture the lower left corner is best: l
 belongs to a method of high order; a line that ends early on the left is limited by stability. Read a column of "time
 to reach" from top to bottom: the bold entry is the fastest way to that accuracy. Errors in different metrics mean
 different things: a trajectory with exact energy can be far off in phase."""
-_TITLES = {
+TITLES = {
     "plan": "What eig3.plan predicts",
     "c": "Beside C",
     "stability": "Stability limits",
@@ -47,8 +49,8 @@ def page(record: Record, comparison: Comparison | None) -> str:
     if record.article:
         parts += _article(record)
     texts = record.texts
-    for name in (name for name in _TITLES if name in texts):
-        parts += [f"## {_TITLES[name]}", f"Measured by `{texts[name].command}`.", texts[name].markdown]
+    for name in (name for name in TITLES if name in texts):
+        parts += [f"## {TITLES[name]}", f"Measured by `{texts[name].command}`.", texts[name].markdown]
     return "\n\n".join(parts) + "\n"
 
 
@@ -66,7 +68,9 @@ def how_measured(record: Record) -> list[str]:
 
 def draw_pictures(record: Record, files: Files) -> None:
     """Draw the static pictures of the page."""
+    shown = matrix(record.results)
     figures = {
+        **({MATRIX: partial(pictures.matrix, shown)} if shown.rows else {}),
         **{picture(result): partial(pictures.work_precision, first_mode(result)) for result in record.results},
         **{f"table{r.table.number}.svg": partial(pictures.article_table, r) for r in record.article},
     }
@@ -83,20 +87,28 @@ def first_mode(result: WorkPrecisionSet) -> WorkPrecisionSet:
     return result.in_mode(result.modes[0]) if result.modes else result
 
 
-def _answer(results: list[WorkPrecisionSet]) -> list[str]:
-    """The fastest method of the library for each problem and accuracy, in tables of the same accuracies."""
-    if not results:
+def matrix(results: Sequence[WorkPrecisionSet]) -> Matrix:
+    """The matrix for the trajectory, in the first mode that was measured."""
+    modes = [mode for mode in MODES if any(mode in result.modes for result in results)]
+    return Matrix.of(results, "trajectory", modes[0] if modes else MODES[0])
+
+
+def _answer(results: Sequence[WorkPrecisionSet]) -> list[str]:
+    """The fastest of all to reach each accuracy on each problem."""
+    shown = matrix(results)
+    if not shown.rows:
         return []
-    parts = ["## The fastest method for each accuracy of the trajectory"]
-    for targets, group in groupby(results, key=lambda result: result.targets):
-        rows = [[result.name, *(_fastest(first_mode(result), target) for target in targets)] for result in group]
-        parts.append(text.table(["time in ms", *(f"{target:g}" for target in targets)], rows))
-    return parts
+    rows = [[row.title, *(_fastest(row.at(target)) for target in shown.targets)] for row in shown.rows]
+    return [
+        "## The fastest way to each accuracy of the trajectory",
+        "\n".join(f"- {shown.answer(target)}" for target in shown.targets),
+        f"![The fastest way to each accuracy]({MATRIX})",
+        text.table(["problem", *map(power, shown.targets)], rows),
+    ]
 
 
-def _fastest(result: WorkPrecisionSet, target: float) -> str:
-    found = fastest(result, "trajectory", target, lambda method: True)
-    return f"{found.label} {text.number(1e3 * found.seconds, 2)}" if found else "-"
+def _fastest(contest: Contest | None) -> str:
+    return f"{contest.fastest.label} {in_units(contest.fastest.seconds)}" if contest and contest.fastest else "-"
 
 
 def _problem(record: Record, result: WorkPrecisionSet) -> list[str]:

@@ -1,16 +1,227 @@
-"""The report as one HTML file."""
+"""The page of a report: one HTML file with its charts, pictures and scripts, which needs no network."""
 
 from __future__ import annotations
 
-from .comparison import Comparison
-from .markdown import page
-from .record import Record
+import base64
+import json
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import text
+from ..article_runs import MeasuredTable
+from ..environment import in_words
+from ..matrix import IN_WORDS, Matrix, abbreviated, in_units, power, short, times
+from ..paper import render as article_table
+from ..paper import render_claims, render_footnotes, render_relative
+from ..reference import METRICS
+from ..rivals import RIVALS
+from ..styles import SHAPES, in_order, style_of
+from ..sweep import MODES, Point, WorkPrecisionSet
+from ..tolerances import TOLERANCES
+from .markdown import TITLES
+
+if TYPE_CHECKING:
+    from .comparison import Comparison
+    from .record import Record
+
+_HERE = Path(__file__).parent
+_START = 1e-6  # the accuracy that the slider shows first, if it was measured
+_KNOWN = ("eig3", "cd", "rk4", "scipy dop853", "heyoka")
+_DIGITS = 4  # of the numbers in charts
 
 
-def html(record: Record, comparison: Comparison | None) -> str:
-    """The whole page."""
+def html(record: Record, comparison: Comparison | None = None) -> str:
+    """The page of a record, with a comparison if there is one."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+    from vl_convert import javascript_bundle
+
+    environment = Environment(
+        loader=FileSystemLoader(_HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+    )
+    environment.filters |= {
+        "markdown": lambda source: Markup(_converted(source)),
+        "power": power,
+        "short_title": short,
+        "short": abbreviated,
+        "style": style_of,
+        "time": in_units,
+        "times": times,
+    }
+    results = record.results
+    modes = [mode for mode in MODES if any(mode in result.modes for result in results)]
+    metrics = [metric for metric in METRICS if any(metric in result.metrics for result in results)]
+    matrices = [Matrix.of(results, metric, mode) for metric in metrics for mode in modes]
+    targets = matrices[0].targets if matrices else []
+    sections = [Section(record, result, matrices) for result in results]
+    return environment.get_template("page.html").render(
+        record=record,
+        summary=_summary(results),
+        machine=in_words(record.environment),
+        comparison=comparison,
+        matrices=matrices,
+        targets=targets,
+        start=min(targets, key=lambda target: abs(target - _START), default=None),
+        metrics={metric: METRICS[metric] for metric in metrics},
+        modes=modes,
+        in_words=IN_WORDS,
+        problems=sections,
+        article=[(f"table{table.table.number}", table, article_table(table)) for table in record.article],
+        claims="\n\n".join(page(record.article) for page in (render_footnotes, render_relative, render_claims)),
+        titles=TITLES,
+        families=_families(results),
+        shapes=SHAPES,
+        css=Markup((_HERE / "page.css").read_text()),
+        script=Markup((_HERE / "page.js").read_text()),
+        charts=Markup(javascript_bundle().replace("</script", "<\\/script")),
+        data=Markup(_in_script(_data(sections, record.article))),
+    )
+
+
+class Section:
+    """What the page shows of one problem."""
+
+    def __init__(self, record: Record, result: WorkPrecisionSet, matrices: Sequence[Matrix]) -> None:
+        self.result = result
+        motion = record.motion(result.name)
+        self.motion = _data_url(motion) if motion else None
+        self.rows = {(m.metric, m.mode): row for m in matrices for row in m.rows if row.name == result.name}
+
+    def methods(self, metric: str, mode: str) -> list[tuple[str, str]]:
+        """The methods that reach an accuracy, in the order of legends."""
+        reached = {found.method for contest in self.rows[metric, mode].contests for found in contest.reached}
+        return [(method, self.result.methods[method]) for method in in_order(reached)]
+
+    def reached(self, metric: str, mode: str) -> list[dict[str, Any]]:
+        """For each accuracy, what reaches it by method."""
+        return [{found.method: found for found in contest.reached} for contest in self.rows[metric, mode].contests]
+
+    def leading(self) -> list[str]:
+        """The methods that a chart shows first: the fastest, those that follow, and those that everyone knows."""
+        held = [contest for row in self.rows.values() for contest in row.contests]
+        leaders = {one.method for c in held for one in (c.fastest, c.next_own, c.next_rival) if one}
+        return [method for method in self.result.methods if method in leaders or method in _KNOWN]
+
+    def unstable(self, mode: str) -> str:
+        """The methods and settings whose runs were unstable or useless, as a sentence."""
+        runs = [point for point in self.result.in_mode(mode).points if not point.stable]
+        by_label = groupby(sorted(runs, key=lambda point: point.label), key=lambda point: point.label)
+        found = [f"{label} at {', '.join(text.number(p.setting, 2) for p in points)}" for label, points in by_label]
+        return f"Unstable or useless runs: {'; '.join(found)}." if found else "No run was unstable."
+
+
+def _summary(results: Sequence[WorkPrecisionSet]) -> str:
+    methods, problems = dict(_families(results)), len(results)
+    rivals = sum(method in RIVALS for method in methods)
+    runs = sum(len(point.seconds) for result in results for point in result.points)
+    points = sum(bool(point.seconds) for result in results for point in result.points)
+    return (
+        f"{len(methods) - rivals} methods of eig3 and {rivals} rivals on {problems} problem{'s' * (problems != 1)}: "
+        f"{points:,} settings timed in {runs:,} interleaved runs, compiling left out; a time is the median of its runs."
+    )
+
+
+def _converted(source: str) -> str:
     from markdown import markdown
 
-    body = markdown(page(record, comparison), extensions=["tables", "sane_lists", "fenced_code"])
-    head = '<meta charset="utf-8"><title>eig3: what accuracy costs in time</title>'
-    return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
+    body = markdown(source, extensions=["tables", "sane_lists", "fenced_code"])
+    return body.replace("<table>", '<div class="scroll"><table>').replace("</table>", "</table></div>")
+
+
+def _data_url(path: Path) -> str:
+    return f"data:image/webp;base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+def _families(results: Sequence[WorkPrecisionSet]) -> list[tuple[str, str]]:
+    """Every method and rival of the results, in the order of legends."""
+    labels = {method: label for result in results for method, label in result.methods.items()}
+    return [(method, labels[method]) for method in in_order(labels)]
+
+
+def _in_script(data: Any) -> str:
+    return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _data(sections: Sequence[Section], article: Sequence[MeasuredTable]) -> dict[str, Any]:
+    """What the charts show. A point is a list in the order of the names in `columns`."""
+    labels = dict(_families([section.result for section in sections])) | {
+        cell.method: cell.label for table in article for cell in table.cells
+    }
+    return {
+        "shapes": SHAPES,
+        "columns": ["method", "mode", "setting", "steps", "evaluations", "seconds", "low", "high", "errors"],
+        "methods": {method: _described(method, label) for method, label in labels.items()},
+        "metrics": METRICS,
+        "charts": {
+            **{section.result.name: _chart_of_problem(section) for section in sections},
+            **{f"table{table.table.number}": _chart_of_table(table) for table in article},
+        },
+    }
+
+
+def _described(method: str, label: str) -> dict[str, Any]:
+    style = style_of(method)
+    kind = "rival" if method in RIVALS else "tolerances" if method in TOLERANCES else "steps"
+    filled = style.is_filled
+    return {
+        "label": label,
+        "color": style.color,
+        "shape": style.shape,
+        "sign": style.sign,
+        "kind": kind,
+        "filled": filled,
+    }
+
+
+def _chart_of_problem(section: Section) -> dict[str, Any]:
+    result = section.result
+    return {
+        "title": result.title,
+        "metrics": result.metrics,
+        "shown": section.leading(),
+        "points": [_row(point) for point in result.points if point.stable and point.seconds],
+    }
+
+
+def _row(point: Point) -> list[Any]:
+    errors = {metric: _short(error) for metric, error in point.errors.items()}
+    times = (point.time, min(point.seconds), max(point.seconds))
+    return [
+        point.method,
+        point.mode,
+        _short(point.setting),
+        point.n_steps,
+        point.evaluations,
+        *map(_short, times),
+        errors,
+    ]
+
+
+def _chart_of_table(table: MeasuredTable) -> dict[str, Any]:
+    """The chart of one of the article's tables. Its error is of the article's metric."""
+    points = [
+        [
+            cell.method,
+            "pointer",
+            cell.h,
+            cell.n_steps,
+            cell.n_rhs,
+            *map(_short, (cell.median, min(cell.seconds), max(cell.seconds))),
+            {"article": _short(cell.error)},
+        ]
+        for cell in table.cells
+        if 0 < cell.error < 1e3
+    ]
+    return {
+        "title": table.table.title,
+        "metrics": ["article"],
+        "error": table.table.metric,
+        "shown": list({cell.method: None for cell in table.cells}),
+        "points": points,
+    }
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")

@@ -1,4 +1,4 @@
-"""Integrate a problem of eig3.problems. Print its energy balance and cost; write its history and a picture."""
+"""Integrate a problem of eig3.problems. Print its energy balance and cost; write its history, a picture, a film."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     steps.add_argument("--rtol", type=float, help="the relative tolerance, such as 1e-6, instead of a step")
     add_method_and_end(parser, "eig3, or with --rtol rk8 or rk5")
     add_out(parser, "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv")
+    parser.add_argument("--animate", action="store_true", help="also write an animation, NAME.gif, to DIR or here")
+    parser.add_argument("--format", choices=("gif", "mp4", "html"), help="the format of the animation (default: gif)")
     parser.set_defaults(run=run)
 
 
@@ -27,9 +29,11 @@ def run(options: argparse.Namespace) -> int:
     from ..run import run
 
     build = builder(options.problem, "run")
+    if options.format and not options.animate:
+        raise SystemExit("eig3 run: --format is the format of an animation: give --animate too.")
     try:
         given = {name: getattr(options, name) for name in ("h", "rtol", "method", "t_end", "out")}
-        solution = run(build, **given)
-    except (TypeError, ValueError) as error:
+        solution = run(build, **given, animate=(options.format or "gif") if options.animate else None)
+    except (ImportError, TypeError, ValueError) as error:
         raise SystemExit(f"eig3 run: {error}") from None
     return 0 if solution.success else 1

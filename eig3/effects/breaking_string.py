@@ -37,6 +37,7 @@ class BreakingString(Link):
     nonnegative = ("stiffness", "length", "strength")
     crossing = 1
     source = "Hooke, up to a strength"
+    picture = "string"
 
     def check_points(self, masses, positions, columns):
         super().check_points(masses, positions, columns)

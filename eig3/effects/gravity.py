@@ -23,6 +23,7 @@ class Gravity(Body):
 
     vectors = ("field",)
     source = "Newton"
+    picture = "weight"
 
     @staticmethod
     @callable_element

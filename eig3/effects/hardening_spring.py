@@ -33,6 +33,7 @@ class HardeningSpring(Link):
 
     nonnegative = ("S1", "length")
     source = "EIG-3 article, section 4.2"
+    picture = "spring"
 
     @staticmethod
     @callable_element

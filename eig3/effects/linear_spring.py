@@ -53,6 +53,7 @@ class LinearSpring(Link):
 
     nonnegative = ("stiffness", "length")
     source = "Hooke"
+    picture = "spring"
 
     @property
     def tension(self):

@@ -79,6 +79,7 @@ class PlaneContact(Body):
     vectors = ("normal",)
     nonnegative = ("stiffness", "damping", "friction")
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
+    picture = "plane"
 
     def __post_init__(self) -> None:
         super().__post_init__()

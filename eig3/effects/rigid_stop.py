@@ -46,6 +46,7 @@ class RigidStop(Body):
     nonnegative = ("restitution",)
     crossing = -1
     source = "Newton's law of restitution"
+    picture = "plane"
 
     def __post_init__(self) -> None:
         super().__post_init__()

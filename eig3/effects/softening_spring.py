@@ -35,6 +35,7 @@ class SofteningSpring(Link):
 
     nonnegative = ("S", "length")
     source = "EIG-3 article, section 4.3, after Xie"
+    picture = "spring"
 
     def __post_init__(self) -> None:
         super().__post_init__()

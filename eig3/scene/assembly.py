@@ -202,7 +202,7 @@ def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> As
     """
     if not (cloud.masses > 0).any():
         raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
-    placements, events, states = _numbered(cloud, placements)
+    placements, events, states = numbered(cloud, placements)
     motions, moves = _motions(cloud, placements)
     bodies = _fused(_body_groups(cloud, placements))
     links = _fused(_link_groups(cloud, placements, moves))
@@ -210,10 +210,10 @@ def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> As
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
-def _numbered(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Placement], list[str], list[str]]:
+def numbered(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Placement], list[str], list[str]]:
     """Give numbers to the events and states of all members, as columns; return their names too."""
     count, dimension = int(np.count_nonzero(cloud.masses)), cloud.positions.shape[1]
-    numbered: list[Placement] = []
+    found: list[Placement] = []
     events: list[str] = []
     states: list[str] = []
     counts: Counter[str] = Counter()
@@ -231,13 +231,13 @@ def _numbered(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Place
             if "state_after" in functions:
                 columns[STATE] = len(states) + np.arange(size)
                 states += names
-        numbered.append((effect, numbers, columns))
-    return numbered, events, states
+        found.append((effect, numbers, columns))
+    return found, events, states
 
 
 def count_states(cloud: Cloud, placements: Sequence[Placement]) -> int:
     """Return the number of states of a scene."""
-    return len(_numbered(cloud, placements)[2])
+    return len(numbered(cloud, placements)[2])
 
 
 @dataclass(frozen=True, eq=False)

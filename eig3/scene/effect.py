@@ -66,6 +66,10 @@ class Effect:
         only, 0 both.
     source : str
         Where the formula comes from.
+    picture : str
+        What animations draw: of a `Link` a "line", a "spring", a "string" whose state tells that it has broken, or
+        nothing for ""; of a `Body` a "plane" with the fields normal and offset, or nothing. "weight" draws scenes of
+        one dimension upright.
     """
 
     dimensions: ClassVar[tuple[int, ...]] = (1, 2, 3)
@@ -74,6 +78,7 @@ class Effect:
     nonnegative: ClassVar[tuple[str, ...]] = ()
     crossing: ClassVar[int] = 0
     source: ClassVar[str] = ""
+    picture: ClassVar[str] = ""
 
     offers: ClassVar[
         dict[str, tuple[str, ...]]
@@ -370,6 +375,7 @@ class Link(Effect):
     }
     needs: ClassVar[tuple[str, ...]] = ("tension", "density", "event")
     takes: ClassVar[tuple[int, ...]] = (2,)
+    picture: ClassVar[str] = "line"
 
     def check_points(
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]

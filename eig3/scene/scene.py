@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from ..checks import check_span, reals
 from ..problem import Problem
 from . import codegen
-from .assembly import Cloud, Placement, assemble, count_states, note, sources
+from .assembly import Cloud, Placement, assemble, count_states, note, numbered, sources
 from .effect import Effect
+from .picture import mechanism
 
 __all__ = ["Points", "Scene"]
 
@@ -231,6 +232,7 @@ class Scene:
             units=("m",) * assembly.coordinates + ("-",) * len(assembly.states) if assembly.states else "m",
             integrals=("work",) if assembly.follows_work else (),
             events=events,
+            view=mechanism(cloud, numbered(cloud, self._placements)[0]),
         )
 
     def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:

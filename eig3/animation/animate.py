@@ -1,0 +1,95 @@
+"""Draw a film frame by frame, with the time in it, and write it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import drawing
+from ..solution import Solution
+from .film import RATE, Film
+from .writers import WRITERS, check_writer
+
+#: Draws what stays on a matplotlib figure and returns a function that moves the drawing to frame i of the film.
+View = Callable[[Any, Film], Callable[[int], None]]
+
+_SIZE = 4.8, 3.6  # inches
+_DPI = 100
+
+
+def animate(view: View, solution: Solution, path: str | PathLike[str], *, has_seconds: bool = True) -> Path:
+    """Write an animation of a run, as `Problem.animate` describes it.
+
+    Parameters
+    ----------
+    view : callable
+    solution : Solution
+    path : str or path
+    has_seconds : bool
+        Whether the time is in seconds; if not, it has no unit.
+    """
+    path = Path(path)
+    kind = path.suffix[1:].lower()
+    if kind not in WRITERS:
+        raise ValueError(f"path must end with {' or '.join('.' + name for name in WRITERS)}, not {path.name!r}.")
+    check_writer(kind)
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+    film = Film.of(drawing.before_growth(solution), has_seconds=has_seconds)
+    with mpl.rc_context({"font.size": 9, "axes.titlesize": 9}):
+        figure = Figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        show = stage(figure, view, film, solution)
+        canvas.draw()
+        figure.set_layout_engine("none")  # the layout of the first frame is that of all others
+
+        def frame(i: int) -> Any:
+            show(i)
+            canvas.draw()
+            return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+
+        WRITERS[kind](path, frame, len(film.t), RATE)
+    return path
+
+
+def stage(figure: Any, view: View, film: Film, solution: Solution) -> Callable[[int], None]:
+    """Draw the first frame of a film of `solution` with its captions; return the function that shows frame i."""
+    move = view(figure, film)
+    scale, unit = film.clock
+    digits = max(0, int(np.ceil(-np.log10((film.t[1] - film.t[0]) / scale))))
+    left, right = {"x": 0.02, "ha": "left"}, {"x": 0.98, "ha": "right"}
+    lines = captions(film, solution)
+    # An empty title keeps the place for the captions in the layout.
+    figure.suptitle(" \n" * (len(lines) - 1) + " ", fontsize=10)
+    clock = figure.text(**left, y=0.985, s="", va="top", fontsize=11)
+    figure.text(**right, y=0.985, s="\n".join(lines), va="top", color="0.35" if solution.success else "C3")
+
+    def show(i: int) -> None:
+        move(i)
+        clock.set_text(f"t = {film.t[i] / scale:.{digits}f} {unit}".rstrip())
+
+    show(0)
+    return show
+
+
+def captions(film: Film, solution: Solution) -> list[str]:
+    """Say how fast the film is, and which part of the run it shows if not all of it."""
+    (scale, unit), factor = film.clock, film.speed
+    if not unit:
+        lines = [f"{factor:g} units of time a second"]
+    elif factor == 1:
+        lines = ["real time"]
+    else:
+        lines = [f"sped up {factor:g} times" if factor > 1 else f"slowed {1 / factor:g} times"]
+    if not solution.success:
+        lines.append(f"{solution.status.value}, shown up to t = {film.t[-1] / scale:.3g} {unit}".rstrip())
+    elif film.t[-1] < solution.t[-1]:
+        lines.append(f"the first {(film.t[-1] - film.t[0]) / scale:.3g} {unit}".rstrip())
+    return lines

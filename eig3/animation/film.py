@@ -1,0 +1,125 @@
+"""Which part of a run a film shows, how fast, and the states in its frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..solution import Solution
+
+RATE = 20  # frames a second
+_SECONDS = 8.0  # about the duration of a film
+_REAL_TIME = 6.0, 10.0  # motions of this duration, s, are shown in real time
+_PERIODS = 2.0, 16.0  # the fewest and the most that are shown of a motion with more of them
+_FACTORS = 1, 1.5, 2, 3, 4, 5, 6, 8, 10  # times powers of ten: how much faster or slower than the motion a film is
+_UNITS = (1e-6, "µs"), (1e-3, "ms"), (1.0, "s")
+_PATH, _MOST = 10, 20_000  # least number of points on a path between two frames; most saved states on a path
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """The states that an animation shows.
+
+    Attributes
+    ----------
+    solution : Solution
+        The part of the run that is shown.
+    speed : float
+        Seconds of the motion in a second of the film.
+    t : ndarray, shape (frames,)
+        The time of each frame.
+    u, v : ndarray, shape (frames,) or (frames, n)
+        The state in each frame, as ``solution.at`` interpolates it.
+    clock : (float, str)
+        The time in seconds of the unit in which the film shows the time, and this unit; "" for a time without unit.
+    """
+
+    solution: Solution
+    speed: float
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    clock: tuple[float, str] = (1.0, "s")
+
+    @classmethod
+    def of(cls, solution: Solution, *, has_seconds: bool = True) -> Film:
+        """Choose what to show of a run: all of it, or the first periods of a run with very many.
+
+        `has_seconds` says whether the time has a unit.
+
+        Raises
+        ------
+        ValueError
+            If the motion cannot be read from the saved states.
+        """
+        if len(solution.t) < 2 or not is_resolved(solution):
+            raise ValueError(
+                "solution must have states closer together to be animated, because the motion between two of them is "
+                "longer than its whole range: integrate with a smaller save_every, or to an earlier t_end."
+            )
+        start, end = solution.t[0], solution.t[-1]
+        end = min(end, start + shown_duration(end - start, excursions(solution)))
+        speed = film_speed(end - start)
+        t = np.linspace(start, end, 1 + round((end - start) / speed * RATE))
+        count = np.searchsorted(solution.t, end) + 1
+        rows = {name: getattr(solution, name)[:count] for name in ("t", "u", "v")}
+        units = [(scale, unit) for scale, unit in _UNITS if end - start < 500 * scale] or [_UNITS[-1]]
+        return cls(replace(solution, **rows), speed, t, *solution.at(t), units[0] if has_seconds else (1.0, ""))
+
+    @cached_property
+    def path(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times and displacements that are close enough together for a smooth curve; those of the frames are in it."""
+        saved = self.solution.t[self.solution.t <= self.t[-1]]
+        saved = saved[:: 1 + len(saved) // _MOST]
+        between = np.linspace(self.t[0], self.t[-1], _PATH * (len(self.t) - 1) + 1)
+        t = np.unique(np.concatenate([saved, between, self.t]))
+        return t, self.solution.at(t)[0]
+
+    def rows(self, i: int, seconds: float = math.inf) -> slice:
+        """Return the rows of `path` up to frame i, from that many seconds of the film before it on."""
+        first, last = self.t[i] - seconds * self.speed, self.t[i]
+        begin, end = np.searchsorted(self.path[0], [first, last])
+        return slice(begin, end + 1)
+
+
+def shown_duration(duration: float, periods: float) -> float:
+    """Return how much is shown of a motion with so many periods: 8 s if they hold 2 to 16 periods, or at most 16."""
+    least, most = _PERIODS
+    if periods <= most:
+        return duration
+    period = duration / periods
+    return _SECONDS if least * period <= _SECONDS <= most * period else most * period
+
+
+def film_speed(duration: float) -> float:
+    """Return the speed of a film, in seconds of the motion a second, so that it lasts 6 to 10 s.
+
+    Motions of this duration are shown in real time; the speed of others is a round factor.
+    """
+    if _REAL_TIME[0] <= duration <= _REAL_TIME[1]:
+        return 1.0
+    speed = duration / _SECONDS
+    slower = speed < 1
+    factor = 1 / speed if slower else speed
+    power = 10.0 ** math.floor(math.log10(factor))
+    factor = power * min(_FACTORS, key=lambda x: abs(math.log(x * power / factor)))
+    return 1 / factor if slower else factor
+
+
+def excursions(solution: Solution) -> float:
+    """Return the number of periods: how often the motion goes through its range and back."""
+    u = solution.u.reshape(len(solution.t), -1)
+    size = np.linalg.norm(np.ptp(u, axis=0))
+    return float(np.linalg.norm(np.diff(u, axis=0), axis=1).sum() / (2 * size)) if size > 0 else 0.0
+
+
+def is_resolved(solution: Solution) -> bool:
+    """Return whether the motion between two saved states is mostly shorter than its whole range, or the run failed."""
+    if not solution.success:
+        return True
+    u, v = (x.reshape(len(solution.t), -1) for x in (solution.u, solution.v))
+    way = np.linalg.norm(v[:-1], axis=1) * np.diff(solution.t)
+    return bool(np.median(way) <= np.linalg.norm(np.ptp(u, axis=0)))

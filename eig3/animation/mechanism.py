@@ -1,0 +1,254 @@
+"""A view of points, the links between them, supports and planes, in the plane and in space, true to scale."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from .film import Film
+from .shapes import coils
+
+_COILS = 40  # more springs than this are drawn as lines
+_MARGIN = 0.08  # around the motion, as a part of its size
+_SHAPE = 1.35  # width of the axes as a part of their height
+_LEAST = 0.5  # least side of the box in space as a part of its longest side
+_TRAIL = 0.7  # seconds of the film
+_SIZES = (30, 7.0), (300, 3.0)  # up to this number of points: size of the dots
+
+
+def in_plane(t: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Return the places of a point whose coordinates in a plane are u, for `Mechanism`."""
+    return u[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Magnified:
+    """Places with magnified displacements: ``places(t, u)``.
+
+    Attributes
+    ----------
+    places : callable
+        The places to scale.
+    factor : float
+    start : ndarray, shape (points, 2 or 3)
+        The places from which the displacements are measured.
+    """
+
+    places: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    factor: float
+    start: np.ndarray
+
+    def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return self.start + self.factor * (self.places(t, u) - self.start)
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """Points that move, links between them, supports and planes.
+
+    Attributes
+    ----------
+    places : callable
+        ``places(t, u)`` returns the places of all points at the times t, shape (m,), for the displacements u, shape
+        (m, n): an array of shape (m, points, 2) or (m, points, 3), m.
+    links : sequence of (int, int)
+        The numbers of the points at the ends of each link.
+    springs : sequence of int
+        The numbers of the links that are drawn as springs.
+    strings : dict of int to int
+        For the number of a link that can break, the degree of freedom that is then no longer 0.
+    fixed : sequence of int
+        The numbers of the points that are supports.
+    planes : sequence of (normal, offset)
+        Planes normal . x = offset, whose normal points to the free side.
+    trails : sequence of int
+        The numbers of the points that leave a trail.
+    marks : sequence of (place, style, size, name)
+        Marks that stay, such as the sun. Their style is matplotlib's short form of it, such as "C1o".
+    labels : tuple of str
+        Labels of the axes; an axis without a label has no scale.
+    note : str
+        A line below the picture, such as how much the displacements are magnified.
+    """
+
+    places: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    links: Any = ()
+    springs: Any = ()
+    strings: Any = ()
+    fixed: Any = ()
+    planes: Any = ()
+    trails: Any = ()
+    marks: Any = ()
+    labels: tuple[str, ...] = ("x (m)", "y (m)", "z (m)")
+    note: str = ""
+
+    def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
+        x = self.places(film.t, film.u.reshape(len(film.t), -1))
+        low, high = self._box(x, film)
+        axes = _axes_of(figure, low, high, self.labels, self.note)
+        draw = _Space(axes) if x.shape[2] == 3 else _Plane(axes)
+        for normal, offset in self.planes:
+            draw.plane(np.asarray(normal, dtype=float), float(offset), low, high)
+        for place, style, width, name in self.marks:
+            axes.plot(*np.reshape(place, (-1, 1)), style, markersize=width)
+            axes.text(*place, f"\n{name}", ha="center", va="top", linespacing=0.8)
+        movers = [*self._trails(draw, film), *self._links(draw, x, film, high - low)]
+        is_fixed = np.isin(np.arange(x.shape[1]), self.fixed)
+        size = next((size for most, size in _SIZES if x.shape[1] <= most), 1.5)
+        for some, style in ((is_fixed, {"color": "k", "marker": "^"}), (~is_fixed, {"color": "C0", "marker": "o"})):
+            if some.any():
+                dots = draw.line(linestyle="none", markersize=size, zorder=3, **style)
+                movers.append(partial(_move_points, draw, dots, x[:, some]))
+
+        def show(i: int) -> None:
+            for move in movers:
+                move(i)
+
+        return show
+
+    def _box(self, x: np.ndarray, film: Film) -> tuple[np.ndarray, np.ndarray]:
+        """Return the two corners of a box that holds the whole motion."""
+        if len(self.trails):
+            t, u = film.path
+            x = self.places(t, u.reshape(len(t), -1))
+        shown = np.concatenate([x.reshape(-1, x.shape[2]), *([place] for place, *_ in self.marks)])
+        low, high = shown.min(axis=0), shown.max(axis=0)
+        margin = _MARGIN * ((high - low).max() or 1.0)
+        low, high = low - margin, high + margin
+        if low.size == 2:
+            return low, high
+        middle, half = (low + high) / 2, np.maximum(high - low, _LEAST * (high - low).max()) / 2
+        return middle - half, middle + half
+
+    def _trails(self, draw: Any, film: Film) -> list[Callable[[int], None]]:
+        if not len(self.trails):
+            return []
+        t, u = film.path
+        x = self.places(t, u.reshape(len(t), -1))
+        movers: list[Callable[[int], None]] = []
+        for k, point in enumerate(self.trails):
+            for seconds, style in ((np.inf, {"linewidth": 0.5, "alpha": 0.4}), (_TRAIL, {"linewidth": 1.4})):
+                line = draw.line(color=f"C{k}", **style)
+                movers.append(partial(_move_trail, draw, line, x[:, point], film, seconds))
+        return movers
+
+    def _links(self, draw: Any, x: np.ndarray, film: Film, size: np.ndarray) -> list[Callable[[int], None]]:
+        links = np.asarray(self.links, dtype=int).reshape(-1, 2)
+        is_spring = np.isin(np.arange(len(links)), self.springs) & (len(self.springs) <= _COILS) & (x.shape[2] == 2)
+        movers: list[Callable[[int], None]] = []
+        for some, shape in ((~is_spring, None), (is_spring, partial(coils, width=0.05 * size.max()))):
+            numbers = np.flatnonzero(some)
+            if numbers.size:
+                lines = draw.lines(color="0.35", linewidth=1.2 if len(links) <= _SIZES[1][0] else 0.4)
+                shown = self._whole(numbers, film)
+                movers.append(partial(_move_links, draw, lines, x, links[numbers], shown, shape))
+        return movers
+
+    def _whole(self, numbers: np.ndarray, film: Film) -> np.ndarray:
+        """Return in which frames each link is not broken, shape (frames, links)."""
+        shown = np.ones((len(film.t), numbers.size), dtype=bool)
+        for k, number in enumerate(numbers.tolist()):
+            if number in dict(self.strings):
+                shown[:, k] = film.u[:, dict(self.strings)[number]] == 0
+        return shown
+
+
+def _move_points(draw: Any, dots: Any, x: np.ndarray, i: int) -> None:
+    draw.move(dots, x[i])
+
+
+def _move_trail(draw: Any, line: Any, x: np.ndarray, film: Film, seconds: float, i: int) -> None:
+    draw.move(line, x[film.rows(i, seconds)])
+
+
+def _move_links(draw: Any, lines: Any, x: np.ndarray, links: np.ndarray, shown: np.ndarray, shape: Any, i: int) -> None:
+    a, b = (x[i, links[shown[i], end]] for end in (0, 1))
+    lines.set_segments(np.stack([a, b], axis=1) if shape is None else shape(a, b))
+
+
+def _axes_of(figure: Any, low: np.ndarray, high: np.ndarray, labels: tuple[str, ...], note: str) -> Any:
+    """Add axes with one scale for all directions and limits that hold the box."""
+    if low.size == 2:
+        axes = figure.add_subplot()
+        width, height = high - low
+        spare = np.maximum(0, [_SHAPE * height - width, width / _SHAPE - height]) / 2  # fills the picture
+        axes.set(xlim=(low[0] - spare[0], high[0] + spare[0]), ylim=(low[1] - spare[1], high[1] + spare[1]))
+        axes.set_aspect("equal")
+    else:
+        axes = figure.add_subplot(projection="3d")
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+        axes.set_box_aspect(high - low, zoom=0.95)
+    axes.autoscale(False)
+    for direction, label in zip("xyz"[: low.size], labels, strict=False):
+        axis = getattr(axes, f"{direction}axis")
+        axis.set_label_text(label)
+        axes.locator_params(axis=direction, nbins=5 if low.size == 2 else 3)
+        if not label:
+            axis.set_ticks([])
+    if note:
+        figure.supxlabel(note, fontsize="medium", color="0.35")
+    return axes
+
+
+class _Plane:
+    """Draws in two dimensions."""
+
+    def __init__(self, axes: Any) -> None:
+        self.axes = axes
+
+    def line(self, **style: Any) -> Any:
+        return self.axes.plot([], [], **style)[0]
+
+    def move(self, line: Any, x: np.ndarray) -> None:
+        line.set_data(*x.T)
+
+    def lines(self, **style: Any) -> Any:
+        from matplotlib.collections import LineCollection
+
+        return self.axes.add_collection(LineCollection([], zorder=2, **style), autolim=False)
+
+    def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
+        """Fill the side that is not free, far beyond the limits of the axes."""
+        middle = (low + high) / 2
+        foot = middle + (offset - normal @ middle) * normal
+        along, far = np.array([-normal[1], normal[0]]), 10 * (high - low).max()
+        ends = foot - far * along, foot + far * along
+        self.axes.fill(*np.array([*ends, ends[1] - far * normal, ends[0] - far * normal]).T, color="0.88", zorder=0)
+        self.axes.plot(*np.array(ends).T, color="0.35", linewidth=1, zorder=1)
+
+
+class _Space:
+    """Draws in three dimensions."""
+
+    def __init__(self, axes: Any) -> None:
+        self.axes = axes
+
+    def line(self, **style: Any) -> Any:
+        return self.axes.plot([], [], [], **style)[0]
+
+    def move(self, line: Any, x: np.ndarray) -> None:
+        line.set_data_3d(*x.T)
+
+    def lines(self, **style: Any) -> Any:
+        from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+        return self.axes.add_collection3d(Line3DCollection(np.zeros((1, 2, 3)), **style))
+
+    def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
+        """Draw the part of the plane inside the box."""
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(8, 3)
+        above = corners @ normal - offset
+        edges = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit and above[i] * above[i | bit] < 0]
+        if not edges:
+            return
+        cuts = np.array([(corners[i] * above[j] - corners[j] * above[i]) / (above[j] - above[i]) for i, j in edges])
+        first = cuts[0] - cuts.mean(axis=0)
+        around = np.arctan2((cuts - cuts.mean(axis=0)) @ np.cross(normal, first), (cuts - cuts.mean(axis=0)) @ first)
+        patch = Poly3DCollection([cuts[np.argsort(around)]], facecolor="0.8", alpha=0.5)
+        self.axes.add_collection3d(patch)

@@ -1,0 +1,130 @@
+"""Write the frames of a film into a file: GIF, MP4 or a page of HTML."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+#: Returns frame i as an image of Pillow.
+Frame = Callable[[int], Any]
+
+_COLORS = 31  # of a palette; one more marks the pixels that do not change
+_PAPER = 248  # a colour of a palette with no component below this is white
+_NO_FFMPEG = "mp4 needs ffmpeg, which was not found: pip install imageio-ffmpeg, or choose gif or html."
+
+
+def write_gif(path: Path, frame: Frame, count: int, rate: float) -> None:
+    """Write a GIF with one palette for all frames; each frame holds only what has changed."""
+    first, *others = palette_frames(frame, count)
+    whole = io.BytesIO()
+    options = {"duration": round(1000 / rate), "loop": 0, "optimize": True, "disposal": 1}
+    first.save(whole, "GIF", save_all=True, append_images=others, **options)
+    path.write_bytes(whole.getvalue())
+
+
+def write_mp4(path: Path, frame: Frame, count: int, rate: float) -> None:
+    """Send the frames to ffmpeg, one by one.
+
+    Raises
+    ------
+    ImportError
+        If there is no ffmpeg.
+    OSError
+        If ffmpeg cannot write the file.
+    """
+    program = ffmpeg()
+    width, height = frame(0).size
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate}", "-i", "-"]
+    target = ["-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
+    command = [program, "-y", "-loglevel", "error", *source, *target]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        try:
+            assert process.stdin is not None
+            for i in range(count):
+                process.stdin.write(frame(i).tobytes())
+        except BrokenPipeError:  # ffmpeg says why below
+            pass
+        message = process.communicate()[1]
+    if process.returncode:
+        raise OSError(f"ffmpeg could not write {path.name}: {message.decode(errors='replace').strip()}")
+
+
+def ffmpeg() -> str:
+    """Return the path of ffmpeg: the program that is installed, or that of the package imageio-ffmpeg."""
+    found = shutil.which("ffmpeg")
+    if found:
+        return found
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise ImportError(_NO_FFMPEG) from None
+    return imageio_ffmpeg.get_ffmpeg_exe()
+
+
+def write_html(path: Path, frame: Frame, count: int, rate: float) -> None:
+    """Write a page that contains its frames and needs no network, with a button and a slider."""
+    images = []
+    for image in palette_frames(frame, count):
+        png = io.BytesIO()
+        image.save(png, "PNG", optimize=True)
+        images.append(base64.b64encode(png.getvalue()).decode())
+    page = _PAGE.replace("TITLE", path.stem).replace("RATE", f"{rate:g}").replace("LAST", f"{count - 1}")
+    path.write_text(page.replace("FRAMES", json.dumps(images)), encoding="utf-8")
+
+
+def palette_frames(frame: Frame, count: int) -> Iterator[Any]:
+    """Yield the frames, all with the palette of a few of them."""
+    from PIL import Image
+
+    some = [frame(i) for i in sorted({0, count // 3, 2 * count // 3, count - 1})]
+    width, height = some[0].size
+    strip = Image.new("RGB", (width, height * len(some)))
+    for k, image in enumerate(some):
+        strip.paste(image, (0, k * height))
+    palette = strip.quantize(_COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
+    colors = np.reshape(palette.getpalette(), (-1, 3))
+    colors[(colors >= _PAPER).all(axis=1)] = 255
+    palette.putpalette(colors.ravel().tolist())
+    for i in range(count):
+        yield frame(i).quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def check_writer(kind: str) -> None:
+    """Raise an ImportError if something is not installed that a film in the format `kind` needs."""
+    if not all(find_spec(name) for name in ("matplotlib", "PIL")):
+        raise ImportError("an animation needs matplotlib: pip install 'eig3[plot]'.")
+    if kind == "mp4":
+        ffmpeg()
+
+
+WRITERS = {"gif": write_gif, "mp4": write_mp4, "html": write_html}
+
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>TITLE</title>
+<style>
+body { font: 1rem sans-serif; margin: 1rem auto; max-width: 45rem; padding: 0 .5rem }
+img { display: block; width: 100%; image-rendering: auto }
+div { display: flex; gap: .5rem } button { min-width: 4.5rem } input { flex: 1 }
+</style></head><body>
+<img alt="TITLE"><div><button>Pause</button><input type="range" min="0" max="LAST" value="0" aria-label="frame"></div>
+<script>
+const frames = FRAMES;
+const [image, button, slider] = ["img", "button", "input"].map(name => document.querySelector(name));
+let playing = true;
+function show(i) { slider.value = i; image.src = "data:image/png;base64," + frames[i]; }
+function play(yes) { playing = yes; button.textContent = yes ? "Pause" : "Play"; }
+button.onclick = () => play(!playing);
+slider.oninput = () => { play(false); show(slider.valueAsNumber); };
+setInterval(() => { if (playing) show((slider.valueAsNumber + 1) % frames.length); }, 1000 / RATE);
+show(0);
+</script></body></html>
+"""

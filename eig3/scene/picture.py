@@ -1,0 +1,117 @@
+"""What an animation of a scene shows: its points, links, supports and planes, as they were described."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..animation import Mechanism
+from .assembly import STATE, Cloud, Placement
+from .effect import Body, Link, Motion, arguments
+
+_TRAILS = 3  # masses of a scene with trails, at most
+_PLANES = 20  # planes of effects that are drawn, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """The places of all points of a scene: ``places(t, u)``.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (points, dimension)
+        At the start.
+    free : ndarray of int, shape (points,)
+        The index of each point among the masses; -1 for fixed points.
+    upright : bool
+        Whether a scene of one dimension is drawn from the bottom to the top, not from left to right.
+    moves : list of (function, arguments, direction, points)
+        The motions of supports: ``function(t, *arguments)`` returns the displacement along the direction, and its rate.
+    """
+
+    positions: np.ndarray
+    free: np.ndarray
+    upright: bool = False
+    moves: list[tuple[Any, tuple, np.ndarray, np.ndarray]] = field(default_factory=list)
+
+    def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
+        dimension = self.positions.shape[1]
+        x = np.tile(self.positions, (len(t), 1, 1))
+        is_mass = self.free >= 0
+        x[:, is_mass] = u[:, self.free[is_mass, None] + np.count_nonzero(is_mass) * np.arange(dimension)]
+        for function, given, direction, some in self.moves:
+            way = np.array([function(float(time), *given)[0] for time in t])
+            x[:, some] += way[:, None, None] * direction
+        if dimension > 1:
+            return x
+        across = np.zeros_like(x)
+        return np.concatenate([across, x] if self.upright else [x, across], axis=2)
+
+
+def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
+    """Return the view of a scene.
+
+    Parameters
+    ----------
+    cloud : Cloud
+    placements : sequence of Placement
+        Effects whose columns contain the numbers of their states, and all of which have columns.
+    """
+    dimension = cloud.positions.shape[1]
+    upright = dimension == 1 and any(effect.picture == "weight" for effect, _, _ in placements)
+    links: dict[tuple[int, int], str] = {}
+    strings: dict[tuple[int, int], int] = {}
+    first_state = dimension * np.count_nonzero(cloud.masses)
+    for effect, numbers, columns in placements:
+        if isinstance(effect, Link) and effect.picture:
+            for k, ends in enumerate(zip(*(x.tolist() for x in numbers), strict=True)):
+                if links.get(ends) != "spring":
+                    links[ends] = effect.picture
+                if effect.picture == "string":
+                    strings[ends] = first_state + int((columns or {})[STATE][k])
+    order = list(links)
+    masses = np.flatnonzero(cloud.free >= 0)
+    return Mechanism(
+        places=Places(cloud.positions, cloud.free, upright, _moves(placements)),
+        links=np.array(order, dtype=int).reshape(-1, 2),
+        springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
+        strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
+        fixed=np.flatnonzero(cloud.free < 0),
+        trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
+        planes=_planes(placements, dimension, upright),
+        labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
+    )
+
+
+def _moves(placements: Sequence[Placement]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
+    moves = []
+    for effect, numbers, columns in placements:
+        if isinstance(effect, Motion) and columns is not None:
+            function = effect.functions()["motion"]
+            given = tuple(_argument(effect, name, columns[name]) for name in arguments(function) if name != "t")
+            moves.append((function, given, columns["direction"][0], numbers[0]))
+    return moves
+
+
+def _argument(effect: Motion, name: str, column: np.ndarray) -> Any:
+    """Return a parameter in the form that a motion takes: an array, a tuple for a vector, or a number."""
+    if name in effect.arrays:
+        values = np.array(column)
+        values.flags.writeable = False
+        return values
+    return tuple(column[0].tolist()) if name in effect.vectors else float(column[0])
+
+
+def _planes(placements: Sequence[Placement], dimension: int, upright: bool) -> list[tuple[tuple, float]]:
+    """Return the different planes of effects, in the dimensions of the picture."""
+    planes: dict[tuple[tuple, float], None] = {}
+    for effect, _, columns in placements:
+        if isinstance(effect, Body) and effect.picture == "plane" and columns is not None:
+            for normal, offset in zip(columns["normal"], columns["offset"], strict=True):
+                across = () if dimension > 1 else (0.0,)
+                along = tuple(normal.tolist())
+                planes[(*across, *along) if upright else (*along, *across), float(offset)] = None
+    return list(planes)[:_PLANES]

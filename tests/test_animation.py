@@ -1,0 +1,442 @@
+"""Animations: the states in the frames, what is drawn of them, and the files."""
+
+import pickle
+import shutil
+import sys
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import art3d
+from PIL import Image
+
+import eig3
+from eig3 import problems
+from eig3.animation import Curves, Film, Mechanism, Portrait
+from eig3.animation import film as film_module
+from eig3.animation import writers as writers_module
+from eig3.animation.animate import stage
+from eig3.animation.film import RATE, excursions, film_speed, is_resolved, shown_duration
+from eig3.cli import main
+from eig3.drawing import before_growth
+from eig3.effects import (
+    BreakingString,
+    Gravity,
+    LinearSpring,
+    MassContact,
+    PlaneContact,
+    RigidStop,
+    SampledMotion,
+    SupportMotion,
+)
+from eig3.run import _resolved, _steps
+from eig3.scene import Scene
+
+
+def staged(problem, solution):
+    """Return the figure of an animation, the function that shows a frame, and the film."""
+    figure = Figure(figsize=(4.8, 3.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    film = Film.of(before_growth(solution), has_seconds=problem.energy_unit != "-")
+    return figure, stage(figure, problem.view or Curves(problem.labels), film, solution), film
+
+
+def dots(axes, marker):
+    """Return the places of the points of a mechanism that have this marker."""
+    (line,) = [line for line in axes.lines if line.get_marker() == marker and line.get_linestyle() == "None"]
+    return np.column_stack(line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data())
+
+
+def texts(figure):
+    return [text.get_text() for text in figure.texts]
+
+
+@eig3.jit
+def sway(t):
+    return 0.3 * np.sin(2 * t), 0.6 * np.cos(2 * t)
+
+
+def swing(t_end=2.0):
+    """A mass on a spring below a support that moves, above a floor."""
+    scene = Scene(dimension=2)
+    support, mass = scene.fixed((1.0, 2.0)), scene.mass(1.0, (1.3, 1.0))
+    scene.add(LinearSpring(100.0, length=0.8), support, mass)
+    scene.add(Gravity((0.0, -9.81)))
+    scene.add(PlaneContact(1e5, normal=(0.0, 1.0), offset=0.5), mass)
+    scene.add(SupportMotion(sway, (1.0, 0.0)), support)
+    return scene.problem((0.0, t_end)), mass
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    problem, mass = swing()
+    return problem, mass, problem.integrate(h=1e-3, save_every=10)
+
+
+@pytest.fixture(scope="module")
+def any_run():
+    return problems.single_dof(t_end=1.0).integrate(h=0.1)
+
+
+def made_up(run, t, u):
+    """Return a run with these states, so that no right-hand side needs to be compiled."""
+    return replace(run, t=t, u=u, v=np.gradient(u, t, axis=0), _accelerations=None)
+
+
+def test_a_film_has_twenty_frames_a_second_and_lasts_six_to_ten_seconds():
+    for duration in np.geomspace(1e-6, 1e6, 400):
+        seconds = duration / film_speed(duration)
+        assert 6 <= seconds <= 10
+    assert [film_speed(t) for t in (6.0, 10.0, 80.0, 0.8)] == [1.0, 1.0, 10.0, 0.1]
+
+
+def test_of_a_motion_with_many_periods_the_first_are_shown():
+    assert shown_duration(20.0, 10.0) == 20.0
+    assert shown_duration(100.0, 50.0) == 8.0  # four periods in real time
+    assert shown_duration(1.0, 100.0) == pytest.approx(0.16)  # sixteen periods
+
+
+def test_excursions_are_periods():
+    oscillator = problems.single_dof(omega=2 * np.pi, t_end=5.0)
+    assert excursions(oscillator.integrate(h=1e-3)) == pytest.approx(5, rel=1e-4)  # the peaks are not among the states
+
+
+def test_frames_are_read_between_the_saved_states(swinging):
+    problem, mass, solution = swinging
+    figure, show, film = staged(problem, solution)
+    np.testing.assert_allclose(np.diff(film.t), film.speed / RATE, rtol=1e-9)
+    u = solution.at(film.t)[0]
+    for i in (0, 37, len(film.t) - 1):
+        show(i)
+        np.testing.assert_array_equal(dots(figure.axes[0], "o"), [mass.of(u)[i]])
+        assert f"t = {film.t[i]:.2f} s" in texts(figure)
+
+
+def test_a_support_that_moves_is_drawn_where_it_is(swinging):
+    problem, _, solution = swinging
+    figure, show, film = staged(problem, solution)
+    for i in (0, 50, 100):
+        show(i)
+        np.testing.assert_allclose(dots(figure.axes[0], "^"), [[1 + 0.3 * np.sin(2 * film.t[i]), 2.0]], rtol=1e-14)
+        (spring,) = figure.axes[0].collections[0].get_segments()
+        np.testing.assert_allclose(spring[[0, -1]], [*dots(figure.axes[0], "^"), *dots(figure.axes[0], "o")])
+
+
+def test_the_whole_motion_is_within_the_limits_at_one_scale(swinging):
+    problem, mass, solution = swinging
+    figure, show, _ = staged(problem, solution)
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    x, y = mass.of(solution.u).T
+    assert left < x.min() < x.max() < right
+    assert low < y.min() < 2 < high  # the support is at 2 m
+    box = axes.get_window_extent()
+    assert box.width / (right - left) == pytest.approx(box.height / (high - low), rel=1e-9)
+    show(60)
+    assert (axes.get_xlim(), axes.get_ylim()) == ((left, right), (low, high))
+
+
+def test_a_plane_is_filled_on_the_side_that_is_not_free(swinging):
+    problem, _, solution = swinging
+    figure, _, _ = staged(problem, solution)
+    (ground,) = figure.axes[0].patches
+    assert ground.get_path().contains_point((1.0, 0.49))
+    assert not ground.get_path().contains_point((1.0, 0.51))
+
+
+def test_a_scene_of_one_dimension_stands_upright_under_gravity_and_its_string_breaks(any_run):
+    scene = Scene(dimension=1)
+    hook, ball = scene.fixed(2.0), scene.mass(2.0, 1.0)
+    scene.add(Gravity(-9.81))
+    scene.add(BreakingString(stiffness=200.0, length=1.0, strength=30.0), hook, ball)
+    scene.add(RigidStop(normal=1.0, restitution=0.6), ball)
+    problem = scene.problem((0, 1))
+    t = np.linspace(0, 1, 101)
+    fall = made_up(any_run, t, np.column_stack([1 - t**2 / 2, t > 0.5]))
+    figure, show, film = staged(problem, fall)
+    axes = figure.axes[0]
+    for i in (0, np.searchsorted(film.t, 0.49) - 1, np.searchsorted(film.t, 0.51), len(film.t) - 1):
+        show(i)
+        np.testing.assert_array_equal(dots(axes, "o"), [[0.0, film.u[i, 0]]])
+        assert len(axes.collections[0].get_segments()) == (film.t[i] < 0.5)
+    assert axes.get_ylabel() == "x (m)"
+    assert axes.patches[0].get_path().contains_point((0, -0.01))
+
+
+def test_a_scene_in_space_is_drawn_in_space(any_run, monkeypatch):
+    patches = []
+
+    class Kept(art3d.Poly3DCollection):
+        def __init__(self, polygons, **style):
+            patches.extend(polygons)
+            super().__init__(polygons, **style)
+
+    monkeypatch.setattr(art3d, "Poly3DCollection", Kept)
+    scene = Scene(dimension=3)
+    post, balls = scene.fixed((0, 0, 1)), scene.mass(1.0, [(0, 0, 0.5), (0.3, 0, 0.5)])
+    scene.add(LinearSpring(100.0, 0.4), post, balls[0])
+    scene.add(MassContact(1e4, reach=0.2), balls[0], balls[1])  # which is not a line
+    scene.add(Gravity((0, 0, -9.81)))
+    scene.add(PlaneContact(1e5, normal=(0.6, 0, 0.8), offset=0.0), balls)
+    problem = scene.problem((0, 1))
+    t = np.linspace(0, 1, 101)
+    figure, show, film = staged(problem, made_up(any_run, t, problem.u0 - 0.3 * np.sin(t)[:, None] * np.arange(6)))
+    axes = figure.axes[0]
+    show(20)
+    np.testing.assert_array_equal(dots(axes, "o"), film.u[20].reshape(3, 2).T)
+    figure.canvas.draw()
+    (lines,) = [artist for artist in axes.collections if isinstance(artist, art3d.Line3DCollection)]
+    assert len(lines.get_segments()) == 1
+    (plane,) = patches
+    np.testing.assert_allclose(plane @ [0.6, 0, 0.8], 0, atol=1e-12)  # m; its corners are in the plane
+    limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()]).T
+    assert (plane >= limits[0] - 1e-12).all()
+    assert (plane <= limits[1] + 1e-12).all()
+
+
+def test_sampled_motions_add_up():
+    scene = Scene(dimension=1)
+    ground, mass = scene.fixed(0.5), scene.mass(1.0, 1.0)
+    scene.add(LinearSpring(10.0, 0.5), ground, mass)
+    scene.add(SampledMotion([0.0, 4.0], [0.0, 2.0]), ground)
+    scene.add(SampledMotion([0.0, 1.0], [0.0, 1.0], direction=(-2.0,)), ground)
+    places = scene.problem((0, 5)).view.places(np.array([0.0, 0.5, 2.0]), np.ones((3, 1)))
+    np.testing.assert_allclose(places[:, 0], [[0.5, 0], [-0.25, 0], [-0.5, 0]], rtol=1e-14)
+    np.testing.assert_array_equal(places[:, 1], [[1.0, 0]] * 3)
+
+
+@pytest.mark.parametrize("name", problems.__all__)
+def test_every_problem_has_a_picture_that_moves(name, any_run):
+    problem = getattr(problems, name)()
+    u0 = np.asarray(problem.u0, dtype=float)
+    t = np.linspace(*problem.t_span, 200)
+    wave = 0.05 * (np.abs(u0).max() or 1.0) * np.sin(20 * t / t[-1])
+    figure, show, film = staged(problem, made_up(any_run, t, wave.reshape(-1, *[1] * u0.ndim) + u0))
+    pictures = []
+    for i in (0, len(film.t) // 2, len(film.t) - 1):
+        show(i)
+        figure.canvas.draw()
+        pictures.append(np.asarray(figure.canvas.buffer_rgba()).copy())
+        assert any(text.startswith("t = ") for text in texts(figure))
+    assert all((one != other).any() for one, other in pairwise(pictures))
+    for axes in figure.axes:
+        assert axes.get_xlabel() or not len(axes.get_xticks())
+        assert axes.get_ylabel() or not any(label.get_visible() for label in axes.get_yticklabels())
+        assert axes.get_window_extent().width > 50  # pixels
+
+
+@pytest.mark.parametrize("name", ["spring_pendulum", "double_pendulum", "kepler"])
+def test_paths_reach_the_point_that_moves(name):
+    problem = getattr(problems, name)()
+    figure, show, film = staged(problem, problem.integrate(h=1e-3, t_end=20.0))
+    show(90)
+    *_, path, trail = [line.get_xydata() for line in figure.axes[0].lines if line.get_linestyle() == "-"]
+    place = dots(figure.axes[0], "o")[-1] if name != "kepler" else film.u[90]
+    np.testing.assert_allclose([path[-1], trail[-1]], [place] * 2, rtol=1e-12)
+    assert len(trail) < len(path)
+
+
+def test_a_bar_is_drawn_over_its_length():
+    problem = problems.elastic_bar(n=50)
+    figure, show, film = staged(problem, problem.integrate(h=1e-6))
+    show(12)
+    line = figure.axes[0].lines[-1]
+    np.testing.assert_allclose(line.get_xdata(), np.arange(1, 51) / 51, rtol=1e-14)
+    np.testing.assert_array_equal(line.get_ydata(), film.u[12])
+
+
+def test_buildings_touch_where_their_floors_do():
+    problem = problems.pounding_buildings()
+    u = np.array([[-0.03, -0.02, 0.01, 0.0, 0.02, 0.01]])  # m; the third floors meet
+    x = problem.view.places(np.zeros(1), u)[0]
+    left, right = x[:8], x[8:]
+    assert left[7].tolist() == right[6].tolist()
+    assert (left[[1, 3, 5], 0] < right[[0, 2, 4], 0]).all()
+
+
+def test_a_run_with_states_too_far_apart_is_made_again_for_a_shorter_time():
+    problem = problems.two_frequency_oscillator(t_end=100.0)
+    solution = problem.integrate(h=2e-4, save_every=500)
+    assert not is_resolved(solution)
+    shorter = _resolved(problem, solution, lambda shorter: _steps(shorter, 2e-4, None, None))
+    assert is_resolved(shorter)
+    assert 2 * np.pi / 1000 < shorter.t[-1] < 100  # s; it contains a period of the fast mode
+
+
+def test_a_run_that_diverged_is_shown_up_to_the_growth():
+    problem = problems.single_dof(t_end=20.0)
+    solution = problem.integrate(h=0.52)
+    assert solution.status is eig3.Status.DIVERGED
+    figure, show, film = staged(problem, solution)
+    assert film.t[-1] < solution.t[-1]
+    assert any("diverged, shown up to t = " in text for text in texts(figure))
+    show(len(film.t) - 1)
+    low, high = figure.axes[0].get_ylim()
+    assert -20 < low < high < 20
+
+
+def test_states_too_far_apart_are_refused(tmp_path):
+    problem = problems.single_dof(t_end=100.0)
+    solution = problem.integrate(h=0.01, save_every=1000)
+    assert not is_resolved(solution)
+    with pytest.raises(ValueError, match=r"^solution must have states closer together .*smaller save_every"):
+        problem.animate(solution, tmp_path / "film.gif")
+
+
+def test_a_problem_without_a_view_shows_its_degrees_of_freedom(tmp_path):
+    @eig3.jit
+    def rhs(t, u, v, p, a):
+        a[0], a[1] = -u[0], -4 * u[1]
+
+    problem = eig3.Problem("plain", rhs, (1.0, 0.5), (0.0, 0.0), (), (0.0, 7.0), names=("left", "right"))
+    figure, show, film = staged(problem, problem.integrate(h=0.01))
+    show(30)
+    (axes,) = figure.axes
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["left", "right"]
+    marks = [line.get_xydata()[0] for line in axes.lines if line.get_marker() == "o"]
+    np.testing.assert_array_equal(marks, [(film.t[30], u) for u in film.u[30]])
+
+
+def test_a_time_without_unit_has_none():
+    problem = problems.henon_heiles(t_end=40.0)
+    figure, _, _ = staged(problem, problem.integrate(h=0.01))
+    assert "t = 0.0" in texts(figure)
+    assert "5 units of time a second" in texts(figure)
+
+
+def test_changed_problems_keep_their_view_unless_params_change(swinging):
+    problem, _, _ = swinging
+    assert problem.with_(u0=[1.2, 1.1]).view is problem.view
+    assert problem.with_(params=problem.params * 1.01).view is None
+    view = Portrait()
+    assert problem.with_(params=problem.params * 1.01, view=view).view is view
+
+
+def test_problems_with_views_can_be_pickled(swinging):
+    problem, _, solution = swinging
+    view = pickle.loads(pickle.dumps(problem.view))
+    np.testing.assert_array_equal(
+        view.places(solution.t[:5], solution.u[:5]), problem.view.places(solution.t[:5], solution.u[:5])
+    )
+    for name in problems.__all__:
+        pickle.dumps(getattr(problems, name)().view)
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Films last half a second, so that they are written quickly."""
+    monkeypatch.setattr(film_module, "_SECONDS", 0.5)
+    monkeypatch.setattr(film_module, "_REAL_TIME", (0.4, 0.6))
+
+
+@pytest.fixture
+def still(brief):
+    """A small problem and its solution."""
+    problem = problems.single_dof(t_end=0.5)
+    return problem, problem.integrate(h=0.01)
+
+
+def test_the_gif_has_all_frames_at_their_times(brief, swinging, tmp_path):
+    problem, _, solution = swinging
+    path = problem.animate(solution, tmp_path / "swing.gif")
+    assert path == tmp_path / "swing.gif"
+    with Image.open(path) as film:
+        assert film.n_frames == len(Film.of(solution).t) == 11  # half a second, and the first frame
+        assert film.info["duration"] == 1000 / RATE
+        assert film.info["loop"] == 0  # without end
+        assert film.size == (480, 360)
+        pictures = []
+        for i in (0, 5, 10):
+            film.seek(i)
+            pictures.append(np.asarray(film.convert("RGB")))
+    assert all((one != other).any() for one, other in pairwise(pictures))
+    assert pictures[0][-1, -1].tolist() == [255, 255, 255]
+
+
+def test_the_page_has_its_frames_and_refers_to_nothing_else(still, tmp_path):
+    problem, solution = still
+    page = problem.animate(solution, tmp_path / "film.html").read_text()
+    assert page.count("iVBORw0KGgo") == len(Film.of(solution).t)  # the first bytes of a PNG file
+    assert "http" not in page
+    assert "src=" not in page.replace("image.src =", "")
+    assert "Pause" in page
+
+
+def test_ffmpeg_gets_every_frame(still, tmp_path, monkeypatch):
+    """A program in the place of ffmpeg counts what it gets, and writes the number to its last argument."""
+    program = tmp_path / "ffmpeg"
+    program.write_text(
+        f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'w').write(str(len(sys.stdin.buffer.read())))\n"
+    )
+    program.chmod(0o755)
+    monkeypatch.setattr(shutil, "which", lambda name: str(program))
+    problem, solution = still
+    path = problem.animate(solution, tmp_path / "film.mp4")
+    assert int(path.read_text()) == len(Film.of(solution).t) * 480 * 360 * 3
+
+
+def test_an_error_of_ffmpeg_is_reported(still, tmp_path, monkeypatch):
+    program = tmp_path / "ffmpeg"
+    program.write_text(f"#!{sys.executable}\nimport sys\nsys.exit('no encoder')\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(shutil, "which", lambda name: str(program))
+    with pytest.raises(OSError, match=r"^ffmpeg could not write film.mp4: no encoder"):
+        still[0].animate(still[1], tmp_path / "film.mp4")
+
+
+def test_without_ffmpeg_a_sentence_says_what_to_install(still, tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(ImportError, match=r"^mp4 needs ffmpeg, which was not found: pip install imageio-ffmpeg"):
+        still[0].animate(still[1], tmp_path / "film.mp4")
+    assert not (tmp_path / "film.mp4").exists()
+    with pytest.raises(SystemExit, match=r"^eig3 run: mp4 needs ffmpeg"):
+        main(["run", "single_dof", "--animate", "--format", "mp4"])
+
+
+def test_without_matplotlib_a_sentence_says_what_to_install(still, tmp_path, monkeypatch):
+    monkeypatch.setattr(writers_module, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"^an animation needs matplotlib: pip install 'eig3\[plot\]'\.$"):
+        still[0].animate(still[1], tmp_path / "film.gif")
+
+
+@pytest.mark.parametrize("name", ["film", "film.avi"])
+def test_other_formats_are_refused(still, tmp_path, name):
+    with pytest.raises(ValueError, match=f"^path must end with .gif or .mp4 or .html, not '{name}'"):
+        still[0].animate(still[1], tmp_path / name)
+
+
+def test_the_command_writes_a_film_beside_the_other_files_or_here(brief, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    command = ["run", "single_dof", "--t-end", "0.6", "--animate"]
+    assert main(command) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["single_dof.gif"]
+    assert "Written to .: single_dof.gif" in capsys.readouterr().out
+    assert main([*command, "--format", "html", "--out", "out"]) == 0
+    assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".npz", ".csv", ".png", ".html"}
+
+
+def test_a_format_without_a_film_is_refused():
+    with pytest.raises(SystemExit, match=r"^eig3 run: --format is the format of an animation: give --animate too"):
+        main(["run", "single_dof", "--format", "gif"])
+
+
+def test_a_view_of_the_users_own():
+    """As README says, a view draws on a figure and returns a function that shows frame i."""
+    shown = []
+
+    def view(figure, film):
+        figure.add_subplot()
+        return shown.append
+
+    problem = problems.single_dof(t_end=1.0).with_(view=view)
+    _, show, _ = staged(problem, problem.integrate(h=0.01))
+    show(3)
+    assert shown == [0, 3]
+    assert isinstance(swing()[0].view, Mechanism)
