@@ -187,7 +187,7 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
     markdown, page = ((tmp_path / f"report.{end}").read_text() for end in ("md", "html"))
     for heading in ("How to read it", "The article's tables and claims", "Beside C", "Stability limits", "Hard cases"):
         assert f"## {heading}" in markdown
-        assert heading.replace("'", "&#x27;") in page or heading in page
+    assert record.command in page
     for part in record.run.parts:
         assert f"Measured by `{record.measured[part].command}`." in markdown
     assert (tmp_path / "table4.svg").exists()

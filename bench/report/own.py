@@ -137,43 +137,36 @@ def measure(
     targets = tuple(sorted(accuracies, reverse=True))
     judged, skipped = _judged(problem)
     text.status(f"{name}: plans")
-    plans = [
-        plan(judged, accuracy, metric=metric, methods=methods)
-        for metric in ("trajectory", "energy")[: 1 if judged.energy is None else 2]
-        for accuracy in targets
-    ]
+    metrics = ("trajectory",) if judged.energy is None else ("trajectory", "energy")
+    plans = [plan(judged, target, metric=metric, methods=methods) for metric in metrics for target in targets]
     text.status(f"{name}: reference")
     grid = Grid.of(judged)
     truth = find_truth(judged, grid, min(targets))
     judge = Judge(judged, truth)
     candidates, too_long, repeats = _affordable(_candidates(plans, grid), len(modes), repeats)
+    fast = {p.method for each in plans for p in each.predictions[:_INLINED]}
+    slow = [candidate.label for candidate in candidates if candidate.prediction.method not in fast]
     skipped += too_long + _ruled_out(plans, candidates)
+    if "inline" in modes:
+        skipped += _by_reason(dict.fromkeys(slow, f"not inlined, since not among the {_INLINED} fastest of a plan"))
     runs = _Runs(judged, grid, judge)
     found: list[Repeatable] = []
-    fast = {p.method for each in plans for p in each.predictions[:_INLINED]}
     for mode in modes:
         for candidate in candidates:
             if mode != "inline" or candidate.prediction.method in fast:
                 text.status(f"{name}, {candidate.label}, {mode}")
                 found += runs.of(candidate, mode)
-    if "inline" in modes:
-        slow = [candidate.label for candidate in candidates if candidate.prediction.method not in fast]
-        skipped += _by_reason(dict.fromkeys(slow, f"not inlined, since not among the {_INLINED} fastest of a plan"))
-    fewest = min((p.evaluations for each in plans for p in each.predictions if p.reaches), default=0)
     asked = _asked(rivals)
-    unsuitable = {}
-    for key, rival in asked.items():
-        why = _unsuitable(rival, judged, fewest, _RIVALS / len(asked))
-        if why:
-            unsuitable[rival.label] = why
-        else:
-            longest = _RIVALS / len(asked) / (2 * repeats)
-            with np.errstate(over="ignore", invalid="ignore"):  # in steps that SciPy refuses
-                found += sweep_tolerances(judged, targets, judge, key, rival, longest, states=grid.rival_states)
-    skipped += _by_reason(unsuitable)
-    points = [point for point, _ in found]
-    timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
-    with np.errstate(over="ignore", invalid="ignore"):
+    share = _RIVALS / max(1, len(asked))
+    fewest = min((p.evaluations for each in plans for p in each.predictions if p.reaches), default=0)
+    unsuitable = {key: why for key, rival in asked.items() if (why := _unsuitable(rival, judged, fewest, share))}
+    skipped += _by_reason({RIVALS[key].label: why for key, why in unsuitable.items()})
+    with np.errstate(over="ignore", invalid="ignore"):  # in steps that SciPy refuses
+        for key in (key for key in asked if key not in unsuitable):
+            limits = asked[key], share / (2 * repeats)
+            found += sweep_tolerances(judged, targets, judge, key, *limits, states=grid.rival_states)
+        points = [point for point, _ in found]
+        timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
         for i, seconds in interleave(timed, repeats, name, _ENOUGH).items():
             points[int(i)].seconds = seconds
     words = describe(problem, about or problem.source)
