@@ -21,7 +21,7 @@ from .problem_set import PROBLEM_SET, VARIABLE_SPEED
 from .reach import Contest, Reach, contests, front, reach
 from .reference import METRICS
 from .rivals import RIVALS
-from .sweep import LONGEST, REPEATS, RIVAL_STATES, STATES, Point, WorkPrecisionSet, measure
+from .sweep import CERTAIN, LONGEST, REPEATS, RIVAL_STATES, STATES, Point, WorkPrecisionSet, measure
 from .tolerances import TOLERANCES
 
 SUMMARY = "what each accuracy costs in time"
@@ -114,6 +114,10 @@ def render(result: WorkPrecisionSet) -> str:
     """The page of one problem: for each metric a table of times to reach accuracies, and the Pareto front."""
     parts = [f"## {result.title} ({result.name})", result.description]
     parts.append(f"Truth: {result.source}, known to {result.uncertainty:.1g} of max |u|.")
+    if not result.is_claimed("trajectory", min(result.targets)):
+        parts.append(
+            f"So nothing is said about who reaches an error of the trajectory below {CERTAIN * result.uncertainty:.1g}."
+        )
     for metric in result.metrics:
         parts += [render_reach(result, metric), render_contests(result, metric), render_front(result, metric)]
         parts += [render_tolerances(result, metric)] * result.tolerances

@@ -38,6 +38,7 @@ _SHORT = 1e-3  # s
 _USELESS = 10.0  # only an unstable run has such a relative error
 #: How a kernel gets the right-hand side: it calls it through a pointer, or has it inlined.
 MODES = ("pointer", "inline")
+_INLINE = " --inline"  # the option of `eig3 bench precision`
 CERTAIN = 3  # an error below this multiple of the uncertainty of the truth is not known
 
 
@@ -93,7 +94,7 @@ class WorkPrecisionSet:
     skipped : list of str
         What was not measured, and why.
     command : str
-        The command that measures these points alone, for the first of `modes`.
+        The command that measures these points alone, in the mode "pointer".
     """
 
     name: str
@@ -128,8 +129,17 @@ class WorkPrecisionSet:
         return [mode for mode in MODES if any(point.mode == mode for point in self.points)]
 
     def in_mode(self, mode: str) -> WorkPrecisionSet:
-        """The points of one mode, and those of the rivals."""
-        return dataclasses.replace(self, points=[point for point in self.points if point.mode in (mode, "")])
+        """The points of one mode, and those of the rivals; the command is the one for this mode."""
+        points = [point for point in self.points if point.mode in (mode, "")]
+        command = self.command
+        if mode == "inline" and self.is_of_the_library:
+            command = f"{command.removesuffix(_INLINE)}{_INLINE}"
+        return dataclasses.replace(self, points=points, command=command)
+
+    @property
+    def is_of_the_library(self) -> bool:
+        """Whether it is one of the library's problems, and not a user's own."""
+        return self.command.startswith("eig3 bench precision")
 
     def is_claimed(self, metric: str, target: float) -> bool:
         """Whether the truth is certain enough to say that a run has such an error."""

@@ -188,7 +188,7 @@ def test_report_does_not_measure_what_it_cannot_write(tmp_path, monkeypatch):
     monkeypatch.setenv("CC", "no-such-compiler")  # compiling C would only take time
     monkeypatch.setattr(paper, "benchmark", lambda **settings: pytest.fail("measured"))
     (tmp_path / "report.html").mkdir()
-    with pytest.raises(SystemExit, match=r"^eig3 bench: cannot write to .*: report\.html \("):
+    with pytest.raises(SystemExit, match=r"^eig3 bench report: cannot write to .*: report\.html \("):
         main(["bench", "report", "--out", str(tmp_path)])
 
 

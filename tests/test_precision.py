@@ -61,8 +61,10 @@ def test_the_modes_of_a_set_are_apart_and_the_rivals_in_each():
     swept = points((1e-3, 1.0))
     swept += [replace(point, mode="inline", seconds=[0.5]) for point in swept]
     swept.append(Point("heyoka", "heyoka", "", 1e-3, None, None, True, {"trajectory": 1e-3}, [2.0]))
-    result = result_of(list(reversed(swept)))
+    result = result_of(list(reversed(swept)), command="eig3 bench precision --problem x")
     assert result.modes == ["pointer", "inline"]
+    assert result.in_mode("pointer").command == result.command
+    assert result.in_mode("inline").in_mode("inline").command == f"{result.command} --inline"
     for mode, ratio in (("pointer", 1 / 2), ("inline", 1 / 4)):
         (contest, *_) = precision.contests(result.in_mode(mode), "trajectory")
         assert contest.ratio == ratio

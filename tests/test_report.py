@@ -75,6 +75,7 @@ def interrupt_second(monkeypatch, module, name):
 @pytest.mark.usefixtures("small")
 def test_a_run_that_was_cut_off_goes_on_and_gives_what_an_uncut_run_gives(tmp_path, monkeypatch, capsys):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
+    monkeypatch.setattr(report, "draw_pictures", lambda record, files: None)  # they would only take time
     assert two_problems(whole) == 0
     with monkeypatch.context() as patch:
         interrupt_second(patch, parts, "measure")
@@ -321,6 +322,29 @@ def test_a_users_problem_is_judged_by_its_exact_solution(tmp_path, monkeypatch):
             assert not (tight and loose) or tight.setting <= loose.setting
     assert any(reach(result.in_mode("inline"), method, "trajectory", 1e-6) for method in result.methods)
     assert reach(result, "scipy dop853", "trajectory", 1e-6)
+
+
+@eig3.jit
+def springs(t, u, v, p, a):
+    for i in range(u.size):
+        a[i] = -p[0] * u[i]
+
+
+def test_a_users_problem_with_the_name_of_another_is_not_taken_for_it(tmp_path, monkeypatch):
+    """And where the time is short, something is measured all the same."""
+    monkeypatch.setattr(own, "_INLINED", 0)
+    monkeypatch.setattr(own, "_TIMING", 0.0)
+    problem = eig3.Problem("kepler", springs, [1.0, 0.5], [0.0, 0.0], [4.0], (0.0, 20.0))
+    page = eig3.report(problem, tmp_path, accuracies=[1e-4], rivals=["heyoka", "scipy dop853"], repeats=1)
+    (result,) = Record.open(page.parent).results
+    assert result.source.startswith("RK8 with ")
+    left = " ".join(result.skipped)
+    assert "(would take too long)" in left
+    assert re.search(r"heyoka \((needs the equations in its own symbols|not installed)\)", left)
+    (ours,) = (point for point in result.points if point.mode == "pointer")
+    assert ours.errors["trajectory"] < 1e-3
+    assert min(point.errors["trajectory"] for point in result.of("scipy dop853")) < 1e-4
+    assert not result.of("heyoka")
 
 
 def test_the_truth_of_a_users_problem_is_known_to_its_uncertainty():

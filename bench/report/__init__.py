@@ -104,7 +104,7 @@ def _measure(options: argparse.Namespace, given: Mapping[str, Any]) -> None:
     draw(record, options.out, None, _silently)  # a page that cannot be written is an error now too
     try:
         complete(record, parts, print)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):
         draw(record, options.out, _against(record, options.against), print)
         print(f"{len(record.missing)} parts are not measured: {_COMMAND} --out {options.out} --resume goes on.")
         raise

@@ -12,6 +12,7 @@ from ..environment import in_words
 from ..matrix import Matrix, in_units, power
 from ..reach import Contest
 from ..sweep import MODES, WorkPrecisionSet
+from . import own
 from .comparison import Comparison
 from .record import Record, part_name
 
@@ -42,7 +43,7 @@ def page(record: Record, comparison: Comparison | None) -> str:
     if comparison:
         parts += ["## Beside another run", comparison.markdown]
     if record.results:
-        parts.append("## Work and precision")
+        parts += ["## Work and precision", *how_measured(record)]
     for result in record.results:
         parts += _problem(record, result)
     if record.article:
@@ -51,6 +52,18 @@ def page(record: Record, comparison: Comparison | None) -> str:
     for name in (name for name in TITLES if name in texts):
         parts += [f"## {TITLES[name]}", f"Measured by `{texts[name].command}`.", texts[name].markdown]
     return "\n\n".join(parts) + "\n"
+
+
+def how_measured(record: Record) -> list[str]:
+    """How the times of the library's problems were measured, and those of a user's own."""
+    settings = record.run.settings
+    repeats, modes = settings["repeats"], settings["modes"] or MODES
+    found = []
+    if any(result.is_of_the_library for result in record.results):
+        found.append(precision.how_measured(repeats, settings["longest"], modes))
+    if not all(result.is_of_the_library for result in record.results):
+        found.append(own.how_measured(repeats))
+    return found
 
 
 def draw_pictures(record: Record, files: Files) -> None:
@@ -107,13 +120,9 @@ def _problem(record: Record, result: WorkPrecisionSet) -> list[str]:
         heading, *rest = precision.render(of_mode).split("\n\n")
         if not parts:
             parts += [f"#{heading}", *shown]
-        command = f"{result.command}{' --inline' * (mode == 'inline' and result.command.startswith(_WITH_MODE))}"
-        parts += [f"#### Right-hand side {precision.IN_WORDS[mode]}", f"Measured by `{command}`."]
+        parts += [f"#### Right-hand side {precision.IN_WORDS[mode]}", f"Measured by `{of_mode.command}`."]
         parts += rest
     return [*parts, f"![{result.title}: error against time and evaluations]({picture(result)})"]
-
-
-_WITH_MODE = "eig3 bench precision"
 
 
 def _article(record: Record) -> list[str]:

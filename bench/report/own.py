@@ -109,6 +109,15 @@ def _current_folder():
         sys.path.remove(folder)
 
 
+def how_measured(repeats: int) -> str:
+    return (
+        f"Times of your own problem: medians of at most {repeats} interleaved runs; compiling left out. The steps and "
+        "tolerances are those that eig3.plan names for each accuracy, and longer ones. The methods keep 61 to 976 "
+        "states, and the rivals compute half of 976 by their dense output. What would take longer than its share of a "
+        "minute is left out."
+    )
+
+
 def measure(
     problem: Problem,
     accuracies: Sequence[float],
@@ -118,6 +127,7 @@ def measure(
     repeats: int,
     rivals: bool | Sequence[str],
     modes: Sequence[str],
+    methods: Sequence[str] | None = None,
 ) -> WorkPrecisionSet:
     """Measure the methods that `eig3.plan` names for these accuracies, and the rivals, in one interleaved run.
 
@@ -128,7 +138,7 @@ def measure(
     judged, skipped = _judged(problem)
     text.status(f"{name}: plans")
     plans = [
-        plan(judged, accuracy, metric=metric)
+        plan(judged, accuracy, metric=metric, methods=methods)
         for metric in ("trajectory", "energy")[: 1 if judged.energy is None else 2]
         for accuracy in targets
     ]
@@ -158,16 +168,17 @@ def measure(
             unsuitable[rival.label] = why
         else:
             longest = _RIVALS / len(asked) / (2 * repeats)
-            found += sweep_tolerances(judged, targets, judge, key, rival, longest, states=grid.rival_states)
+            with np.errstate(over="ignore", invalid="ignore"):  # in steps that SciPy refuses
+                found += sweep_tolerances(judged, targets, judge, key, rival, longest, states=grid.rival_states)
     skipped += _by_reason(unsuitable)
     points = [point for point, _ in found]
     timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
-    for i, seconds in interleave(timed, repeats, name, _ENOUGH).items():
-        points[int(i)].seconds = seconds
-    title = problem.name
+    with np.errstate(over="ignore", invalid="ignore"):
+        for i, seconds in interleave(timed, repeats, name, _ENOUGH).items():
+            points[int(i)].seconds = seconds
     words = describe(problem, about or problem.source)
     return WorkPrecisionSet(
-        name, title, words, "trajectory", targets, True, truth.source, truth.uncertainty, points, skipped
+        name, problem.name, words, "trajectory", targets, True, truth.source, truth.uncertainty, points, skipped
     )
 
 
@@ -189,8 +200,12 @@ def _judged(problem: Problem) -> tuple[Problem, list[str]]:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A method with a number of steps or a tolerance, and the seconds that a run is predicted to take."""
+    """A method with a number of steps or a tolerance, and the seconds that a run is predicted to take.
 
+    The `rank` is its place in the plan, from 0 for the fastest.
+    """
+
+    rank: int
     prediction: Prediction
     n_steps: int
     rtol: float | None
@@ -207,20 +222,26 @@ class _Candidate:
         return label if self.rtol is None else f"{label}, tolerances"
 
     @property
-    def setting(self) -> float:
-        return self.n_steps if self.rtol is None else self.rtol
+    def setting(self) -> str:
+        return f"{self.n_steps} steps" if self.rtol is None else f"rtol {self.rtol:.2g}"
 
     @property
     def longer(self) -> _Candidate:
         """With twice the step, or a tolerance that takes about as many steps as that."""
         if self.rtol is None:
-            return replace(self, n_steps=self.n_steps // 2, seconds=self.seconds / 2)
-        return replace(self, rtol=min(0.1, _LOOSER * self.rtol), seconds=self.seconds / 2)
+            return replace(self, rank=self.rank + 1, n_steps=self.n_steps // 2, seconds=self.seconds / 2)
+        return replace(self, rank=self.rank + 1, rtol=min(0.1, _LOOSER * self.rtol), seconds=self.seconds / 2)
 
 
 def _candidates(plans: Sequence[Plan], grid: Grid) -> list[_Candidate]:
     """What the plans name, each with a longer step too, in the order of the methods and of their steps."""
-    named = [_Candidate(p, p.n_steps, p.rtol, p.seconds) for each in plans for p in each.predictions if p.reaches]
+    named = [
+        _Candidate(rank, p, p.n_steps, p.rtol, p.seconds)
+        for each in plans
+        for rank, p in enumerate(each.predictions)
+        if p.reaches
+    ]
+    named.sort(key=lambda candidate: candidate.rank)
     different: dict[tuple, _Candidate] = {}
     for candidate in (*named, *(candidate.longer for candidate in named)):
         if candidate.rtol is None:
@@ -232,16 +253,23 @@ def _candidates(plans: Sequence[Plan], grid: Grid) -> list[_Candidate]:
 
 
 def _affordable(candidates: Sequence[_Candidate], modes: int, repeats: int) -> tuple[list[_Candidate], list[str], int]:
-    """Those that can be measured in the time, what is left out, and how often the others run."""
+    """Those that can be measured in the time, what is left out, and how often the others run.
+
+    The fastest of each plan come first, so that something is measured for each accuracy.
+    """
     seconds = modes * sum(candidate.seconds for candidate in candidates)
     repeats = max(min(repeats, _FEWEST_REPEATS), min(repeats, int(_TIMING / max(seconds, 1e-9))))
     kept: list[_Candidate] = []
     left: list[_Candidate] = []
     spent = 0.0
-    for candidate in sorted(candidates, key=lambda c: c.seconds):
-        spent += modes * repeats * candidate.seconds
-        (kept if spent <= _TIMING or not kept else left).append(candidate)
-    words = [f"{c.label} at {c.setting:.3g} (a run of {c.seconds:.2g} s)" for c in left]
+    for candidate in sorted(candidates, key=lambda c: (c.rank, c.seconds)):
+        cost = modes * repeats * candidate.seconds
+        if spent + cost <= _TIMING or not kept:
+            spent += cost
+            kept.append(candidate)
+        else:
+            left.append(candidate)
+    words = _by_reason({f"{c.label} with {c.setting}": "would take too long" for c in left})
     return [candidate for candidate in candidates if candidate in kept], words, repeats
 
 

@@ -99,15 +99,18 @@ def _of_the_set(name: str, settings: Settings, record: Record) -> dict[str, Any]
 
 def _own(name: str, settings: Settings, record: Record) -> dict[str, Any]:
     problem, about = own.load(name)
-    return measure_own(record, name, problem, about, settings)
+    try:
+        return measure_own(record, name, problem, about, settings)
+    except Exception as error:  # of the user's functions too
+        raise SystemExit(f"eig3 bench report: --problem {name}: {type(error).__name__}: {error}") from None
 
 
 def measure_own(record: Record, name: str, problem: Problem, about: str, settings: Settings) -> dict[str, Any]:
     """Draw the motion of a user's problem, and measure it."""
     draw_motion(record, name, problem)
     accuracies, modes = settings.accuracies or own.ACCURACIES, settings.modes or MODES
-    options: dict[str, Any] = {"repeats": settings.repeats, "rivals": settings.rivals, "modes": modes}
-    return own.measure(problem, accuracies, name=name, about=about, **options).as_json()
+    options: dict[str, Any] = {"repeats": settings.repeats, "rivals": settings.rivals, "methods": settings.methods}
+    return own.measure(problem, accuracies, name=name, about=about, modes=modes, **options).as_json()
 
 
 def draw_motion(record: Record, name: str, problem: Problem) -> None:
