@@ -85,8 +85,7 @@ class VariableStepper:
             self._kernel = inlined(make, (self.method.variable, literal, "variable"), self.form, rhs)
         else:
             self._callbacks = (self._callback.address,)
-            is_fixed = n == 2 or self.form is SCALAR
-            self._kernel = variable_kernel(self.method.variable, self.form, n if is_fixed else 0)
+            self._kernel = variable_kernel(self.method.variable, self.form, n if n <= 2 else 0)
 
     @property
     def t(self) -> float:

@@ -69,6 +69,8 @@ def record(results: list[WorkPrecisionSet]) -> SimpleNamespace:
         command="eig3 bench report --out here",
         results=results,
         article=[],
+        article_commands=[],
+        run=SimpleNamespace(settings={"repeats": 3, "longest": 0.02, "modes": None}),
         texts={
             "hard": SimpleNamespace(command="eig3 bench hard", markdown="| case | verdict |\n| - | - |\n| 1 | good |")
         },

@@ -127,9 +127,8 @@ def _problem(record: Record, result: WorkPrecisionSet) -> list[str]:
 
 def _article(record: Record) -> list[str]:
     results = record.article
-    commands = [part.command for name, part in record.measured.items() if name.startswith("article_")]
     parts = ["## The article's tables and claims", paper.how_measured(record.run.settings["repeats"])]
-    for result, command in zip(results, commands, strict=True):
+    for result, command in zip(results, record.article_commands, strict=True):
         parts += [paper.render(result), f"Measured by `{command}`."]
         parts.append(f"![Table {result.table.number}: error against time](table{result.table.number}.svg)")
     return [*parts, paper.render_footnotes(results), paper.render_relative(results), paper.render_claims(results)]

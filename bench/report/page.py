@@ -20,7 +20,7 @@ from ..rivals import RIVALS
 from ..styles import SHAPES, in_order, style_of
 from ..sweep import MODES, Point, WorkPrecisionSet
 from ..tolerances import TOLERANCES
-from .markdown import TITLES
+from .markdown import TITLES, how_measured
 
 if TYPE_CHECKING:
     from .comparison import Comparison
@@ -70,6 +70,7 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
         problems=sections,
         article=[(f"table{table.table.number}", table, article_table(table)) for table in record.article],
         claims="\n\n".join(page(record.article) for page in (render_footnotes, render_relative, render_claims)),
+        how_measured=how_measured(record),
         titles=TITLES,
         families=_families(results),
         shapes=SHAPES,

@@ -126,6 +126,11 @@ class Record:
         return [part.data for part in self._parts("article")]
 
     @property
+    def article_commands(self) -> list[str]:
+        """The commands that measure the article's tables, one for each."""
+        return [part.command for part in self._parts("article")]
+
+    @property
     def timings(self) -> dict[str, dict[str, list[float]]]:
         """The seconds of the runs beside C, by row and column."""
         return self.measured["c"].data["timings"] if "c" in self.measured else {}
