@@ -70,7 +70,7 @@ class Part:
 
 def parts_of(settings: Settings) -> list[Part]:
     """The parts in their order. With `problems`, only what is about them."""
-    names = settings.problems or [*PROBLEM_SET, *VARIABLE_SPEED]
+    names = list(dict.fromkeys(settings.problems or [*PROBLEM_SET, *VARIABLE_SPEED]))
     found = [_precision(name, settings) for name in names]
     if settings.methods is None:  # the planner chooses from all
         found += [_plan(name, settings) for name in names if name in PROBLEM_SET]
