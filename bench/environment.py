@@ -3,12 +3,16 @@
 import os
 import platform
 from collections.abc import Mapping
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 import numba
 import numpy
 
 from eig3 import __version__
+
+_OTHERS = ("scipy", "heyoka", "CyRK")  # the packages of rivals
 
 
 def environment() -> dict[str, str | int]:
@@ -21,6 +25,7 @@ def environment() -> dict[str, str | int]:
         "numba": numba.__version__,
         "numpy": numpy.__version__,
         "eig3": __version__,
+        **{name: version(name) for name in _OTHERS if find_spec(name)},
     }
 
 

@@ -35,6 +35,7 @@ _BETWEEN = (2 ** (2 / 3), 2 ** (1 / 3))  # steps to try between an unstable step
 _HOPELESS = 20  # a method is given up when its next run would take this multiple of `longest`
 _ENOUGH = 0.3  # of the smallest target; no smaller step is tried
 _SHORT = 1e-3  # s
+_DIGITS = 5  # of seconds in JSON
 _USELESS = 10.0  # only an unstable run has such a relative error
 #: How a kernel gets the right-hand side: it calls it through a pointer, or has it inlined.
 MODES = ("pointer", "inline")
@@ -164,7 +165,8 @@ def _finite(value: float) -> float | None:
 
 def _as_json(point: Point) -> dict[str, Any]:
     errors = {metric: _finite(error) for metric, error in point.errors.items()}
-    return {**vars(point), **point.statistics, "errors": errors}
+    seconds = [float(f"{value:.{_DIGITS}g}") for value in point.seconds]
+    return {**vars(point), **point.statistics, "errors": errors, "seconds": seconds}
 
 
 def _from_json(data: Mapping[str, Any]) -> Point:

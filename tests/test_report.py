@@ -139,7 +139,7 @@ def test_what_does_not_fit_a_run_is_refused(tmp_path, monkeypatch):
     refused("--from only draws", "--from", run, "--repeats", "1")
     refused("--problem must be one of single_dof, kepler, your own as module:name, not orbit", "--out", empty,
             "--problem", "orbit")  # fmt: skip
-    (run / "run.json").write_text(content.replace('"cores": ', '"cores": 9'))
+    (run / "run.json").write_text(content.replace('"cores":', '"cores":9'))
     refused("times of both do not belong together", "--out", run, "--resume")
     for damaged in ("{", "[]", '{"format": 7}', content.replace("precision_kepler", "../precision_kepler")):
         (run / "run.json").write_text(damaged)

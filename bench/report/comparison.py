@@ -127,8 +127,8 @@ class Comparison:
         counts = {mark: sum(row.mark == mark for row in ours) for mark in (SLOWER, FASTER)}
         words = " and ".join(f"{count} became {mark}" for mark, count in counts.items())
         control = (
-            f"The rivals and the code in C, which are the same in both runs, take {self.control:.3f} of their time: so "
-            "much of each ratio is the machine and its load."
+            f"The rivals and the code in C, whose source is the same in both runs, take {self.control:.3f} of their "
+            "time: so much of each ratio is the machine, its load and its versions."
             if self.control
             else "No rival is in both runs, so nothing tells how the machine and its load changed."
         )

@@ -76,7 +76,7 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
         shapes=SHAPES,
         css=Markup((_HERE / "page.css").read_text()),
         script=Markup((_HERE / "page.js").read_text()),
-        charts=Markup(javascript_bundle().replace("</script", "<\\/script")),
+        charts=Markup(javascript_bundle(None).replace("</script", "<\\/script")),
         data=Markup(_in_script(_data(sections, record.article))),
     )
 

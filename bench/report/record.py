@@ -163,7 +163,7 @@ class Record:
 
     def _write(self, name: str, content: Mapping[str, Any]) -> None:
         with self._files.writing(name) as path:
-            path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+            path.write_text(json.dumps(content, separators=(",", ":"), allow_nan=False) + "\n")
         self._files.check()
 
 
