@@ -48,10 +48,11 @@ def draw(figures: Mapping[str, Callable[[], Figure]], files: Files, *, dpi: int 
     """Save each figure under its name; return what to add to the list of written files."""
     if not is_possible():
         return NO_PICTURES
+    import matplotlib as mpl
+
     for name, figure in figures.items():
-        drawn = figure()
-        with files.writing(name) as path:
-            drawn.savefig(path, dpi=dpi)
+        with mpl.rc_context({"svg.fonttype": "none"}), files.writing(name) as path:  # text, not outlines, in SVG
+            figure().savefig(path, dpi=dpi)
     return ""
 
 

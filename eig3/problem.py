@@ -288,8 +288,8 @@ class Problem:
         """Write an animation of a run, true to scale, with its time and its speed.
 
         It lasts 6 to 10 s and has 20 frames a second, whose states are those of ``solution.at``. A motion of 6 to 10 s
-        is shown in real time, and any other faster or slower. Of a run with very many periods the first 25 are shown,
-        and of one that diverged the part before the growth.
+        is shown in real time, and any other faster or slower. Of a run with more than 16 periods the first 2 to 16 are
+        shown, and of one that diverged the part before the growth.
 
         Parameters
         ----------

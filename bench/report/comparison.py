@@ -105,9 +105,8 @@ class Comparison:
         """Pair what both records have: same problem, mode, method and setting."""
         news, olds = ({timing.key: timing for timing in timings(record)} for record in (new, old))
         pairs = [(timing, olds[key]) for key, timing in news.items() if key in olds]
-        lonely = [timing for key, timing in (*news.items(), *olds.items()) if not (key in news and key in olds)]
         changed = [sentence for pair in pairs for sentence in _changed(*pair)]
-        return cls(new, old, list(_rows(pairs)), changed, _grouped(lonely))
+        return cls(new, old, list(_rows(pairs)), changed, [*_lonely(news, olds), *_lonely(olds, news)])
 
     @property
     def control(self) -> float | None:
@@ -229,10 +228,14 @@ def _changed(new: Timing, old: Timing) -> Iterator[str]:
             yield f"{new.words}: {metric} {error:.3g}, before {before:.3g}"
 
 
-def _grouped(lonely: Sequence[Timing]) -> list[str]:
-    """A line for each method on each problem, with its settings."""
-    lines = []
-    for _, group in groupby(lonely, key=lambda timing: timing.key[:3]):
-        first, *others = group
-        lines.append(", ".join([first.words, *(timing.setting for timing in others)]))
-    return lines
+def _lonely(these: Mapping[tuple, Timing], others: Mapping[tuple, Timing]) -> Iterator[str]:
+    """What only these have: a line for each whole problem, and for each method on a problem that both have."""
+    shared = {timing.problem for timing in others.values()}
+    for problem, group in groupby(these.values(), key=lambda timing: timing.problem):
+        if problem not in shared:
+            yield f"{problem}: all of it"
+            continue
+        alone = (timing for timing in group if timing.key not in others)
+        for _, settings in groupby(alone, key=lambda timing: timing.key[:3]):
+            first, *more = settings
+            yield ", ".join([first.words, *(timing.setting for timing in more)])

@@ -87,7 +87,7 @@ class Chart {
     const { metric, mode } = chosen();
     this.metric = this.source.metrics.includes(metric) ? metric : this.source.metrics[0];
     return this.source.points.map(row => Object.fromEntries(data.columns.map((name, i) => [name, row[i]])))
-      .filter(p => (p.mode === mode || p.mode === "" || this.source.error) && p.errors[this.metric] > 0 && p.errors[this.metric] < MOST)
+      .filter(p => (p.mode === mode || p.mode === "") && p.errors[this.metric] > 0 && p.errors[this.metric] < MOST)
       .map(p => ({ ...p, ...data.methods[p.method], error: p.errors[this.metric] }));
   }
 
@@ -105,18 +105,22 @@ class Chart {
       .catch(console.error);
   }
 
+  // The keys stay the same buttons while the methods stay the same: otherwise the keyboard would lose its place.
   drawLegend(points) {
-    const present = new Set(points.map(p => p.method)), methods = Object.keys(data.methods).filter(method => present.has(method));
-    this.legend.replaceChildren(...methods.map(method => {
-      const one = data.methods[method], key = document.createElement("button");
-      key.type = "button";
-      key.dataset.method = method;
-      key.ariaPressed = this.shown.has(method);
-      key.innerHTML = badge(one);
-      key.append(one.label);
-      key.onclick = () => { this.shown.has(method) ? this.shown.delete(method) : this.shown.add(method); this.draw(); };
-      return key;
-    }));
+    const present = new Set(points.map(p => p.method)), methods = Object.keys(data.methods).filter(m => present.has(m));
+    if (methods.join() !== [...this.legend.children].map(key => key.dataset.method).join())
+      this.legend.replaceChildren(...methods.map(method => this.key(method)));
+    for (const key of this.legend.children) key.ariaPressed = this.shown.has(key.dataset.method);
+  }
+
+  key(method) {
+    const one = data.methods[method], key = document.createElement("button");
+    key.type = "button";
+    key.dataset.method = method;
+    key.innerHTML = badge(one);
+    key.append(one.label);
+    key.onclick = () => { this.shown.has(method) ? this.shown.delete(method) : this.shown.add(method); this.draw(); };
+    return key;
   }
 
   specification(points) {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import statistics
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
@@ -68,11 +69,11 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
         modes=modes,
         in_words=IN_WORDS,
         problems=sections,
-        article=[(f"table{table.table.number}", table, article_table(table)) for table in record.article],
+        article=[(f"table{table.table.number}", article_table(table)) for table in record.article],
         claims="\n\n".join(page(record.article) for page in (render_footnotes, render_relative, render_claims)),
         how_measured=how_measured(record),
         titles=TITLES,
-        families=_families(results),
+        labels=_labels(results),
         shapes=SHAPES,
         css=Markup((_HERE / "page.css").read_text()),
         script=Markup((_HERE / "page.js").read_text()),
@@ -114,7 +115,7 @@ class Section:
 
 
 def _summary(results: Sequence[WorkPrecisionSet]) -> str:
-    methods, problems = dict(_families(results)), len(results)
+    methods, problems = dict(_labels(results)), len(results)
     rivals = sum(method in RIVALS for method in methods)
     runs = sum(len(point.seconds) for result in results for point in result.points)
     points = sum(bool(point.seconds) for result in results for point in result.points)
@@ -135,7 +136,7 @@ def _data_url(path: Path) -> str:
     return f"data:image/webp;base64,{base64.b64encode(path.read_bytes()).decode()}"
 
 
-def _families(results: Sequence[WorkPrecisionSet]) -> list[tuple[str, str]]:
+def _labels(results: Sequence[WorkPrecisionSet]) -> list[tuple[str, str]]:
     """Every method and rival of the results, in the order of legends."""
     labels = {method: label for result in results for method, label in result.methods.items()}
     return [(method, labels[method]) for method in in_order(labels)]
@@ -147,9 +148,8 @@ def _in_script(data: Any) -> str:
 
 def _data(sections: Sequence[Section], article: Sequence[MeasuredTable]) -> dict[str, Any]:
     """What the charts show. A point is a list in the order of the names in `columns`."""
-    labels = dict(_families([section.result for section in sections])) | {
-        cell.method: cell.label for table in article for cell in table.cells
-    }
+    labels = dict(_labels([section.result for section in sections]))
+    labels |= {cell.method: cell.label for table in article for cell in table.cells}
     return {
         "shapes": SHAPES,
         "columns": ["method", "mode", "setting", "steps", "evaluations", "seconds", "low", "high", "errors"],
@@ -165,15 +165,8 @@ def _data(sections: Sequence[Section], article: Sequence[MeasuredTable]) -> dict
 def _described(method: str, label: str) -> dict[str, Any]:
     style = style_of(method)
     kind = "rival" if method in RIVALS else "tolerances" if method in TOLERANCES else "steps"
-    filled = style.is_filled
-    return {
-        "label": label,
-        "color": style.color,
-        "shape": style.shape,
-        "sign": style.sign,
-        "kind": kind,
-        "filled": filled,
-    }
+    drawn = {"color": style.color, "shape": style.shape, "sign": style.sign, "filled": style.is_filled}
+    return {"label": label, "kind": kind, **drawn}
 
 
 def _chart_of_problem(section: Section) -> dict[str, Any]:
@@ -188,38 +181,24 @@ def _chart_of_problem(section: Section) -> dict[str, Any]:
 
 def _row(point: Point) -> list[Any]:
     errors = {metric: _short(error) for metric, error in point.errors.items()}
-    times = (point.time, min(point.seconds), max(point.seconds))
-    return [
-        point.method,
-        point.mode,
-        _short(point.setting),
-        point.n_steps,
-        point.evaluations,
-        *map(_short, times),
-        errors,
-    ]
+    counts = (point.n_steps, point.evaluations)
+    return [point.method, point.mode, _short(point.setting), *counts, *_times(point.seconds), errors]
+
+
+def _times(seconds: Sequence[float]) -> list[float]:
+    """The median, and the range."""
+    return [_short(value) for value in (statistics.median(seconds), min(seconds), max(seconds))]
 
 
 def _chart_of_table(table: MeasuredTable) -> dict[str, Any]:
     """The chart of one of the article's tables. Its error is of the article's metric."""
-    points = [
-        [
-            cell.method,
-            "pointer",
-            cell.h,
-            cell.n_steps,
-            cell.n_rhs,
-            *map(_short, (cell.median, min(cell.seconds), max(cell.seconds))),
-            {"article": _short(cell.error)},
-        ]
-        for cell in table.cells
-        if 0 < cell.error < 1e3
-    ]
+    cells = [cell for cell in table.cells if cell.error > 0]
+    points = [[c.method, "", c.h, c.n_steps, c.n_rhs, *_times(c.seconds), {"article": _short(c.error)}] for c in cells]
     return {
         "title": table.table.title,
         "metrics": ["article"],
         "error": table.table.metric,
-        "shown": list({cell.method: None for cell in table.cells}),
+        "shown": list({cell.method: None for cell in cells}),
         "points": points,
     }
 

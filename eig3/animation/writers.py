@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import json
 import shutil
@@ -77,7 +78,7 @@ def write_html(path: Path, frame: Frame, count: int, rate: float) -> None:
         png = io.BytesIO()
         image.save(png, "PNG", optimize=True)
         images.append(base64.b64encode(png.getvalue()).decode())
-    page = _PAGE.replace("TITLE", path.stem).replace("RATE", f"{rate:g}").replace("LAST", f"{count - 1}")
+    page = _PAGE.replace("TITLE", html.escape(path.stem)).replace("RATE", f"{rate:g}").replace("LAST", f"{count - 1}")
     path.write_text(page.replace("FRAMES", json.dumps(images)), encoding="utf-8")
 
 
