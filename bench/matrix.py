@@ -7,10 +7,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from . import text
-from .reach import Contest, contests
+from .reach import Contest, Reach, contests
 from .sweep import WorkPrecisionSet
 
+AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
 IN_WORDS = {
     "trajectory": "in the trajectory",
     "energy": "in the energy",
@@ -55,23 +58,24 @@ class Matrix:
     def answer(self, target: float) -> str:
         """Which methods are the fastest to reach the target, and where a rival is ahead, in a few sentences."""
         begin = f"To reach an error of {power(target)} {IN_WORDS[self.metric]}, with {IN_WORDS[self.mode]}"
-        held = [(row, contest) for row in self.rows if (contest := row.at(target))]
+        held = [(row, contest) for row in self.rows if (contest := row.at(target)) and contest.reached]
+        if not held:
+            return f"{begin}, no method that was measured is accurate enough, or the truth is not known so well."
+        if len(self.rows) == 1:
+            return f"{begin}, {_of_one(held[0][1])}"
         won = [contest for _, contest in held if contest.ours and not contest.is_lost]
         lost = [(row, contest) for row, contest in held if contest.is_lost]
-        if not won and not lost:
-            return f"{begin}, no method that was measured is accurate enough, or the truth is not known so well."
-        if len(held) == 1:
-            return f"{begin}, {_of_one(held[0][1])}"
-        labels = Counter(contest.ours.label for contest in won if contest.ours)
+        labels = Counter(abbreviated(contest.ours.label) for contest in won if contest.ours)
         counted = ", ".join(f"{label} ({count})" for label, count in labels.most_common())
-        sentences = [
-            f"{begin}, a method of eig3 is the fastest on {len(won)} of {len(won) + len(lost)} problems"
-            + (f": {counted}." if counted else ".")
-        ]
-        leads = [1 / contest.ratio for contest in won if contest.ratio]
+        all_reach = len(held) == len(self.rows)
+        problems = f"the {len(held)} problems{'' if all_reach else f' on which it is reached, of {len(self.rows)}'}"
+        if not any(contest.rival for _, contest in held):
+            return f"{begin}, the fastest methods of eig3 on {problems}, are {counted}; no rival was measured."
+        counted = f": {counted}" if counted else ""
+        sentences = [f"{begin}, a method of eig3 is the fastest on {len(won)} of {problems}{counted}."]
+        leads = [1 / contest.ratio for contest in won if contest.ratio and contest.rival and not contest.rival.at_most]
         if leads:
-            longer = text.number(statistics.median(leads), 2)
-            sentences.append(f"The best rival takes {longer} times as long there (median of {len(leads)}).")
+            sentences.append(f"The best rival takes {times(statistics.median(leads))} times as long there (median).")
         if lost:
             sentences.append(f"A rival is ahead on {len(lost)}: {', '.join(_lost(*one) for one in lost)}.")
         return " ".join(sentences)
@@ -81,15 +85,17 @@ def _of_one(contest: Contest) -> str:
     first = contest.reached[0]
     others = ((contest.next_own, "the next method of eig3"), (contest.next_rival, "the best rival"))
     behind = [
-        f"{who}, {one.label}, takes {times(one.seconds / first.seconds)} times as long" for one, who in others if one
+        f"{who}, {one.label}, takes {'at most ' * one.at_most}{times(one.seconds / first.seconds)} times as long"
+        for one, who in others
+        if one
     ]
     sentence = f"{first.label} is the fastest, with {in_units(first.seconds)}"
     return f"{sentence}; {' and '.join(behind)}." if behind else f"{sentence}."
 
 
 def _lost(row: Row, contest: Contest) -> str:
-    how = f"{text.number(contest.ratio, 2)} times" if contest.ours else "no method of eig3 gets there"
-    return f"{contest.reached[0].label} on {short(row.title)} ({how})"
+    how = f"{times(contest.ratio)} times" if contest.ours and contest.ratio else "no method of eig3 gets there"
+    return f"{abbreviated(contest.reached[0].label)} on {short(row.title)} ({how})"
 
 
 def short(title: str) -> str:
@@ -110,11 +116,16 @@ def times(ratio: float) -> str:
     return f"{ratio:.2f}" if ratio < 1.095 else f"{ratio:.1f}" if ratio < 9.95 else f"{ratio:.0f}"
 
 
+def lead(first: Reach, other: Reach) -> str:
+    """How many times as long the other takes; at most so long if its first setting is already accurate enough."""
+    return f"{AT_MOST * other.at_most}\N{MULTIPLICATION SIGN}{times(other.seconds / first.seconds)}"
+
+
 def abbreviated(label: str) -> str:
     """The label of a method for a narrow cell."""
     return label.replace(", tolerances", " tol.").replace(", fixed point", " f.p.").replace(", Newton", " N.")
 
 
 def power(target: float) -> str:
-    """A small number as a power of ten, such as 1e-6."""
-    return f"{target:.0e}".replace("e-0", "e-")
+    """A small number such as 1e-6 or 1.5e-3, as short as can be."""
+    return np.format_float_scientific(target, trim="-", exp_digits=1)

@@ -13,7 +13,7 @@ from eig3.drawing import NO_PICTURES
 from eig3.options import Files
 
 from .article_runs import MeasuredTable
-from .matrix import IN_WORDS, Matrix, abbreviated, in_units, power, times
+from .matrix import AT_MOST, IN_WORDS, Matrix, abbreviated, in_units, lead, power
 from .options import ARTICLE_METHODS
 from .reach import Contest, front
 from .reference import METRICS
@@ -95,7 +95,7 @@ def work_precision(result: WorkPrecisionSet) -> Figure:
     The methods and rivals on the Pareto front, the methods of the article and heyoka have colours; the rest is grey.
     """
     metrics = result.metrics
-    figure = new_figure(12.5, 4.9 * len(metrics) + 0.4)
+    figure = new_figure(13.5, 4.9 * len(metrics) + 0.4)
     grid = figure.subplots(len(metrics), 2, sharey="row", squeeze=False)
     for (by_time, by_evaluations), metric in zip(grid, metrics, strict=True):
         shown = {point.method for point in front(result, metric)} | {"heyoka"}
@@ -107,10 +107,12 @@ def work_precision(result: WorkPrecisionSet) -> Figure:
         by_evaluations.set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
         for axes in (by_time, by_evaluations):
             axes.grid(which="major", alpha=0.35)
-        by_time.plot([], [], color="0.75", linewidth=0.6, label="the others (dashed: rivals; dash-dotted: tolerances)")
-        # the lower left corner of the right picture is empty: no run is both cheap and accurate
-        by_evaluations.legend(*by_time.get_legend_handles_labels(), loc="lower left", fontsize=7)
-    figure.suptitle(f"What accuracy costs: {result.title}", fontsize=12)
+        by_time.plot(
+            [], [], color="0.75", linewidth=0.6, label="the others (dashed:\nrivals; dash-dotted:\ntolerances)"
+        )
+        # outside, where it hides no run
+        by_evaluations.legend(*by_time.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(1, 1), fontsize=8)
+    figure.suptitle(f"What accuracy costs: {result.title}", fontsize=12, parse_math=False)
     return figure
 
 
@@ -124,7 +126,7 @@ def matrix(shown: Matrix) -> Figure:
             _matrix_cell(axes, i, j, row.at(target))
     axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
     axes.set_xticks(range(columns), [power(target) for target in shown.targets])
-    axes.set_yticks(range(rows), [textwrap.fill(row.title, 26) for row in shown.rows])
+    axes.set_yticks(range(rows), [textwrap.fill(row.title, 26) for row in shown.rows], parse_math=False)
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
@@ -146,10 +148,10 @@ def _matrix_cell(axes: Any, i: int, j: int, contest: Contest | None) -> None:
     hatch = "////" if first.is_rival else None
     axes.fill_between([j - 0.48, j + 0.48], i - 0.46, i + 0.46, color=color, alpha=0.22, linewidth=0, hatch=hatch)
     following = (contest.next_own, contest.next_rival)
-    leads = "  ".join(f"x{times(one.seconds / first.seconds)}" if one else "-" for one in following)
+    leads = "  ".join(lead(first, one) if one else "-" for one in following)
     lines = (
         (-0.26, abbreviated(first.label), 8.5, color),
-        (0.02, in_units(first.seconds), 8, "k"),
+        (0.02, f"{AT_MOST * first.at_most}{in_units(first.seconds)}", 8, "k"),
         (0.29, leads, 7, "0.35"),
     )
     for down, words, size, ink in lines:

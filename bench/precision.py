@@ -83,7 +83,7 @@ def benchmark(
         if files:
             save(files, results)
             with files.writing("precision.md") as path:
-                path.write_text("\n\n".join(pages) + "\n")
+                path.write_text("\n\n".join(pages) + "\n", encoding="utf-8")
 
     modes = ("inline",) if inline else ("pointer",)
     add(f"Machine: {in_words()}\n\n{how_measured(repeats, longest, modes)}")

@@ -72,8 +72,8 @@ PROBLEM_SET = {
     ),
     "henon_heiles": BenchmarkProblem(problems.henon_heiles, 1.2, "Henon and Heiles, 100 periods"),
     "rotor": BenchmarkProblem(problems.rotor, 16.0, "rotor with cubic springs, 100 periods", cd=(_FIXED_POINT,)),
-    "kepler_03": BenchmarkProblem(partial(problems.kepler, e=0.3), 1.8, "Kepler, e = 0.3, 20 orbits"),
-    "kepler_06": BenchmarkProblem(partial(problems.kepler, e=0.6), 4.0, "Kepler, e = 0.6, 20 orbits"),
+    "kepler_03": BenchmarkProblem(partial(problems.kepler, e=0.3), 1.8, "Kepler with e = 0.3, 20 orbits"),
+    "kepler_06": BenchmarkProblem(partial(problems.kepler, e=0.6), 4.0, "Kepler with e = 0.6, 20 orbits"),
     "double_pendulum": BenchmarkProblem(
         partial(problems.double_pendulum, t_end=_REGULAR), 8.0, "double pendulum, 20 s", cd=(_FIXED_POINT,)
     ),
@@ -94,7 +94,7 @@ _varying = partial(BenchmarkProblem, targets=(1e-3, 1e-6, 1e-9), tolerances=True
 #: Problems whose speed varies, so that they need tolerances. `eig3 bench precision` alone has them.
 VARIABLE_SPEED = {
     "van_der_pol": _varying(problems.van_der_pol, 30.0, "Van der Pol, mu = 10, five periods", cd=(_FIXED_POINT,)),
-    "kepler_09": _varying(problems.kepler, 45.0, "Kepler, e = 0.9, 20 orbits"),
+    "kepler_09": _varying(problems.kepler, 45.0, "Kepler with e = 0.9, 20 orbits"),
     "arenstorf": _varying(problems.arenstorf, 320.0, "Arenstorf's orbit, one period", cd=(_FIXED_POINT,)),
     "hertz_impact": _varying(problems.hertz_impact, 310.0, "Hertz's impact"),
     "bouncing_ball": _varying(problems.bouncing_ball, 1.0, "bouncing ball, 30 impacts"),

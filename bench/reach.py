@@ -10,6 +10,7 @@ from .rivals import RIVALS
 from .sweep import Point, WorkPrecisionSet
 
 _USEFUL = 0.11  # a larger error counts for nothing
+_IN_A_ROW = 3  # settings below a target
 
 
 @dataclass(frozen=True)
@@ -31,20 +32,24 @@ class Reach:
 
 
 def reach(result: WorkPrecisionSet, method: str, metric: str, target: float) -> Reach | None:
-    """Interpolate, in logarithms, where the error of a method or rival first falls below `target`.
+    """Interpolate, in logarithms, where the error of a method or rival falls below `target`, and not by chance.
 
-    None if it never does, or if the truth is not certain enough to say so. The points are those of one mode.
+    A setting counts if the next two finer ones are below the target too, as far as they were tried. None if there is no
+    such setting, or if the truth is not certain enough to say so. The points are those of one mode.
     """
     if not result.is_claimed(metric, target):
         return None
     points = [point for point in result.of(method) if point.stable and metric in point.errors]
     usable = sorted(points, key=lambda point: -point.setting)
-    first = next((i for i, point in enumerate(usable) if point.errors[metric] <= target), None)
+    reached = [point.errors[metric] <= target for point in usable]
+    first = next((i for i in range(len(usable)) if all(reached[i : i + _IN_A_ROW])), None)
     if first is None:
         return None
     if first == 0:
         return Reach(method, usable[0].label, usable[0].time, usable[0].setting, True)
     one, two = usable[first - 1], usable[first]
+    if one.errors[metric] <= target:  # by chance
+        return Reach(method, two.label, two.time, two.setting, False)
     fraction = math.log(one.errors[metric] / target) / math.log(one.errors[metric] / max(two.errors[metric], 1e-300))
 
     def between(a: float, b: float) -> float:

@@ -11,7 +11,7 @@ from eig3.problem import Problem
 from eig3.problems.hertz_impact import contact_time, largest_indentation
 from eig3.solution import Solution
 
-from .rivals import Answer, heyoka_form, scipy_form
+from .rivals import EXPRESSIONS, Answer, heyoka_form, scipy_form
 
 METRICS = {
     "trajectory": "max |u - u(t)| / max |u|",
@@ -20,7 +20,7 @@ METRICS = {
 }
 _CHECK_STEPS = 1000  # of RK4 for each radian of the fastest oscillation: its phase error is then 1e-14 per radian
 _CHECK_STATES = 200
-_GROWING = ("van_der_pol", "arenstorf")  # problems that multiply an error of round-off by a thousand and more
+_FEW = 20  # degrees of freedom for which heyoka compiles in short time
 _TAYLOR = 1e-19  # the tightest tolerance in extended precision
 _known: weakref.WeakKeyDictionary[Problem, "Reference"] = weakref.WeakKeyDictionary()
 
@@ -37,15 +37,16 @@ class Reference:
 def reference(problem: Problem, omega: float) -> Reference:
     """The exact solution, or else DOP853 with its tightest tolerance, checked against RK4 with tiny steps.
 
-    Problems whose errors grow have Taylor series in extended precision instead, if heyoka is installed. `omega` is the
-    highest angular frequency of the problem, rad/s. A result is kept as long as its problem exists.
+    Problems with few degrees of freedom have Taylor series in extended precision instead, if heyoka is installed: the
+    round-off of DOP853 can be larger than its difference from RK4. `omega` is the highest angular frequency of the
+    problem, rad/s. A result is kept as long as its problem exists.
     """
     if problem not in _known:
         if problem.exact:
             _known[problem] = _exact(problem)
         elif problem.name == "hertz_impact":
             _known[problem] = _hertz(problem)
-        elif problem.name in _GROWING and importlib.util.find_spec("heyoka"):
+        elif problem.name in EXPRESSIONS and np.size(problem.u0) <= _FEW and importlib.util.find_spec("heyoka"):
             _known[problem] = _taylor(problem)
         else:
             _known[problem] = _checked_dop853(problem, omega)

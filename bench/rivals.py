@@ -6,6 +6,7 @@ Every rival returns the states at given times by its own dense output. Its time 
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,9 +17,12 @@ import numba
 import numpy as np
 
 from eig3.callbacks import jit
+from eig3.checks import check_params
 from eig3.problem import Problem
 
 from .rival_events import HEYOKA_EVENTS, restarted, states
+
+_ENDLESS = 1_000_000  # evaluations; SciPy takes some 8 s for them
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ def first_order(problem: Problem) -> tuple[np.ndarray, np.ndarray, Any]:
                 dy[j] = v[j]
             rhs(t, u, v, p, dy[n:])
 
-    return y0, np.array(problem.params, dtype=np.float64), slope
+    return y0, check_params(problem.params), slope
 
 
 def scipy_form(problem: Problem) -> tuple[np.ndarray, Any]:
@@ -86,23 +90,43 @@ def scipy_form(problem: Problem) -> tuple[np.ndarray, Any]:
     return y0, f
 
 
+class _EndlessError(Exception):
+    """A run takes far more evaluations than any that is compared."""
+
+
+def _limited(f: Any) -> Any:
+    """The same slope, which raises an error after `_ENDLESS` calls: a motion that blows up takes ever smaller steps."""
+    calls = itertools.count()
+
+    def slope(t: float, y: np.ndarray) -> np.ndarray:
+        if next(calls) > _ENDLESS:
+            raise _EndlessError
+        return f(t, y)
+
+    return slope
+
+
 def _scipy(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
     from scipy.integrate import solve_ivp
 
     y0, f = scipy_form(problem)
+    finished: set[float] = set()  # the tolerances with which a run has ended
 
     def run(tolerance: float) -> Answer:
         options = {"rtol": tolerance, "atol": absolute(tolerance, problem)}
+        slope = f if tolerance in finished else _limited(f)
 
         def solve(span: Any, y: np.ndarray, t_eval: np.ndarray, events: Any) -> Any:
-            return solve_ivp(f, span, y, method, t_eval, events=events, **options)
+            return solve_ivp(slope, span, y, method, t_eval, events=events, **options)
 
         begin = time.perf_counter()
         try:
-            results = restarted(solve, problem, times, y0)
-        except ValueError:  # SciPy's search for an event fails where a step passes over a whole flight
+            with np.errstate(all="ignore"):  # a motion that blows up is no reason for warnings here
+                results = restarted(solve, problem, times, y0)
+        except (ValueError, _EndlessError):  # SciPy's search for an event fails where a step passes over a whole flight
             return Answer(time.perf_counter() - begin, np.empty(0), np.empty(0), None, False)
         seconds = time.perf_counter() - begin
+        finished.add(tolerance)
         return _answer(seconds, states(results), times, sum(r.nfev for r in results), results[-1].success)
 
     return lambda tolerance: partial(run, tolerance)

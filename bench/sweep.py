@@ -35,7 +35,7 @@ _BETWEEN = (2 ** (2 / 3), 2 ** (1 / 3))  # steps to try between an unstable step
 _HOPELESS = 20  # a method is given up when its next run would take this multiple of `longest`
 _ENOUGH = 0.3  # of the smallest target; no smaller step is tried
 _SHORT = 1e-3  # s
-_DIGITS = 5  # of seconds in JSON
+_DIGITS = 5  # of times and errors in JSON
 _USELESS = 10.0  # only an unstable run has such a relative error
 #: How a kernel gets the right-hand side: it calls it through a pointer, or has it inlined.
 MODES = ("pointer", "inline")
@@ -147,8 +147,9 @@ class WorkPrecisionSet:
         return metric != "trajectory" or target >= CERTAIN * self.uncertainty
 
     def as_json(self) -> dict[str, Any]:
-        """Everything as JSON, with the statistics of each point; a number that is not finite is null."""
-        plain = {"uncertainty": _finite(self.uncertainty), "points": [_as_json(point) for point in self.points]}
+        """Everything as JSON, with the statistics of each point and short numbers; one that is not finite is null."""
+        uncertainty = self.uncertainty if math.isfinite(self.uncertainty) else None
+        plain = {"uncertainty": uncertainty, "points": [_as_json(point) for point in self.points]}
         return {**vars(self), **plain}
 
     @classmethod
@@ -159,14 +160,14 @@ class WorkPrecisionSet:
         return cls(**{**data, "targets": tuple(data["targets"]), "uncertainty": uncertainty, "points": points})
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
 
 
 def _as_json(point: Point) -> dict[str, Any]:
-    errors = {metric: _finite(error) for metric, error in point.errors.items()}
-    seconds = [float(f"{value:.{_DIGITS}g}") for value in point.seconds]
-    return {**vars(point), **point.statistics, "errors": errors, "seconds": seconds}
+    errors = {metric: _short(error) if math.isfinite(error) else None for metric, error in point.errors.items()}
+    numbers = {name: _short(value) for name, value in point.statistics.items()}
+    return {**vars(point), **numbers, "errors": errors, "seconds": [_short(value) for value in point.seconds]}
 
 
 def _from_json(data: Mapping[str, Any]) -> Point:
@@ -267,17 +268,23 @@ def sweep(
         errors = judge.of_run(solution) if solution.success else {}
         point = Point(key, label, mode, h, n_steps, solution.n_rhs, is_stable(solution.success, errors), errors)
         start = problem.stepper(h=h, method=method, inline=inline)
-        return (point, kernel_run(start, n_steps, every=every, storage=storage)), solution
+        return (point, warm(kernel_run(start, n_steps, every=every, storage=storage))), solution
 
-    was_stable, pace = True, 0.0
+    was_stable, pace, n_steps = True, 0.0, 0
     for factor in (*_FACTORS, *(0.5**k for k in range(1, 40))):
+        if divide(span, factor * bound)[0] == n_steps:  # a short span has the same number of steps with another h
+            continue
         if pace * span / (factor * bound) > _HOPELESS * longest:
             break
         found, solution = at(factor * bound)
         if found[0].stable and not was_stable and factor <= 0.5:
             yield from (at(factor * longer * bound)[0] for longer in _BETWEEN)
         yield found
-        was_stable, pace = found[0].stable, solution.kernel_seconds / max(1, solution.n_steps)
+        was_stable, pace, n_steps = (
+            found[0].stable,
+            solution.kernel_seconds / max(1, solution.n_steps),
+            found[0].n_steps,
+        )
         if solution.kernel_seconds > longest or is_enough(found[0], chosen.targets):
             break
 
@@ -307,20 +314,28 @@ def sweep_tolerances(
         errors = judge.of_answer(times, answer) if answer.success else {}
         stable = is_stable(answer.success, errors)
         point = Point(key, rival.label, mode, tolerance, None, answer.evaluations, stable, errors)
-        yield point, partial(_seconds, solve)
+        yield point, warm(partial(_seconds, solve))
         if answer.seconds > longest or is_enough(point, targets):
             break
 
 
 def _seconds(solve: Callable[[], Answer]) -> float:
-    """The seconds of a run. A short run is repeated: at first its code and data are not in the cache."""
-    seconds = solve().seconds
-    return seconds if seconds > _SHORT else solve().seconds
+    return solve().seconds
+
+
+def warm(run: Callable[[], float]) -> Callable[[], float]:
+    """The same run, repeated if it is short: at first its code and data are not in the cache."""
+
+    def again() -> float:
+        seconds = run()
+        return seconds if seconds > _SHORT else run()
+
+    return again
 
 
 def is_stable(success: bool, errors: Mapping[str, float]) -> bool:
-    """Whether a run that reached the end has errors that a stable run can have."""
-    return success and all(error < _USELESS for error in errors.values())
+    """Whether a run that reached the end has a motion that a stable run can have."""
+    return success and all(error < _USELESS for metric, error in errors.items() if metric != "energy")
 
 
 def is_enough(point: Point, targets: Sequence[float]) -> bool:

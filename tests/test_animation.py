@@ -17,10 +17,12 @@ from PIL import Image
 
 import eig3
 from eig3 import problems
+from eig3 import run as run_module
 from eig3.animation import Curves, Film, Mechanism, Portrait
+from eig3.animation import animate as animate_module
 from eig3.animation import film as film_module
 from eig3.animation import writers as writers_module
-from eig3.animation.animate import stage
+from eig3.animation.animate import captions, stage
 from eig3.animation.film import RATE, excursions, film_speed, is_resolved, shown_duration
 from eig3.cli import main
 from eig3.drawing import before_growth
@@ -289,6 +291,23 @@ def test_states_too_far_apart_are_refused(tmp_path):
         problem.animate(solution, tmp_path / "film.gif")
 
 
+def test_a_run_that_failed_at_its_first_step_has_no_motion_to_show(tmp_path):
+    problem = problems.single_dof()
+    solution = problem.integrate(h=1e200, t_end=1e201)  # its square overflows
+    assert len(solution.t) == 1
+    with pytest.raises(ValueError, match=r"^solution has no motion to show, because it has only one state"):
+        problem.animate(solution, tmp_path / "film.gif")
+
+
+def test_long_paths_are_read_in_parts(swinging, monkeypatch):
+    film = Film.of(swinging[2])
+    sizes = []
+    monkeypatch.setattr(film_module, "_VALUES", 200)  # 100 states of two displacements
+    second = film.path(lambda t, u: sizes.append(len(t)) or u[:, 1])
+    assert max(sizes) == 100
+    np.testing.assert_array_equal(second, film.solution.at(film.times)[0][:, 1])
+
+
 def test_a_problem_without_a_view_shows_its_degrees_of_freedom(tmp_path):
     @eig3.jit
     def rhs(t, u, v, p, a):
@@ -368,17 +387,54 @@ def test_the_page_has_its_frames_and_refers_to_nothing_else(still, tmp_path):
     assert "Pause" in page
 
 
-def test_ffmpeg_gets_every_frame(still, tmp_path, monkeypatch):
+def test_the_title_of_a_page_is_the_name_of_its_file(still, tmp_path):
+    name = "LAST_RUN of $frames & FRAMES"
+    page = still[0].animate(still[1], tmp_path / f"{name}.html").read_text()
+    assert f"<title>{name.replace('&', '&amp;')}</title>" in page
+
+
+@pytest.fixture
+def counting(tmp_path_factory, monkeypatch):
     """A program in the place of ffmpeg counts what it gets, and writes the number to its last argument."""
-    program = tmp_path / "ffmpeg"
+    program = tmp_path_factory.mktemp("programs") / "ffmpeg"
     program.write_text(
-        f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'w').write(str(len(sys.stdin.buffer.read())))\n"
+        f"#!{sys.executable}\nimport sys\nname = sys.argv[-1].removeprefix('file:')\n"
+        "open(name, 'w').write(str(len(sys.stdin.buffer.read())))\n"
     )
     program.chmod(0o755)
     monkeypatch.setattr(shutil, "which", lambda name: str(program))
+
+
+def test_ffmpeg_gets_every_frame(still, tmp_path, counting):
     problem, solution = still
     path = problem.animate(solution, tmp_path / "film.mp4")
     assert int(path.read_text()) == len(Film.of(solution).t) * 480 * 360 * 3
+
+
+@pytest.mark.parametrize("kind", ["gif", "html", "mp4"])
+def test_an_older_film_stays_until_the_new_one_is_complete(still, tmp_path, counting, kind):
+    def view(figure, film):
+        def show(i):
+            if i == 5:
+                raise KeyboardInterrupt
+
+        return show
+
+    problem, solution = still
+    path = tmp_path / f"film.{kind}"
+    path.write_text("older")
+    with pytest.raises(KeyboardInterrupt):
+        problem.with_(view=view).animate(solution, path)
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_text() == "older"
+    problem.animate(solution, path)
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_bytes() != b"older"
+
+
+def test_a_folder_that_does_not_exist_is_refused(still, tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"^path must be in an existing folder: create '.*films' first\.$"):
+        still[0].animate(still[1], tmp_path / "films" / "film.gif")
 
 
 def test_an_error_of_ffmpeg_is_reported(still, tmp_path, monkeypatch):
@@ -420,6 +476,16 @@ def test_the_command_writes_a_film_beside_the_other_files_or_here(brief, tmp_pat
     assert "Written to .: single_dof.gif" in capsys.readouterr().out
     assert main([*command, "--format", "html", "--out", "out"]) == 0
     assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".npz", ".csv", ".png", ".html"}
+
+
+def test_the_beginning_of_a_run_is_called_so(brief, tmp_path, monkeypatch):
+    """The run has too few states for a film. A shorter run has enough, and is shown as a part of the run."""
+    said = []
+    monkeypatch.setattr(animate_module, "captions", lambda *given: said.extend(captions(*given)) or said)
+    monkeypatch.setattr(run_module, "_STATES", 10)
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "single_dof", "--t-end", "100", "--h", "0.01", "--animate"]) == 0
+    assert any(line.startswith("the first ") for line in said)
 
 
 def test_a_format_without_a_film_is_refused():

@@ -75,6 +75,7 @@ def record(results: list[WorkPrecisionSet]) -> SimpleNamespace:
             "hard": SimpleNamespace(command="eig3 bench hard", markdown="| case | verdict |\n| - | - |\n| 1 | good |")
         },
         missing=["c"],
+        unsolved=[],
         motion=lambda name: None,
     )
 
@@ -194,7 +195,7 @@ def test_the_switches_change_matrix_tables_and_charts(opened):
         "document.querySelector('[data-chart=smooth] svg.marks').textContent.includes('energy error')"
     )
     assert "in the energy" in opened.locator(".sentence:visible").inner_text()
-    assert "in the energy" in opened.locator("#smooth h3:visible").inner_text()
+    assert "in the energy" in opened.locator("#problem-smooth h3:visible").inner_text()
     assert "metric=energy&mode=inline" in opened.url
 
 
@@ -248,7 +249,7 @@ def test_evaluations_in_place_of_time_and_zoom(opened):
         return " ".join(opened.locator("[data-chart=smooth] .role-axis-label text").all_text_contents())
 
     assert "\N{MICRO SIGN}s" in labels()
-    opened.locator("#smooth").get_by_text("against evaluations").click()
+    opened.locator("#problem-smooth").get_by_text("against evaluations").click()
     opened.wait_for_function(
         "document.querySelector('[data-chart=smooth] svg.marks').textContent.includes('evaluations of')"
     )

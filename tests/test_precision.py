@@ -327,7 +327,8 @@ def test_command_writes_tables_json_and_pictures(tmp_path, capsys):
     assert all(point["seconds"] for point in kept if point["stable"])
     timed = [point for point in kept if point["seconds"]]
     assert all(point["minimum"] <= point["median"] for point in timed)
-    assert all(point["ns_per_step"] * point["n_steps"] == pytest.approx(1e9 * point["median"]) for point in timed)
+    products = ((point["ns_per_step"] * point["n_steps"], 1e9 * point["median"]) for point in timed)
+    assert all(one == pytest.approx(other, rel=1e-4) for one, other in products)  # five digits each
     for name in ("single_dof", "elastic_bar"):
         assert (tmp_path / f"precision_{name}.png").read_bytes().startswith(b"\x89PNG")
 
@@ -378,3 +379,13 @@ def test_a_miss_says_what_is_wrong_with_the_first_choice():
     assert plan.Checked(prediction, 0.7, 1.1).is_hit
     assert not plan.Checked(prediction, 0.7, 2.0).is_hit
     assert not plan.Checked(prediction, 1.1, 1.0).is_hit
+
+
+def test_a_rival_without_end_is_given_up_but_timed_runs_are_not_limited(monkeypatch):
+    problem = problems.duffing(t_end=5.0)
+    run = rivals.RIVALS["scipy rk45"].prepare(problem, np.linspace(0.0, 5.0, 11))(1e-9)
+    needed = run().evaluations
+    monkeypatch.setattr(rivals, "_ENDLESS", needed // 2)
+    assert run().evaluations == needed  # it has ended once
+    first = rivals.RIVALS["scipy rk45"].prepare(problem, np.linspace(0.0, 5.0, 11))(1e-9)()
+    assert not first.success

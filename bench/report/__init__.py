@@ -9,18 +9,18 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import os
-import shlex
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from eig3.methods import LIBRARY
-from eig3.options import Files, add_methods, add_out, count
+from eig3.methods import LIBRARY, shown
+from eig3.options import Files, add_methods, add_out, count, folder
 from eig3.problem import Problem
 
-from .. import c, pictures
+from .. import c
 from ..environment import environment, in_words
 from ..options import add_accuracies, choose
 from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
@@ -31,12 +31,12 @@ from .comparison import Comparison
 from .markdown import draw_pictures
 from .markdown import page as markdown_page
 from .page import html
-from .parts import Part, Settings, measure_own, parts_of
+from .parts import COMMAND, Part, Settings, command_line, measure_own, parts_of
 from .record import RUN, Record, RecordError, part_name
 
 SUMMARY = "everything on one page"
-_COMMAND = "eig3 bench report"
 _DEFAULTS = Settings()
+_PACKAGES = ("matplotlib", "scipy", "markdown", "jinja2", "vl_convert")  # that a page needs
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -67,27 +67,26 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     given = {name: value for name in asdict(_DEFAULTS) if (value := getattr(options, name)) is not None}
+    _check_packages(COMMAND, SystemExit)
     try:
         if options.source is not None:
             _draw_again(options, given)
         else:
             _measure(options, given)
     except RecordError as error:
-        raise SystemExit(f"{_COMMAND}: {error}") from None
+        raise SystemExit(f"{COMMAND}: {error}") from None
 
 
 def _draw_again(options: argparse.Namespace, given: Mapping[str, Any]) -> None:
     if given or options.resume:
-        raise SystemExit(f"{_COMMAND}: --from only draws what was measured: leave out the options of a measurement.")
-    _check_pictures()
+        raise SystemExit(f"{COMMAND}: --from only draws what was measured: leave out the options of a measurement.")
     record = Record.open(options.source)
     draw(record, options.out or options.source, _against(record, options.against), print)
 
 
 def _measure(options: argparse.Namespace, given: Mapping[str, Any]) -> None:
     if options.out is None:
-        raise SystemExit(f"{_COMMAND}: give --out DIR to measure, or --from DIR to draw a page again.")
-    _check_pictures()
+        raise SystemExit(f"{COMMAND}: give --out DIR to measure, or --from DIR to draw a page again.")
     if options.against is not None:
         Record.open(options.against)  # a folder without a run is an error now, and not after the measurement
     settings = _settings(options, given)
@@ -99,14 +98,14 @@ def _measure(options: argparse.Namespace, given: Mapping[str, Any]) -> None:
         _check_same_machine(record)
     else:
         record = Record.create(
-            options.out, _command_line(options.out, given), asdict(settings), [part.name for part in parts]
+            options.out, command_line(options.out, given), asdict(settings), [part.name for part in parts]
         )
     draw(record, options.out, None, _silently)  # a page that cannot be written is an error now too
     try:
         complete(record, parts, print)
     except (KeyboardInterrupt, SystemExit):
         draw(record, options.out, _against(record, options.against), print)
-        print(f"{len(record.missing)} parts are not measured: {_COMMAND} --out {options.out} --resume goes on.")
+        print(f"{len(record.missing)} parts are not measured: {COMMAND} --out {options.out} --resume goes on.")
         raise
     draw(record, options.out, _against(record, options.against), print)
 
@@ -116,7 +115,7 @@ def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings
     has_run = (options.out / RUN).exists()
     if has_run and not options.resume:
         raise SystemExit(
-            f"{_COMMAND}: {options.out} holds a run: go on with it by --resume, draw its page by --from, or choose "
+            f"{COMMAND}: {options.out} holds a run: go on with it by --resume, draw its page by --from, or choose "
             "another folder."
         )
     if options.resume:
@@ -124,7 +123,7 @@ def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings
         for name, value in given.items():
             if value != getattr(known, name):
                 raise SystemExit(
-                    f"{_COMMAND}: --resume goes on with the options of the run, in which {name} is "
+                    f"{COMMAND}: --resume goes on with the options of the run, in which {name} is "
                     f"{getattr(known, name)}, not {value}: leave the option out, or choose another folder."
                 )
         _check_names(known)
@@ -143,6 +142,7 @@ def _known(record: Record) -> Settings:
 
 def _check_names(settings: Settings) -> None:
     """Refuse names that are not known, and load the user's own problems."""
+    _check_files(settings.problems or ())
     for name in settings.problems or ():
         if own.is_own(name):
             own.load(name)
@@ -151,32 +151,30 @@ def _check_names(settings: Settings) -> None:
     choose(settings.methods, list(LIBRARY))
 
 
-def _check_pictures() -> None:
-    if not pictures.is_possible():
-        raise SystemExit(f"{_COMMAND}: the pictures need matplotlib; install it with pip install 'eig3[bench]'.")
+def _check_files(problems: Sequence[str]) -> None:
+    """Refuse two problems whose parts have the same name."""
+    names: dict[str, str] = {}
+    for name in problems:
+        other = names.setdefault(part_name("precision", name), name)
+        if other != name:
+            raise SystemExit(
+                f"{COMMAND}: --problem {other} and --problem {name} would be kept in the same files: measure them in "
+                "two folders."
+            )
+
+
+def _check_packages(who: str, error: type[BaseException]) -> None:
+    missing = [package for package in _PACKAGES if importlib.util.find_spec(package) is None]
+    if missing:
+        raise error(f"{who} needs {', '.join(missing)}: install what it needs with pip install 'eig3[bench]'.")
 
 
 def _check_same_machine(record: Record) -> None:
     if record.environment != environment():
         raise SystemExit(
-            f"{_COMMAND}: {record.folder} was measured on {in_words(record.environment)}, but this is {in_words()}: "
+            f"{COMMAND}: {record.folder} was measured on {in_words(record.environment)}, but this is {in_words()}: "
             "times of both do not belong together; choose another folder."
         )
-
-
-def _command_line(out: Path, given: Mapping[str, Any]) -> str:
-    """The command that asks for what was given."""
-    words = [*_COMMAND.split(), "--out", str(out)]
-    for name, value in given.items():
-        if name == "rivals":
-            words.append("--no-rivals")
-        elif name == "accuracies":
-            words += ["--accuracies", *(f"{accuracy:g}" for accuracy in value)]
-        elif isinstance(value, list):
-            words += [word for entry in value for word in (f"--{name.removesuffix('s')}", entry)]
-        else:
-            words += [f"--{name}", f"{value:g}"]
-    return shlex.join(words)
 
 
 def _silently(line: str) -> None:
@@ -200,7 +198,7 @@ def complete(record: Record, parts: Sequence[Part], write: Callable[[str], None]
 
 def draw(record: Record, out: Path, comparison: Comparison | None, write: Callable[[str], None]) -> None:
     """Write the page, as HTML and as Markdown with pictures, into the folder `out`."""
-    files = Files(out, _COMMAND)
+    files = Files(out, COMMAND)
     draw_pictures(record, files)
     for result in record.results if out != record.folder else ():
         motion = record.motion(result.name)
@@ -209,7 +207,7 @@ def draw(record: Record, out: Path, comparison: Comparison | None, write: Callab
                 path.write_bytes(motion.read_bytes())
     for name, page in (("report.md", markdown_page), ("report.html", html)):
         with files.writing(name) as path:
-            path.write_text(page(record, comparison))
+            path.write_text(page(record, comparison), encoding="utf-8")
     if comparison:
         write(comparison.summary)
     files.finish(write)
@@ -252,7 +250,9 @@ def report(
     TypeError, ValueError
         If an argument is not valid, or if no run of the problem reaches the end of its span.
     ImportError
-        If matplotlib, SciPy or Markdown is not installed.
+        If one of the packages that a page needs is not installed.
+    OSError
+        If `out` cannot be written.
 
     Notes
     -----
@@ -261,26 +261,42 @@ def report(
     """
     own.check(problem)
     settings = _own_settings(problem, accuracies, rivals, repeats)
-    for package in ("matplotlib", "scipy", "markdown", "jinja2", "vl_convert"):
-        if importlib.util.find_spec(package) is None:
-            raise ImportError(f"eig3.report needs {package}: install it with pip install 'eig3[bench]'.")
-    folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
-    name = problem.name
-    command = f"eig3.report({name}, accuracies={tuple(settings.accuracies or ())})"
+    _check_packages("eig3.report", ImportError)
+    name, changed = problem.name, settings.changed
+    given = {"accuracies": tuple(changed.pop("accuracies")), **changed}
+    arguments = [name, *(f"{key}={value!r}" for key, value in given.items() if key != "problems")]
+    command = f"eig3.report({', '.join(arguments)})"
     part = Part(part_name("precision", name), command, lambda record: measure_own(record, name, problem, "", settings))
-    record = Record.create(folder, command, asdict(settings), [part.name])
-    complete(record, [part], _silently)
-    draw(record, folder, None, _silently)
-    return folder / "report.html"
+    with _os_error():
+        place = folder(os.fspath(out))
+        record = Record.create(place, command, asdict(settings), [part.name])
+        complete(record, [part], _silently)
+        draw(record, place, None, _silently)
+    return place / "report.html"
+
+
+@contextmanager
+def _os_error() -> Iterator[None]:
+    """Raise an OSError about `out` in place of an error about --out."""
+    try:
+        yield
+    except argparse.ArgumentTypeError as error:
+        raise OSError(f"out: {error}.") from None
+    except SystemExit as error:
+        raise OSError(f"out: {str(error).partition(': ')[2].removesuffix(' with --out.')}.") from None
 
 
 def _own_settings(
     problem: Problem, accuracies: Sequence[float], rivals: bool | Sequence[str], repeats: int
 ) -> Settings:
-    errors = [float(error) for error in accuracies]
+    try:
+        errors = [float(error) for error in accuracies]
+    except (TypeError, ValueError):
+        errors = []
     if not errors or not all(0 < error < 1 for error in errors):
-        raise ValueError(f"accuracies must be numbers between 0 and 1, such as (1e-2, 1e-4), not {accuracies!r}.")
+        raise ValueError(
+            f"accuracies must be a sequence of numbers between 0 and 1, such as (1e-2, 1e-4), not {shown(accuracies)}."
+        )
     if not isinstance(repeats, int) or repeats < 1:
         raise ValueError(f"repeats must be a whole number of at least 1, not {repeats!r}.")
     if not isinstance(rivals, bool):

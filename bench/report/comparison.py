@@ -11,17 +11,22 @@ from itertools import groupby
 from .. import text
 from ..environment import in_words
 from ..rivals import RIVALS
+from ..sweep import CERTAIN
 from .record import Record
 
 CONFIDENCE = 0.99  # of the noise
 LEAST = 0.03  # no smaller change of the time is marked
 CHANGED = 0.01  # a method whose error changes by more computes something else
+_ROUND_OFF = 1e-11  # smaller errors may change from machine to machine
 SLOWER, FASTER = "slower", "faster"
 
 
 @dataclass(frozen=True)
 class Timing:
-    """The times of one method on one problem at one setting, and its errors."""
+    """The times of one method on one problem at one setting, and its errors; an unstable run has no times.
+
+    The `uncertainty` is that of the errors of the trajectory.
+    """
 
     problem: str
     mode: str
@@ -30,6 +35,7 @@ class Timing:
     setting: str
     seconds: Sequence[float]
     errors: Mapping[str, float]
+    uncertainty: float = 0.0
 
     @property
     def key(self) -> tuple[str, str, str, str]:
@@ -40,9 +46,14 @@ class Timing:
         return ", ".join(word for word in (self.problem, self.mode, self.label, self.setting) if word)
 
     @property
-    def is_control(self) -> bool:
-        """Whether its code is not part of the library: a rival, and the code in C."""
-        return self.method in RIVALS or self.mode.startswith("C ")
+    def is_ours(self) -> bool:
+        """Whether its code is part of the library: not a rival, and not the code in C."""
+        return self.method not in RIVALS and not self.mode.startswith("C ")
+
+    @property
+    def package(self) -> str:
+        """The package of a rival; empty for the others."""
+        return RIVALS[self.method].package if self.method in RIVALS else ""
 
 
 @dataclass(frozen=True)
@@ -58,8 +69,10 @@ class Row:
         The new median time over the old one, as the geometric mean over these settings.
     noise : float
         The factor, above 1, by which the ratio may be wrong; infinite if the repeats cannot tell.
-    is_control : bool
-        Whether the code is the same in both runs.
+    is_ours : bool
+        Whether the code is part of the library.
+    package : str
+        The package of a rival; empty for the others.
     """
 
     problem: str
@@ -69,7 +82,8 @@ class Row:
     settings: int
     ratio: float
     noise: float
-    is_control: bool
+    is_ours: bool
+    package: str
 
     @property
     def mark(self) -> str:
@@ -89,7 +103,7 @@ class Comparison:
     rows : list of Row
         In the order of the new run.
     changed : list of str
-        Sentences about errors that are not the same.
+        What became stable or unstable, and the errors that are not the same, in words.
     unpaired : list of str
         What only one of the runs has, in words.
     """
@@ -106,32 +120,51 @@ class Comparison:
         news, olds = ({timing.key: timing for timing in timings(record)} for record in (new, old))
         pairs = [(timing, olds[key]) for key, timing in news.items() if key in olds]
         changed = [sentence for pair in pairs for sentence in _changed(*pair)]
-        return cls(new, old, list(_rows(pairs)), changed, [*_lonely(news, olds), *_lonely(olds, news)])
+        timed = [pair for pair in pairs if all(timing.seconds for timing in pair)]
+        return cls(new, old, list(_rows(timed)), changed, [*_lonely(news, olds), *_lonely(olds, news)])
+
+    @property
+    def other_versions(self) -> dict[str, str]:
+        """The packages of rivals whose versions in both runs are not the same or not known, and these versions."""
+        packages = dict.fromkeys(row.package for row in self.rows if row.package)
+        versions = {name: [record.environment.get(name) for record in (self.new, self.old)] for name in packages}
+        return {
+            name: f"{new or 'unknown'}, before {old or 'unknown'}"
+            for name, (new, old) in versions.items()
+            if new != old or not new
+        }
 
     @property
     def control(self) -> float | None:
         """The geometric mean of the ratios of the code that is the same in both runs; None if there is none."""
-        logarithms = [math.log(row.ratio) for row in self.rows if row.is_control]
+        others = self.other_versions
+        logarithms = [math.log(row.ratio) for row in self.rows if not row.is_ours and row.package not in others]
         return math.exp(statistics.fmean(logarithms)) if logarithms else None
 
     @property
     def marked(self) -> list[Row]:
         """The methods of the library that became slower or faster."""
-        return [row for row in self.rows if row.mark and not row.is_control]
+        return [row for row in self.rows if row.mark and row.is_ours]
 
     @property
     def summary(self) -> str:
-        """How many methods became slower or faster, and how the machine changed."""
-        ours = [row for row in self.rows if not row.is_control]
+        """How many methods became slower or faster, how many by noise alone, and how the machine changed."""
+        ours = [row for row in self.rows if row.is_ours]
         counts = {mark: sum(row.mark == mark for row in ours) for mark in (SLOWER, FASTER)}
         words = " and ".join(f"{count} became {mark}" for mark, count in counts.items())
         control = (
             f"The rivals and the code in C, whose source is the same in both runs, take {self.control:.3f} of their "
             "time: so much of each ratio is the machine, its load and its versions."
             if self.control
-            else "No rival is in both runs, so nothing tells how the machine and its load changed."
+            else "No rival of the same version is in both runs, so nothing tells how the machine and its load changed."
         )
-        return f"Of {len(ours)} pairs of a problem and a method, {words} by more than the noise. {control}"
+        if self.other_versions:
+            others = "; ".join(f"{name} ({versions})" for name, versions in self.other_versions.items())
+            control += f" Rivals of another version say nothing about it: {others}."
+        return (
+            f"Of {len(ours)} pairs of a problem and a method, {words} by more than the noise. Noise alone marks "
+            f"{(1 - CONFIDENCE) * len(ours):.3g} of them on average, or fewer. {control}"
+        )
 
     @property
     def markdown(self) -> str:
@@ -154,7 +187,11 @@ class Comparison:
             f"{100 * LEAST:.0f} % is not marked."
         )
         if self.changed:
-            parts += ["Errors that changed by more than 1 %:", "\n".join(f"- {line}" for line in self.changed)]
+            parts += [
+                f"What became stable or unstable, and errors that changed by more than {100 * CHANGED:.0f} %. Errors "
+                f"below {CERTAIN} times the uncertainty of the truth, or below {_ROUND_OFF:g}, are left out:",
+                "\n".join(f"- {line}" for line in self.changed),
+            ]
         if self.unpaired:
             parts += ["In one of the runs only:", "\n".join(f"- {line}" for line in self.unpaired)]
         return "\n\n".join(parts)
@@ -166,18 +203,19 @@ def percent(noise: float) -> str:
 
 
 def timings(record: Record) -> Iterator[Timing]:
-    """Everything that a record has times of."""
+    """Everything that a record has times of, and unstable runs; without the loop by hand beside C, the "floor"."""
     for result in record.results:
-        for p in (point for point in result.points if point.seconds):
+        for p in result.points:
             errors = {f"{metric} error": error for metric, error in p.errors.items()}
-            yield Timing(result.name, p.mode, p.method, p.label, f"{p.setting:.6g}", p.seconds, errors)
+            setting, uncertainty = f"{p.setting:.6g}", result.uncertainty
+            yield Timing(result.name, p.mode, p.method, p.label, setting, p.seconds, errors, uncertainty)
     for table in record.article:
         for cell in table.cells:
             problem, setting, errors = f"Table {table.table.number}", f"{cell.h:g}", {"error": cell.error}
             yield Timing(problem, "pointer", cell.method, cell.label, setting, cell.seconds, errors)
     for row, columns in record.timings.items():
         problem, _, label = row.partition(", ")
-        for column, seconds in columns.items():
+        for column, seconds in ((column, seconds) for column, seconds in columns.items() if column != "floor"):
             yield Timing(f"{problem} beside C", column, label, label, "", seconds, {})
 
 
@@ -218,14 +256,25 @@ def _rows(pairs: Sequence[tuple[Timing, Timing]]) -> Iterator[Row]:
     for group in groups.values():
         first = group[0][0]
         ratio, noise = ratio_and_noise([(new.seconds, old.seconds) for new, old in group])
-        yield Row(first.problem, first.mode, first.method, first.label, len(group), ratio, noise, first.is_control)
+        names = first.problem, first.mode, first.method, first.label
+        yield Row(*names, len(group), ratio, noise, first.is_ours, first.package)
 
 
 def _changed(new: Timing, old: Timing) -> Iterator[str]:
+    if bool(new.seconds) != bool(old.seconds):
+        yield f"{new.words}: {_stability(new)}, before {_stability(old)}"
+    if not (new.seconds and old.seconds):
+        return
     for metric, error in new.errors.items():
         before = old.errors.get(metric, error)
-        if error != before and not math.isclose(error, before, rel_tol=CHANGED):
+        uncertainty = max(new.uncertainty, old.uncertainty) if metric.startswith("trajectory") else 0.0
+        least = max(_ROUND_OFF, CERTAIN * uncertainty)
+        if not math.isclose(max(error, least), max(before, least), rel_tol=CHANGED):
             yield f"{new.words}: {metric} {error:.3g}, before {before:.3g}"
+
+
+def _stability(timing: Timing) -> str:
+    return "stable" if timing.seconds else "unstable"
 
 
 def _lonely(these: Mapping[tuple, Timing], others: Mapping[tuple, Timing]) -> Iterator[str]:
@@ -235,7 +284,7 @@ def _lonely(these: Mapping[tuple, Timing], others: Mapping[tuple, Timing]) -> It
         if problem not in shared:
             yield f"{problem}: all of it"
             continue
-        alone = (timing for timing in group if timing.key not in others)
+        alone = (timing for timing in group if timing.seconds and timing.key not in others)
         for _, settings in groupby(alone, key=lambda timing: timing.key[:3]):
             first, *more = settings
             yield ", ".join([first.words, *(timing.setting for timing in more)])

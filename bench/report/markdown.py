@@ -36,6 +36,8 @@ def page(record: Record, comparison: Comparison | None) -> str:
     """The report: the answer, then each problem, the article, and the other parts."""
     parts = ["# eig3: what accuracy costs in time", f"Machine: {in_words(record.environment)}"]
     parts.append(f"Measured by `{record.command}`.")
+    if record.unsolved:
+        parts.append(f"No method that was chosen solves {', '.join(record.unsolved)}.")
     if record.missing:
         parts.append(f"Not measured yet: {', '.join(record.missing)}.")
     parts += _answer(record.results)
@@ -113,7 +115,7 @@ def _fastest(contest: Contest | None) -> str:
 
 def _problem(record: Record, result: WorkPrecisionSet) -> list[str]:
     motion = record.motion(result.name)
-    shown = [f"![The motion of {result.title}]({motion.name})"] if motion else []
+    shown = [f"![The motion of {result.title}](<{motion.name}>)"] if motion else []
     parts: list[str] = []
     for mode in result.modes or ["pointer"]:
         of_mode = result.in_mode(mode)
@@ -122,7 +124,7 @@ def _problem(record: Record, result: WorkPrecisionSet) -> list[str]:
             parts += [f"#{heading}", *shown]
         parts += [f"#### Right-hand side {precision.IN_WORDS[mode]}", f"Measured by `{of_mode.command}`."]
         parts += rest
-    return [*parts, f"![{result.title}: error against time and evaluations]({picture(result)})"]
+    return [*parts, f"![{result.title}: error against time and evaluations](<{picture(result)}>)"]
 
 
 def _article(record: Record) -> list[str]:

@@ -20,13 +20,16 @@ function show() {
   for (const sentence of all(".sentence")) sentence.hidden = sentence.dataset.accuracy !== accuracy;
   for (const cell of all("th[data-accuracy], td[data-accuracy]"))
     cell.classList.toggle("here-column", cell.dataset.accuracy === accuracy);
-  if (controls) controls.querySelector("output").textContent = Number(accuracy).toExponential(0);
+  if (controls) {
+    controls.querySelector("output").textContent = Number(accuracy).toExponential();
+    controls.elements.accuracy.ariaValueText = Number(accuracy).toExponential();
+  }
 }
 
 function remember() {
   const { metric, mode, accuracy } = chosen();
-  const query = new URLSearchParams({ metric, mode, accuracy: Number(accuracy).toExponential(0) });
-  history.replaceState(null, "", `?${query}${location.hash}`);
+  const query = new URLSearchParams({ metric, mode, accuracy: Number(accuracy).toExponential() });
+  try { history.replaceState(null, "", `?${query}${location.hash}`); } catch { /* a page without an address */ }
 }
 
 function recall() {
@@ -138,7 +141,8 @@ class Chart {
     const y = { ...number("error"), scale,
       axis: { title: this.title(), labelExpr: POWERS, labelOverlap, grid, titleLimit: 380 } };
     // Each method is drawn whole before the next: otherwise the signs of hidden marks would be drawn over other marks.
-    const layer = Object.entries(Object.groupBy(points, p => p.method)).map(([method, values], i) => {
+    const layer = [...new Set(points.map(p => p.method))].map((method, i) => {
+      const values = points.filter(p => p.method === method);
       const { color, shape, kind, filled } = data.methods[method], clip = true;
       return { data: { values }, layer: [
         { mark: { type: "line", color, clip, strokeWidth: 1.6, strokeDash: DASHES[kind] }, encoding: { x, y, order: number("setting") } },

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
+import math
+import re
 import statistics
 from collections.abc import Sequence
 from itertools import groupby
@@ -13,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from .. import text
 from ..article_runs import MeasuredTable
 from ..environment import in_words
-from ..matrix import IN_WORDS, Matrix, abbreviated, in_units, power, short, times
+from ..matrix import IN_WORDS, Matrix, abbreviated, in_units, lead, power, short
 from ..paper import render as article_table
 from ..paper import render_claims, render_footnotes, render_relative
 from ..reference import METRICS
@@ -49,7 +51,8 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
         "short": abbreviated,
         "style": style_of,
         "time": in_units,
-        "times": times,
+        "lead": lead,
+        "anchor": anchor,
     }
     results = record.results
     modes = [mode for mode in MODES if any(mode in result.modes for result in results)]
@@ -64,7 +67,7 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
         comparison=comparison,
         matrices=matrices,
         targets=targets,
-        start=min(targets, key=lambda target: abs(target - _START), default=None),
+        start=min(targets, key=lambda target: abs(math.log(target / _START)), default=None),
         metrics={metric: METRICS[metric] for metric in metrics},
         modes=modes,
         in_words=IN_WORDS,
@@ -75,8 +78,8 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
         titles=TITLES,
         labels=_labels(results),
         shapes=SHAPES,
-        css=Markup((_HERE / "page.css").read_text()),
-        script=Markup((_HERE / "page.js").read_text()),
+        css=Markup((_HERE / "page.css").read_text("utf-8")),
+        script=Markup((_HERE / "page.js").read_text("utf-8")),
         charts=Markup(javascript_bundle(None).replace("</script", "<\\/script")),
         data=Markup(_in_script(_data(sections, record.article))),
     )
@@ -87,6 +90,7 @@ class Section:
 
     def __init__(self, record: Record, result: WorkPrecisionSet, matrices: Sequence[Matrix]) -> None:
         self.result = result
+        self.anchor = anchor(result.name)
         motion = record.motion(result.name)
         self.motion = _data_url(motion) if motion else None
         self.rows = {(m.metric, m.mode): row for m in matrices for row in m.rows if row.name == result.name}
@@ -114,13 +118,19 @@ class Section:
         return f"Unstable or useless runs: {'; '.join(found)}." if found else "No run was unstable."
 
 
+def anchor(name: str) -> str:
+    """The address of a problem's section in the page."""
+    return f"problem-{re.sub('[^a-zA-Z0-9_-]', '-', name)}"
+
+
 def _summary(results: Sequence[WorkPrecisionSet]) -> str:
-    methods, problems = dict(_labels(results)), len(results)
-    rivals = sum(method in RIVALS for method in methods)
+    measured, problems = dict(_labels(results)), len(results)
+    rivals = sum(method in RIVALS for method in measured)
+    methods = {method.partition(" ")[0] for method in measured if method not in RIVALS}  # in any form
     runs = sum(len(point.seconds) for result in results for point in result.points)
     points = sum(bool(point.seconds) for result in results for point in result.points)
     return (
-        f"{len(methods) - rivals} methods of eig3 and {rivals} rivals on {problems} problem{'s' * (problems != 1)}: "
+        f"{len(methods)} methods of eig3 and {rivals} rivals on {problems} problem{'s' * (problems != 1)}: "
         f"{points:,} settings timed in {runs:,} interleaved runs, compiling left out; a time is the median of its runs."
     )
 
@@ -143,7 +153,7 @@ def _labels(results: Sequence[WorkPrecisionSet]) -> list[tuple[str, str]]:
 
 
 def _in_script(data: Any) -> str:
-    return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def _data(sections: Sequence[Section], article: Sequence[MeasuredTable]) -> dict[str, Any]:
@@ -180,7 +190,7 @@ def _chart_of_problem(section: Section) -> dict[str, Any]:
 
 
 def _row(point: Point) -> list[Any]:
-    errors = {metric: _short(error) for metric, error in point.errors.items()}
+    errors = {metric: _short(error) for metric, error in point.errors.items() if math.isfinite(error)}
     counts = (point.n_steps, point.evaluations)
     return [point.method, point.mode, _short(point.setting), *counts, *_times(point.seconds), errors]
 
@@ -192,7 +202,7 @@ def _times(seconds: Sequence[float]) -> list[float]:
 
 def _chart_of_table(table: MeasuredTable) -> dict[str, Any]:
     """The chart of one of the article's tables. Its error is of the article's metric."""
-    cells = [cell for cell in table.cells if cell.error > 0]
+    cells = [cell for cell in table.cells if 0 < cell.error < math.inf]
     points = [[c.method, "", c.h, c.n_steps, c.n_rhs, *_times(c.seconds), {"article": _short(c.error)}] for c in cells]
     return {
         "title": table.table.title,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +24,12 @@ from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
 from ..sweep import MODES, measure
 from . import own
 from .record import Record, motion_file, part_name
+from .truth import VALUES
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+COMMAND = "eig3 bench report"
 
 #: The accuracies of a problem of the library: ten decades.
 DECADES = tuple(10.0**-k for k in range(1, 11))
@@ -31,7 +38,8 @@ _FEWEST = 3  # states; a run that fails before has no picture
 _ACCURATE = 1e-6  # its relative tolerance
 _MOST_STEPS = 1_000_000
 _SIZE, _DPI = (9.0, 5.0), 100  # of its picture, inches, and pixels in an inch
-_QUALITIES = (80, 60, 40, 20)  # of the picture, the first with which the file is small enough
+_QUALITIES = (80, 60, 40, 20)  # of the picture, the first with which the file is small enough,
+_NARROWER = 0.8  # and the factor of its width for as long as none of them is
 _LARGEST = 40_000  # bytes
 
 
@@ -58,6 +66,11 @@ class Settings:
         words += [f"--method {name}" for name in self.methods or ()]
         return " ".join([*words, "--accuracies", *(f"{accuracy:g}" for accuracy in self.accuracies or DECADES)])
 
+    @property
+    def changed(self) -> dict[str, Any]:
+        """The settings that are not the defaults."""
+        return {name: value for name, value in vars(self).items() if value != getattr(Settings, name)}
+
 
 @dataclass(frozen=True)
 class Part:
@@ -66,6 +79,21 @@ class Part:
     name: str
     command: str
     measure: Callable[[Record], Any]
+
+
+def command_line(out: str | Path, given: Mapping[str, Any]) -> str:
+    """The command of a report that asks for these settings."""
+    words = [*COMMAND.split(), "--out", str(out)]
+    for name, value in given.items():
+        if name == "rivals":
+            words.append("--no-rivals")
+        elif name == "accuracies":
+            words += ["--accuracies", *(f"{accuracy:g}" for accuracy in value)]
+        elif isinstance(value, list):
+            words += [word for entry in value for word in (f"--{name.removesuffix('s')}", entry)]
+        else:
+            words += [f"--{name}", f"{value:g}"]
+    return shlex.join(words)
 
 
 def parts_of(settings: Settings) -> list[Part]:
@@ -83,7 +111,7 @@ def parts_of(settings: Settings) -> list[Part]:
 
 def _precision(name: str, settings: Settings) -> Part:
     if own.is_own(name):
-        command = f"eig3 bench report --problem {shlex.quote(name)} --out DIR"
+        command = command_line("DIR", {**settings.changed, "problems": [name]})
         return Part(part_name("precision", name), command, lambda record: _own(name, settings, record))
     command = f"eig3 bench precision --problem {name} {settings.options}"
     return Part(part_name("precision", name), command, partial(_of_the_set, name, settings))
@@ -102,7 +130,7 @@ def _own(name: str, settings: Settings, record: Record) -> dict[str, Any]:
     try:
         return measure_own(record, name, problem, about, settings)
     except Exception as error:  # of the user's functions too
-        raise SystemExit(f"eig3 bench report: --problem {name}: {type(error).__name__}: {error}") from None
+        raise SystemExit(f"{COMMAND}: --problem {name}: {type(error).__name__}: {error}") from None
 
 
 def measure_own(record: Record, name: str, problem: Problem, about: str, settings: Settings) -> dict[str, Any]:
@@ -115,7 +143,7 @@ def measure_own(record: Record, name: str, problem: Problem, about: str, setting
 
 def draw_motion(record: Record, name: str, problem: Problem) -> None:
     """Draw the motion of a problem into a small file of the record."""
-    times = np.linspace(*problem.t_span, _STATES)
+    times = np.linspace(*problem.t_span, min(_STATES, max(_FEWEST, VALUES // np.size(problem.u0))))
     solution = problem.integrate(rtol=_ACCURATE, t_eval=times, invariants={}, max_steps=_MOST_STEPS)
     if len(solution.t) < _FEWEST:
         return
@@ -128,12 +156,20 @@ def draw_motion(record: Record, name: str, problem: Problem) -> None:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    files = Files(record.folder, "eig3 bench report")
-    with files.writing(motion_file(name)) as path:
-        for quality in _QUALITIES:
-            picture.save(path, quality=quality, method=6)
+    with Files(record.folder, COMMAND).writing(motion_file(name)) as path:
+        for smaller, quality in _ever_smaller(picture):
+            smaller.save(path, quality=quality, method=6)
             if path.stat().st_size <= _LARGEST:
                 break
+
+
+def _ever_smaller(picture: Image.Image) -> Iterator[tuple[Image.Image, int]]:
+    """A picture with each quality; then ever narrower ones with the last quality."""
+    for quality in _QUALITIES:
+        yield picture, quality
+    while True:
+        picture = picture.resize((round(_NARROWER * picture.width), round(_NARROWER * picture.height)))
+        yield picture, quality
 
 
 def _plan(name: str, settings: Settings) -> Part:

@@ -68,10 +68,11 @@ class Record:
 
     @classmethod
     def create(cls, folder: Path, command: str, settings: Mapping[str, Any], parts: Sequence[str]) -> Record:
-        """A record without any part; parts of an older record in the folder are removed."""
+        """A record without any part; parts of an older record in the folder, and their pictures, are removed."""
         record = cls(folder, Run(command, environment(), dict(settings), list(parts)), {})
         for name in parts:
             record._path(name).unlink(missing_ok=True)
+            (folder / _motion_of(name)).unlink(missing_ok=True)
         record._write(RUN, {"format": _FORMAT, **vars(record.run)})
         return record
 
@@ -117,8 +118,13 @@ class Record:
 
     @property
     def results(self) -> list[WorkPrecisionSet]:
-        """Work and precision of each problem."""
-        return [replace(part.data, command=part.command) for part in self._parts("precision")]
+        """Work and precision of each problem that a chosen method or a rival can solve."""
+        return [replace(part.data, command=part.command) for part in self._parts("precision") if part.data.points]
+
+    @property
+    def unsolved(self) -> list[str]:
+        """The titles of the problems that no chosen method and no rival can solve."""
+        return [part.data.title for part in self._parts("precision") if not part.data.points]
 
     @property
     def article(self) -> list[MeasuredTable]:
@@ -163,13 +169,17 @@ class Record:
 
     def _write(self, name: str, content: Mapping[str, Any]) -> None:
         with self._files.writing(name) as path:
-            path.write_text(json.dumps(content, separators=(",", ":"), allow_nan=False) + "\n")
+            path.write_text(json.dumps(content, separators=(",", ":"), allow_nan=False) + "\n", encoding="utf-8")
         self._files.check()
 
 
 def motion_file(name: str) -> str:
     """The name of the file with the motion of a problem."""
-    return f"{part_name('motion', name)}.webp"
+    return _motion_of(part_name("precision", name))
+
+
+def _motion_of(part: str) -> str:
+    return f"motion_{part.removeprefix('precision_')}.webp"
 
 
 def part_name(kind: str, name: str) -> str:
@@ -179,7 +189,7 @@ def part_name(kind: str, name: str) -> str:
 
 def _read(path: Path, convert: Callable[[Any], Any]) -> Any:
     try:
-        return convert(json.loads(path.read_text()))
+        return convert(json.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}.") from None
     except (ValueError, LookupError, TypeError, AttributeError):

@@ -16,7 +16,7 @@ from ..reference import Reference
 
 _UNIT = 61  # a prime number: states at multiples of a period would hide an error of phase
 _HALVINGS = 4  # of the distance between states, for a small system
-_VALUES = 2**22  # of a history, at most
+VALUES = 2**22  # of a history, at most
 _STEPS = 4  # in each distance, before states are put closer together
 _SECONDS = 12.0  # for the runs of RK8, and a third of it for those of RK5
 _SMALL = 1e-3  # of two runs that differ by less, it is known how the next ones differ
@@ -35,7 +35,7 @@ class Grid:
     @classmethod
     def of(cls, problem: Problem) -> Grid:
         count = _UNIT * 2**_HALVINGS
-        while count > _UNIT and count * np.size(problem.u0) > _VALUES:
+        while count > _UNIT and count * np.size(problem.u0) > VALUES:
             count //= 2
         return cls(problem.t_span, count)
 
@@ -99,9 +99,7 @@ def _halved(problem: Problem, grid: Grid, smallest: float) -> tuple[Solution, fl
         seconds = time.perf_counter() - started
         if solution.success:
             difference = _difference(solution, last) if last else math.inf
-            if last and difference > before and before < _SMALL:
-                return last, before
-            is_slow = difference < _SMALL and difference > _SLOWLY * before
+            is_slow = difference > _SLOWLY * before and min(difference, before) < _SMALL
             if difference <= max(_AGREES * smallest, _ROUND_OFF) or is_slow:
                 return solution, difference
             last, before = solution, difference

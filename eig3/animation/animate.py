@@ -12,7 +12,7 @@ import numpy as np
 from .. import drawing
 from ..solution import Solution
 from .film import RATE, Film
-from .writers import WRITERS, check_writer
+from .writers import WRITERS, check_writer, kind_of, write_film
 
 #: Draws what stays on a matplotlib figure and returns a function that moves the drawing to frame i of the film.
 View = Callable[[Any, Film], Callable[[int], None]]
@@ -21,7 +21,14 @@ _SIZE = 4.8, 3.6  # inches
 _DPI = 100
 
 
-def animate(view: View, solution: Solution, path: str | PathLike[str], *, has_seconds: bool = True) -> Path:
+def animate(
+    view: View,
+    solution: Solution,
+    path: str | PathLike[str],
+    *,
+    has_seconds: bool = True,
+    t_end: float | None = None,
+) -> Path:
     """Write an animation of a run, as `Problem.animate` describes it.
 
     Parameters
@@ -31,11 +38,15 @@ def animate(view: View, solution: Solution, path: str | PathLike[str], *, has_se
     path : str or path
     has_seconds : bool
         Whether the time is in seconds; if not, it has no unit.
+    t_end : float, optional
+        The end of the run, if `solution` is only its beginning.
     """
     path = Path(path)
-    kind = path.suffix[1:].lower()
+    kind = kind_of(path)
     if kind not in WRITERS:
         raise ValueError(f"path must end with {' or '.join('.' + name for name in WRITERS)}, not {path.name!r}.")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"path must be in an existing folder: create {str(path.parent)!r} first.")
     check_writer(kind)
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -46,7 +57,7 @@ def animate(view: View, solution: Solution, path: str | PathLike[str], *, has_se
     with mpl.rc_context({"font.size": 9, "axes.titlesize": 9}):
         figure = Figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
         canvas = FigureCanvasAgg(figure)
-        show = stage(figure, view, film, solution)
+        show = stage(figure, view, film, solution, t_end)
         canvas.draw()
         figure.set_layout_engine("none")  # the layout of the first frame is that of all others
 
@@ -55,17 +66,20 @@ def animate(view: View, solution: Solution, path: str | PathLike[str], *, has_se
             canvas.draw()
             return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
-        WRITERS[kind](path, frame, len(film.t), RATE)
+        write_film(path, frame, len(film.t), RATE)
     return path
 
 
-def stage(figure: Any, view: View, film: Film, solution: Solution) -> Callable[[int], None]:
-    """Draw the first frame of a film of `solution` with its captions; return the function that shows frame i."""
+def stage(figure: Any, view: View, film: Film, solution: Solution, t_end: float | None = None) -> Callable[[int], None]:
+    """Draw the first frame of a film of `solution` with its captions; return the function that shows frame i.
+
+    `t_end` is the end of the run, if `solution` is only its beginning.
+    """
     move = view(figure, film)
     scale, unit = film.clock
     digits = max(0, int(np.ceil(-np.log10((film.t[1] - film.t[0]) / scale))))
     left, right = {"x": 0.02, "ha": "left"}, {"x": 0.98, "ha": "right"}
-    lines = captions(film, solution)
+    lines = captions(film, solution, solution.t[-1] if t_end is None else t_end)
     # An empty title keeps the place for the captions in the layout.
     figure.suptitle(" \n" * (len(lines) - 1) + " ", fontsize=10)
     clock = figure.text(**left, y=0.985, s="", va="top", fontsize=11)
@@ -79,8 +93,8 @@ def stage(figure: Any, view: View, film: Film, solution: Solution) -> Callable[[
     return show
 
 
-def captions(film: Film, solution: Solution) -> list[str]:
-    """Say how fast the film is, and which part of the run it shows if not all of it."""
+def captions(film: Film, solution: Solution, t_end: float) -> list[str]:
+    """Say how fast the film is, and which part of the run up to `t_end` it shows if not all of it."""
     (scale, unit), factor = film.clock, film.speed
     if not unit:
         lines = [f"{factor:g} units of time a second"]
@@ -90,6 +104,6 @@ def captions(film: Film, solution: Solution) -> list[str]:
         lines = [f"sped up {factor:g} times" if factor > 1 else f"slowed {1 / factor:g} times"]
     if not solution.success:
         lines.append(f"{solution.status.value}, shown up to t = {film.t[-1] / scale:.3g} {unit}".rstrip())
-    elif film.t[-1] < solution.t[-1]:
+    elif film.t[-1] < t_end:
         lines.append(f"the first {(film.t[-1] - film.t[0]) / scale:.3g} {unit}".rstrip())
     return lines

@@ -36,7 +36,8 @@ class Curves:
         axes = figure.add_subplot()
         axes.set_ylabel(f"displacement ({' or '.join(sorted(units))})")
         names = [self.labels.name("u", j) for j in range(count)]
-        return _against_time(axes, film, film.path[1][:, :count], film.u[:, :count], names)
+        curves = film.path(lambda t, u: u[:, :count])
+        return _against_time(axes, film, curves, film.u[:, :count], names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +54,7 @@ class Portrait:
 
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         left, right = figure.subplots(1, 2)
-        t, u = film.path
-        v = film.solution.at(t)[1]
+        u, v = film.solution.at(film.times)
         left.set(xlabel=f"u ({self.units[0]})", ylabel=f"velocity ({self.units[1]})", xlim=limits(u), ylim=limits(v))
         right.set_ylabel(f"displacement u ({self.units[0]})")
         (before,) = left.plot([], [], color="C0", linewidth=0.6, alpha=0.5)
@@ -89,10 +89,11 @@ class Oscillator:
 
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 3))
-        low, high = limits(film.path[1])
+        path = film.path()
+        low, high = limits(path)
         high += (0.35 if self.on == "spring" else 0.1) * (high - low)  # place for the spring or the ball
         left.set(xlim=(-1, 1), ylim=(low, high), xticks=[], ylabel=f"displacement u ({self.unit})")
-        move = _against_time(right, film, film.path[1][:, None], film.u[:, None], [])
+        move = _against_time(right, film, path[:, None], film.u[:, None], [])
         right.set_ylim(low, high)
         (level,) = left.plot([], [], color="0.6", linewidth=0.8, linestyle="--")
         (reach,) = right.plot([], [], color="0.6", linewidth=0.8, linestyle="--")
@@ -125,10 +126,9 @@ def _standing_ball() -> Any:
 
 
 def _against_time(axes: Any, film: Film, curves: np.ndarray, marks: np.ndarray, names: list[str]) -> Any:
-    """Draw curves, shape (points of the path, k), up to the time of a frame, with marks, shape (frames, k), at it."""
-    t = film.path[0]
+    """Draw curves, shape (times, k), up to the time of a frame, with marks, shape (frames, k), at it."""
     scale, unit = film.clock
-    t, times = t / scale, film.t / scale
+    t, times = film.times / scale, film.t / scale
     axes.set(xlabel=f"t ({unit or '-'})", xlim=(t[0], t[-1]), ylim=limits(curves))
     axes.plot(t, curves, color="0.85", linewidth=0.8)
     lines = axes.plot(t, curves, linewidth=1.2)

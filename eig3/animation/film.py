@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,6 +18,7 @@ _PERIODS = 2.0, 16.0  # the fewest and the most that are shown of a motion with 
 _FACTORS = 1, 1.5, 2, 3, 4, 5, 6, 8, 10  # times powers of ten: how much faster or slower than the motion a film is
 _UNITS = (1e-6, "µs"), (1e-3, "ms"), (1.0, "s")
 _PATH, _MOST = 10, 20_000  # least number of points on a path between two frames; most saved states on a path
+_VALUES = 1_000_000  # displacements that are interpolated at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,12 @@ class Film:
         ValueError
             If the motion cannot be read from the saved states.
         """
-        if len(solution.t) < 2 or not is_resolved(solution):
+        if len(solution.t) < 2:
+            raise ValueError(
+                "solution has no motion to show, because it has only one state: integrate to a later t_end, or with a "
+                "smaller step if the run failed."
+            )
+        if not is_resolved(solution):
             raise ValueError(
                 "solution must have states closer together to be animated, because the motion between two of them is "
                 "longer than its whole range: integrate with a smaller save_every, or to an earlier t_end."
@@ -70,18 +77,27 @@ class Film:
         return cls(replace(solution, **rows), speed, t, *solution.at(t), units[0] if has_seconds else (1.0, ""))
 
     @cached_property
-    def path(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times and displacements that are close enough together for a smooth curve; those of the frames are in it."""
+    def times(self) -> np.ndarray:
+        """Times that are close enough together for a smooth curve; those of the frames are among them."""
         saved = self.solution.t[self.solution.t <= self.t[-1]]
         saved = saved[:: 1 + len(saved) // _MOST]
         between = np.linspace(self.t[0], self.t[-1], _PATH * (len(self.t) - 1) + 1)
-        t = np.unique(np.concatenate([saved, between, self.t]))
-        return t, self.solution.at(t)[0]
+        return np.unique(np.concatenate([saved, between, self.t]))
+
+    def path(self, shown: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda t, u: u) -> np.ndarray:
+        """Return the displacements at `times`, or ``shown(t, u)`` of them.
+
+        `shown` gets some of the times in each call. Only what it returns is kept, because all displacements at all
+        times may be larger than the memory.
+        """
+        count = max(1, _VALUES // self.u[:1].size)
+        parts = (self.times[k : k + count] for k in range(0, len(self.times), count))
+        return np.concatenate([np.array(shown(t, self.solution.at(t)[0])) for t in parts])
 
     def rows(self, i: int, seconds: float = math.inf) -> slice:
-        """Return the rows of `path` up to frame i, from that many seconds of the film before it on."""
+        """Return the rows of `times` up to frame i, from that many seconds of the film before it on."""
         first, last = self.t[i] - seconds * self.speed, self.t[i]
-        begin, end = np.searchsorted(self.path[0], [first, last])
+        begin, end = np.searchsorted(self.times, [first, last])
         return slice(begin, end + 1)
 
 

@@ -88,7 +88,8 @@ class Mechanism:
 
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         x = self.places(film.t, film.u.reshape(len(film.t), -1))
-        low, high = self._box(x, film)
+        paths = self._paths(film)
+        low, high = self._box([*x, *paths])
         axes = _axes_of(figure, low, high, self.labels, self.note)
         draw = _Space(axes) if x.shape[2] == 3 else _Plane(axes)
         for normal, offset in self.planes:
@@ -96,7 +97,7 @@ class Mechanism:
         for place, style, width, name in self.marks:
             axes.plot(*np.reshape(place, (-1, 1)), style, markersize=width)
             axes.text(*place, f"\n{name}", ha="center", va="top", linespacing=0.8)
-        movers = [*self._trails(draw, film), *self._links(draw, x, film, high - low)]
+        movers = [*_trails(draw, paths, film), *self._links(draw, x, film, high - low)]
         is_fixed = np.isin(np.arange(x.shape[1]), self.fixed)
         size = next((size for most, size in _SIZES if x.shape[1] <= most), 1.5)
         for some, style in ((is_fixed, {"color": "k", "marker": "^"}), (~is_fixed, {"color": "C0", "marker": "o"})):
@@ -110,12 +111,16 @@ class Mechanism:
 
         return show
 
-    def _box(self, x: np.ndarray, film: Film) -> tuple[np.ndarray, np.ndarray]:
-        """Return the two corners of a box that holds the whole motion."""
-        if len(self.trails):
-            t, u = film.path
-            x = self.places(t, u.reshape(len(t), -1))
-        shown = np.concatenate([x.reshape(-1, x.shape[2]), *([place] for place, *_ in self.marks)])
+    def _paths(self, film: Film) -> list[np.ndarray]:
+        """Return the path of each point with a trail, shape (times, 2 or 3)."""
+        trails = list(self.trails)
+        if not trails:
+            return []
+        return list(np.moveaxis(film.path(lambda t, u: self.places(t, u.reshape(len(t), -1))[:, trails]), 1, 0))
+
+    def _box(self, places: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the two corners of a box that holds all places, arrays of shape (points, 2 or 3), and the marks."""
+        shown = np.concatenate([*places, *([place] for place, *_ in self.marks)])
         low, high = shown.min(axis=0), shown.max(axis=0)
         margin = _MARGIN * ((high - low).max() or 1.0)
         low, high = low - margin, high + margin
@@ -123,18 +128,6 @@ class Mechanism:
             return low, high
         middle, half = (low + high) / 2, np.maximum(high - low, _LEAST * (high - low).max()) / 2
         return middle - half, middle + half
-
-    def _trails(self, draw: Any, film: Film) -> list[Callable[[int], None]]:
-        if not len(self.trails):
-            return []
-        t, u = film.path
-        x = self.places(t, u.reshape(len(t), -1))
-        movers: list[Callable[[int], None]] = []
-        for k, point in enumerate(self.trails):
-            for seconds, style in ((np.inf, {"linewidth": 0.5, "alpha": 0.4}), (_TRAIL, {"linewidth": 1.4})):
-                line = draw.line(color=f"C{k}", **style)
-                movers.append(partial(_move_trail, draw, line, x[:, point], film, seconds))
-        return movers
 
     def _links(self, draw: Any, x: np.ndarray, film: Film, size: np.ndarray) -> list[Callable[[int], None]]:
         links = np.asarray(self.links, dtype=int).reshape(-1, 2)
@@ -151,10 +144,20 @@ class Mechanism:
     def _whole(self, numbers: np.ndarray, film: Film) -> np.ndarray:
         """Return in which frames each link is not broken, shape (frames, links)."""
         shown = np.ones((len(film.t), numbers.size), dtype=bool)
+        strings = dict(self.strings)
         for k, number in enumerate(numbers.tolist()):
-            if number in dict(self.strings):
-                shown[:, k] = film.u[:, dict(self.strings)[number]] == 0
+            if number in strings:
+                shown[:, k] = film.u[:, strings[number]] == 0
         return shown
+
+
+def _trails(draw: Any, paths: list[np.ndarray], film: Film) -> list[Callable[[int], None]]:
+    movers: list[Callable[[int], None]] = []
+    for k, path in enumerate(paths):
+        for seconds, style in ((np.inf, {"linewidth": 0.5, "alpha": 0.4}), (_TRAIL, {"linewidth": 1.4})):
+            line = draw.line(color=f"C{k}", **style)
+            movers.append(partial(_move_trail, draw, line, path, film, seconds))
+    return movers
 
 
 def _move_points(draw: Any, dots: Any, x: np.ndarray, i: int) -> None:

@@ -8,9 +8,11 @@ import io
 import json
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,25 @@ Frame = Callable[[int], Any]
 _COLORS = 31  # of a palette; one more marks the pixels that do not change
 _PAPER = 248  # a colour of a palette with no component below this is white
 _NO_FFMPEG = "mp4 needs ffmpeg, which was not found: pip install imageio-ffmpeg, or choose gif or html."
+
+
+def write_film(path: Path, frame: Frame, count: int, rate: float) -> None:
+    """Write a film in the format of its ending. It gets its place when it is complete; until then an older one stays.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix="unfinished-") as folder:
+        unfinished = Path(folder, path.name)
+        WRITERS[kind_of(path)](unfinished, frame, count, rate)
+        unfinished.replace(path)
+
+
+def kind_of(path: Path) -> str:
+    """Return the format that the ending of a file names."""
+    return path.suffix[1:].lower()
 
 
 def write_gif(path: Path, frame: Frame, count: int, rate: float) -> None:
@@ -45,7 +66,7 @@ def write_mp4(path: Path, frame: Frame, count: int, rate: float) -> None:
     program = ffmpeg()
     width, height = frame(0).size
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate}", "-i", "-"]
-    target = ["-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
+    target = ["-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart", f"file:{path}"]  # a name may contain a colon
     command = [program, "-y", "-loglevel", "error", *source, *target]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         try:
@@ -54,7 +75,11 @@ def write_mp4(path: Path, frame: Frame, count: int, rate: float) -> None:
                 process.stdin.write(frame(i).tobytes())
         except BrokenPipeError:  # ffmpeg says why below
             pass
-        message = process.communicate()[1]
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            message = process.communicate()[1]
     if process.returncode:
         raise OSError(f"ffmpeg could not write {path.name}: {message.decode(errors='replace').strip()}")
 
@@ -78,8 +103,9 @@ def write_html(path: Path, frame: Frame, count: int, rate: float) -> None:
         png = io.BytesIO()
         image.save(png, "PNG", optimize=True)
         images.append(base64.b64encode(png.getvalue()).decode())
-    page = _PAGE.replace("TITLE", html.escape(path.stem)).replace("RATE", f"{rate:g}").replace("LAST", f"{count - 1}")
-    path.write_text(page.replace("FRAMES", json.dumps(images)), encoding="utf-8")
+    title = html.escape(path.stem)
+    page = _PAGE.substitute(title=title, rate=f"{rate:g}", last=count - 1, frames=json.dumps(images))
+    path.write_text(page, encoding="utf-8")
 
 
 def palette_frames(frame: Frame, count: int) -> Iterator[Any]:
@@ -109,23 +135,23 @@ def check_writer(kind: str) -> None:
 
 WRITERS = {"gif": write_gif, "mp4": write_mp4, "html": write_html}
 
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>TITLE</title>
+_PAGE = Template("""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>$title</title>
 <style>
 body { font: 1rem sans-serif; margin: 1rem auto; max-width: 45rem; padding: 0 .5rem }
 img { display: block; width: 100%; image-rendering: auto }
 div { display: flex; gap: .5rem } button { min-width: 4.5rem } input { flex: 1 }
 </style></head><body>
-<img alt="TITLE"><div><button>Pause</button><input type="range" min="0" max="LAST" value="0" aria-label="frame"></div>
+<img alt="$title"><div><button>Pause</button><input type="range" min="0" max="$last" value="0" aria-label="frame"></div>
 <script>
-const frames = FRAMES;
+const frames = $frames;
 const [image, button, slider] = ["img", "button", "input"].map(name => document.querySelector(name));
 let playing = true;
 function show(i) { slider.value = i; image.src = "data:image/png;base64," + frames[i]; }
 function play(yes) { playing = yes; button.textContent = yes ? "Pause" : "Play"; }
 button.onclick = () => play(!playing);
 slider.oninput = () => { play(false); show(slider.valueAsNumber); };
-setInterval(() => { if (playing) show((slider.valueAsNumber + 1) % frames.length); }, 1000 / RATE);
+setInterval(() => { if (playing) show((slider.valueAsNumber + 1) % frames.length); }, 1000 / $rate);
 show(0);
 </script></body></html>
-"""
+""")
