@@ -270,9 +270,9 @@ def sweep(
         start = problem.stepper(h=h, method=method, inline=inline)
         return (point, warm(kernel_run(start, n_steps, every=every, storage=storage))), solution
 
-    was_stable, pace, n_steps = True, 0.0, 0
+    was_stable, pace, taken = True, 0.0, 0
     for factor in (*_FACTORS, *(0.5**k for k in range(1, 40))):
-        if divide(span, factor * bound)[0] == n_steps:  # a short span has the same number of steps with another h
+        if divide(span, factor * bound)[0] == taken:  # a short span has the same number of steps with another h
             continue
         if pace * span / (factor * bound) > _HOPELESS * longest:
             break

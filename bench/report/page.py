@@ -80,7 +80,7 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
         shapes=SHAPES,
         css=Markup((_HERE / "page.css").read_text("utf-8")),
         script=Markup((_HERE / "page.js").read_text("utf-8")),
-        charts=Markup(javascript_bundle(None).replace("</script", "<\\/script")),
+        charts=Markup(javascript_bundle().replace("</script", "<\\/script")),
         data=Markup(_in_script(_data(sections, record.article))),
     )
 
