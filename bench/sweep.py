@@ -272,19 +272,17 @@ def sweep(
 
     was_stable, pace, taken = True, 0.0, 0
     for factor in (*_FACTORS, *(0.5**k for k in range(1, 40))):
-        if divide(span, factor * bound)[0] == taken:  # a short span has the same number of steps with another h
+        n_steps, _ = divide(span, factor * bound)
+        if n_steps == taken:  # a short span: two values of h have the same number of steps
             continue
-        if pace * span / (factor * bound) > _HOPELESS * longest:
+        if pace * n_steps > _HOPELESS * longest:
             break
         found, solution = at(factor * bound)
         if found[0].stable and not was_stable and factor <= 0.5:
             yield from (at(factor * longer * bound)[0] for longer in _BETWEEN)
         yield found
-        was_stable, pace, n_steps = (
-            found[0].stable,
-            solution.kernel_seconds / max(1, solution.n_steps),
-            found[0].n_steps,
-        )
+        was_stable, taken = found[0].stable, n_steps
+        pace = solution.kernel_seconds / max(1, solution.n_steps)
         if solution.kernel_seconds > longest or is_enough(found[0], chosen.targets):
             break
 

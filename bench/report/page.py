@@ -37,9 +37,9 @@ _DIGITS = 4  # of the numbers in charts
 
 def html(record: Record, comparison: Comparison | None = None) -> str:
     """The page of a record, with a comparison if there is one."""
+    import vl_convert
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
-    from vl_convert import javascript_bundle
 
     environment = Environment(
         loader=FileSystemLoader(_HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
@@ -80,7 +80,7 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
         shapes=SHAPES,
         css=Markup((_HERE / "page.css").read_text("utf-8")),
         script=Markup((_HERE / "page.js").read_text("utf-8")),
-        charts=Markup(javascript_bundle().replace("</script", "<\\/script")),
+        charts=Markup(vl_convert.javascript_bundle().replace("</script", "<\\/script")),
         data=Markup(_in_script(_data(sections, record.article))),
     )
 
