@@ -121,10 +121,8 @@ def render(result: WorkPrecisionSet) -> str:
     for metric in result.metrics:
         parts += [render_reach(result, metric), render_contests(result, metric), render_front(result, metric)]
         parts += [render_tolerances(result, metric)] * result.tolerances
-    unstable = groupby((point for point in result.points if not point.stable), key=lambda point: point.label)
-    failed = [f"{label} at {', '.join(f'{point.setting:.2g}' for point in points)}" for label, points in unstable]
-    if failed:
-        parts.append(f"Unstable or useless, and kept in the pictures: {'; '.join(failed)}.")
+    if result.unstable:
+        parts.append(f"Unstable or useless, and kept in the pictures: {result.unstable}.")
     if result.skipped:
         parts.append(f"Left out: {'; '.join(result.skipped)}.")
     return "\n\n".join(parts)

@@ -125,6 +125,15 @@ class WorkPrecisionSet:
         return {point.method: point.label for point in self.points}
 
     @property
+    def unstable(self) -> str:
+        """The methods with unstable or useless runs, each with its settings, in words; empty if there are none."""
+        settings: dict[str, list[str]] = {}
+        for point in self.points:
+            if not point.stable:
+                settings.setdefault(point.label, []).append(f"{point.setting:.2g}")
+        return "; ".join(f"{label} at {', '.join(found)}" for label, found in settings.items())
+
+    @property
     def modes(self) -> list[str]:
         """The modes that were measured, in the order of `MODES`."""
         return [mode for mode in MODES if any(point.mode == mode for point in self.points)]

@@ -209,6 +209,7 @@ if (controls) {
     });
 }
 show();
+for (const chart of charts) chart.drawLegend(chart.points()); // now, so that a section keeps its place when it is drawn
 
 // A chart is drawn when it comes near the screen, and all of them before printing.
 const near = new IntersectionObserver(entries => {

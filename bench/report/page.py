@@ -8,11 +8,9 @@ import math
 import re
 import statistics
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import text
 from ..article_runs import MeasuredTable
 from ..environment import in_words
 from ..matrix import IN_WORDS, Matrix, abbreviated, in_units, lead, power, short
@@ -109,13 +107,6 @@ class Section:
         held = [contest for row in self.rows.values() for contest in row.contests]
         leaders = {one.method for c in held for one in (c.fastest, c.next_own, c.next_rival) if one}
         return [method for method in self.result.methods if method in leaders or method in _KNOWN]
-
-    def unstable(self, mode: str) -> str:
-        """The methods and settings whose runs were unstable or useless, as a sentence."""
-        runs = [point for point in self.result.in_mode(mode).points if not point.stable]
-        by_label = groupby(sorted(runs, key=lambda point: point.label), key=lambda point: point.label)
-        found = [f"{label} at {', '.join(text.number(p.setting, 2) for p in points)}" for label, points in by_label]
-        return f"Unstable or useless runs: {'; '.join(found)}." if found else "No run was unstable."
 
 
 def anchor(name: str) -> str:

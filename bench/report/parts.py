@@ -33,7 +33,7 @@ COMMAND = "eig3 bench report"
 
 #: The accuracies of a problem of the library: ten decades.
 DECADES = tuple(10.0**-k for k in range(1, 11))
-_STATES = 1201  # of the motion that is drawn
+_STATES = 12_001  # of the motion that is drawn
 _FEWEST = 3  # states; a run that fails before has no picture
 _ACCURATE = 1e-6  # its relative tolerance
 _MOST_STEPS = 1_000_000
