@@ -48,6 +48,14 @@ def test_reach_says_at_most_where_the_first_step_is_accurate_and_nothing_where_n
     assert reach(result, "eig3", "trajectory", 1e-2).seconds == 2.0
 
 
+def test_an_error_that_is_small_by_chance_does_not_count():
+    result = result_of(points((1e-1, 1.0), (1e-5, 2.0), (1e-2, 4.0), (1e-6, 16.0), (1e-7, 32.0)))
+    found = reach(result, "eig3", "trajectory", 1e-4)
+    assert 4.0 < found.seconds < 16.0
+    result = result_of(points((1e-1, 1.0), (1e-5, 2.0), (1e-6, 4.0)))
+    assert 1.0 < reach(result, "eig3", "trajectory", 1e-4).seconds < 2.0
+
+
 def test_nothing_is_claimed_below_three_times_the_uncertainty_of_the_truth():
     swept = [replace(point, errors={"trajectory": 1e-9, "energy": 1e-9}) for point in points((1e-9, 1.0))]
     result = result_of(swept, uncertainty=1e-5)

@@ -253,6 +253,7 @@ def test_only_the_method_that_became_slower_is_marked(tmp_path):
     assert (back.method, back.mark) == ("rk5", "faster")
     assert found.control == pytest.approx(1, rel=0.03)
     assert "1 became slower and 0 became faster" in found.summary
+    assert len(found.everything.splitlines()) == 2 + len(found.rows)
     assert re.search(r"\| x +\| pointer \| +rk5 \| +3 \| +1\.\d+ \|", found.markdown)
 
 

@@ -167,6 +167,11 @@ class Comparison:
         )
 
     @property
+    def everything(self) -> str:
+        """The table of all pairs, those of the rivals too."""
+        return _table(self.rows)
+
+    @property
     def markdown(self) -> str:
         """Both machines, the summary, and a table of what is marked; then what else differs."""
         parts = [
@@ -175,12 +180,7 @@ class Comparison:
             self.summary,
         ]
         if self.marked:
-            rows = [
-                [row.problem, row.mode, row.label, str(row.settings), f"{row.ratio:.3f}", percent(row.noise), row.mark]
-                for row in sorted(self.marked, key=lambda row: -row.ratio)
-            ]
-            header = ["problem", "mode", "method", "settings", "new / old time", "noise", "mark"]
-            parts.append(text.table(header, rows))
+            parts.append(_table(sorted(self.marked, key=lambda row: -row.ratio)))
         parts.append(
             "A ratio is the geometric mean over the settings that both runs have. The noise is the half width of its "
             f"{100 * CONFIDENCE:.0f} % interval, from the rounds of both runs. A change of less than "
@@ -195,6 +195,14 @@ class Comparison:
         if self.unpaired:
             parts += ["In one of the runs only:", "\n".join(f"- {line}" for line in self.unpaired)]
         return "\n\n".join(parts)
+
+
+def _table(rows: Sequence[Row]) -> str:
+    cells = [
+        [row.problem, row.mode, row.label, str(row.settings), f"{row.ratio:.3f}", percent(row.noise), row.mark]
+        for row in rows
+    ]
+    return text.table(["problem", "mode", "method", "settings", "new / old time", "noise", "mark"], cells)
 
 
 def percent(noise: float) -> str:

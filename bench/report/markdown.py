@@ -43,7 +43,7 @@ def page(record: Record, comparison: Comparison | None) -> str:
     parts += _answer(record.results)
     parts.append(_HOW_TO_READ)
     if comparison:
-        parts += ["## Beside another run", comparison.markdown]
+        parts += ["## Beside another run", comparison.markdown, "All pairs:", comparison.everything]
     if record.results:
         parts += ["## Work and precision", *how_measured(record)]
     for result in record.results:
