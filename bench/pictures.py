@@ -132,7 +132,7 @@ def matrix(shown: Matrix) -> Figure:
     axes.spines[:].set_visible(False)
     axes.set_xlabel(
         "In each cell: the fastest, its time, and how many times as long the next method of eig3 takes, and the best "
-        f"rival.\nError: {METRICS[shown.metric]}; {IN_WORDS[shown.mode]}. Hatched: a rival is the fastest.",
+        f"rival.\nError: {METRICS[shown.metric]}; {IN_WORDS[shown.mode]}. Hatched: a rival is the fastest. {AT_MOST}: or less.",
         fontsize=9,
     )
     figure.suptitle("What accuracy costs: the fastest way to an error of ...", fontsize=12)
@@ -145,8 +145,10 @@ def _matrix_cell(axes: Any, i: int, j: int, contest: Contest | None) -> None:
         axes.text(j, i, words, ha="center", va="center", fontsize=8, color="0.5")
         return
     first, color = contest.fastest, style_of(contest.fastest.method).color
-    hatch = "////" if first.is_rival else None
-    axes.fill_between([j - 0.48, j + 0.48], i - 0.46, i + 0.46, color=color, alpha=0.22, linewidth=0, hatch=hatch)
+    box = ([j - 0.48, j + 0.48], i - 0.46, i + 0.46)
+    axes.fill_between(*box, color=color, alpha=0.22, linewidth=0)
+    if first.is_rival:
+        axes.fill_between(*box, facecolor="none", edgecolor=color, alpha=0.3, linewidth=0.8, hatch="////")
     following = (contest.next_own, contest.next_rival)
     leads = "  ".join(lead(first, one) if one else "-" for one in following)
     lines = (
