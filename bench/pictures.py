@@ -132,8 +132,8 @@ def matrix(shown: Matrix) -> Figure:
     axes.spines[:].set_visible(False)
     axes.set_xlabel(
         "In each cell: the fastest, its time, and how many times as long the next method of eig3 takes, and the best "
-        f"rival.\nError: {METRICS[shown.metric]}; {IN_WORDS[shown.mode]}. Hatched: a rival is the fastest. {AT_MOST}: or "
-        "less.",
+        f"rival.\nError: {METRICS[shown.metric]}; {IN_WORDS[shown.mode]}. Hatched: a rival is the fastest. "
+        f"{AT_MOST}: or less.",
         fontsize=9,
     )
     figure.suptitle("What accuracy costs: the fastest way to an error of ...", fontsize=12)
