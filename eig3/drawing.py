@@ -102,6 +102,7 @@ def oscillator(figure: Any, solution: Solution, units: tuple[str, str] = ("m", "
     u_label, v_label = f"displacement u ({units[0]})", f"velocity v ({units[1]})"
     portrait = picture(figure)
     portrait.set(xlabel=u_label, ylabel=v_label)
+    portrait.locator_params(axis="x", nbins=5)  # long labels of small displacements would touch
     path(portrait, solution.u, solution.v, "C0", "phase portrait")
     legend(portrait)
     for values, label in ((solution.u, u_label), (solution.v, v_label)):

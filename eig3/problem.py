@@ -284,7 +284,7 @@ class Problem:
         times = np.broadcast_to(np.asarray(time, dtype=np.float64), len(u))
         return np.array([of(*state) for state in zip(times, u, v, strict=True)])
 
-    def animate(self, solution: Solution, path: str | PathLike[str]) -> Path:
+    def animate(self, solution: Solution, path: str | PathLike[str], *, t_end: float | None = None) -> Path:
         """Write an animation of a run, true to scale, with its time and its speed.
 
         It lasts 6 to 10 s and has 20 frames a second, whose states are those of ``solution.at``. A motion of 6 to 10 s
@@ -298,6 +298,8 @@ class Problem:
         path : str or path
             The file, which is replaced if it exists. Its ending is the format: ".gif"; ".html", a page with a button
             and a slider that needs no network; ".mp4", which needs ffmpeg.
+        t_end : float, optional
+            The end of the run, if the solution is only its beginning: the picture then says which part it shows.
 
         Returns
         -------
@@ -319,7 +321,7 @@ class Problem:
         planes of a scene, or a field over space. Without one it is the degrees of freedom against time.
         """
         has_seconds = self.energy_unit != "-"  # a problem without units has a time without unit
-        return animate(self.view or Curves(self.labels), solution, path, has_seconds=has_seconds)
+        return animate(self.view or Curves(self.labels), solution, path, has_seconds=has_seconds, t_end=t_end)
 
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 
 from . import drawing
-from .animation import Curves
-from .animation.animate import animate as write_animation
 from .animation.film import is_resolved
 from .animation.writers import check_writer
 from .checks import check_h, check_span
@@ -104,7 +102,7 @@ def run(
         if animate and not interrupt:
             resolved = _resolved(problem, solution, lambda shorter: _steps(shorter, h, rtol, method))
             with files.writing(f"{file_name(problem.name)}.{animate}") as path:
-                _animate(problem, resolved, path, solution.t[-1])
+                problem.animate(resolved, path, t_end=solution.t[-1])
         files.finish(write, lacking)
     if interrupt:
         raise interrupt
@@ -123,12 +121,6 @@ def _resolved(problem: Problem, solution: Solution, steps: Callable[[Problem], d
         problem = problem.with_(t_span=(start, start + (end - start) / 10))
         solution = problem.integrate(**steps(problem), invariants={})
     return solution
-
-
-def _animate(problem: Problem, solution: Solution, path: Path, t_end: float) -> None:
-    """Write an animation, as `Problem.animate` does, of a solution that may be only the beginning of a run to t_end."""
-    view, has_seconds = problem.view or Curves(problem.labels), problem.energy_unit != "-"
-    write_animation(view, solution, path, has_seconds=has_seconds, t_end=t_end)
 
 
 def _fixed_steps(problem: Problem, h: float | None, method: str | Method) -> dict[str, Any]:

@@ -4,6 +4,7 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 const controls = document.querySelector(".controls");
 const all = (selector, where = document) => [...where.querySelectorAll(selector)];
+const power = target => Number(target).toExponential();
 const targets = [...new Set(all(".matrix thead th[data-accuracy]").map(th => th.dataset.accuracy))];
 
 // What is chosen ------------------------------------------------------------------------------------------------------
@@ -21,14 +22,14 @@ function show() {
   for (const cell of all("th[data-accuracy], td[data-accuracy]"))
     cell.classList.toggle("here-column", cell.dataset.accuracy === accuracy);
   if (controls) {
-    controls.querySelector("output").textContent = Number(accuracy).toExponential();
-    controls.elements.accuracy.ariaValueText = Number(accuracy).toExponential();
+    controls.querySelector("output").textContent = power(accuracy);
+    controls.elements.accuracy.ariaValueText = power(accuracy);
   }
 }
 
 function remember() {
   const { metric, mode, accuracy } = chosen();
-  const query = new URLSearchParams({ metric, mode, accuracy: Number(accuracy).toExponential() });
+  const query = new URLSearchParams({ metric, mode, accuracy: power(accuracy) });
   try { history.replaceState(null, "", `?${query}${location.hash}`); } catch { /* a page without an address */ }
 }
 

@@ -45,8 +45,8 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
     environment.filters |= {
         "markdown": lambda source: Markup(_converted(source)),
         "power": power,
-        "short_title": short,
-        "short": abbreviated,
+        "abbreviated": abbreviated,
+        "short": short,
         "style": style_of,
         "time": in_units,
         "lead": lead,
