@@ -51,8 +51,9 @@ def draw(figures: Mapping[str, Callable[[], Figure]], files: Files, *, dpi: int 
     import matplotlib as mpl
 
     for name, figure in figures.items():
-        with mpl.rc_context({"svg.fonttype": "none"}), files.writing(name) as path:  # text, not outlines, in SVG
-            figure().savefig(path, dpi=dpi)
+        # SVG has text, not outlines, and is the same each time: without a date, and with names that are not random.
+        with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}), files.writing(name) as path:
+            figure().savefig(path, dpi=dpi, metadata={"Date": None} if path.suffix == ".svg" else None)
     return ""
 
 
