@@ -16,6 +16,7 @@ import numba
 from numba.core.dispatcher import Dispatcher
 
 from .kernels.cache import keep_on_disk
+from .kernels.captured import Captured, helpers_first
 from .kernels.interrupt import DeferredInterrupt
 from .kernels.jit import OPTIONS, compiled
 from .kernels.protocol import SCALAR, VECTOR, Form
@@ -43,10 +44,10 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
 
     Notes
     -----
-    Numba compiles a global variable as a constant: a later assignment to it has no effect. Pass values that may change
-    as parameters. A cached function is compiled again if its own file changes, but not if the file of a function that
-    it calls does. Numba does not check indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python
-    starts.
+    Numba compiles a global variable as a constant. If its value is another one when the next run begins, the function
+    is compiled again, which takes some tenths of a second: pass values that change often as parameters. A cached
+    function is compiled again if its own file changes, but not if the file of a function that it calls does. Numba does
+    not check indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
     """
     if function is None:
         return functools.partial(jit, **options)
@@ -77,6 +78,8 @@ class Callback:
         The plain Python function, with the globals that were compiled. A later assignment has no effect on it.
     reads_velocity : bool
         False if the function certainly does not read its third argument, v.
+    captured : tuple of Captured
+        The values from outside that were compiled into the function and into those that it calls.
     pace : dict
         Measured seconds per step of the kernels that called it, by kernel and number of degrees of freedom.
     """
@@ -86,6 +89,7 @@ class Callback:
     compiled: Any
     function: Callable
     reads_velocity: bool
+    captured: tuple[Captured, ...]
     pace: dict[tuple, float] = field(default_factory=dict)
 
 
@@ -103,6 +107,7 @@ _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
 _checked: WeakKeyDictionary[Dispatcher, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
+_captured: WeakKeyDictionary[Dispatcher, Captured] = WeakKeyDictionary()  # at the time when each was compiled
 
 
 def check_callback(function: Any, kind: str, form: Form, name: str | None = None) -> Callback:
@@ -121,25 +126,54 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     Returns
     -------
     Callback
-        The same object at each call, until the user compiles the function anew.
+        The same object at each call, until the user compiles the function anew, or assigns another value to a variable
+        that was compiled into it: it is then compiled with that value.
 
     Raises
     ------
     TypeError
         If `function` is not decorated, has other arguments or another return type, or does not compile.
+    ValueError
+        If it draws random numbers.
     """
     if isinstance(function, Dispatcher):
         known = _checked.setdefault(function, {}).get((kind, form.name))
         # The user may have compiled the function anew. `dict.values` is used because the `values` method of Numba's
         # ordered dictionary hashes every type, which takes longer than the rest of this call.
-        if known is not None and any(known.compiled is result for result in dict.values(function.overloads)):
+        is_present = known is not None and any(known.compiled is each for each in dict.values(function.overloads))
+        if is_present and not any(captured.differs() for captured in known.captured):
             return known
     with DeferredInterrupt():
         result = _compile(function, kind, form, name or kind)
         address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
-    callback = Callback(address, result.entry_point, result, _with_present_globals(function), reads_velocity(function))
+    captured = tuple(captured for _, captured in helpers_first(function))
+    callback = Callback(
+        address, result.entry_point, result, _with_present_globals(function), reads_velocity(function), captured
+    )
     _checked[function][kind, form.name] = callback
     return callback
+
+
+def _refuse_random(function: Dispatcher, name: str) -> None:
+    found = next((captured.random for _, captured in helpers_first(function) if captured.random), "")
+    if found:
+        raise ValueError(
+            f"{name} draws random numbers ({found}), so that no run could be repeated: draw them before the run, and "
+            "pass them in params."
+        )
+
+
+def _renew(function: Dispatcher) -> None:
+    """Compile a function, and those that it calls, anew if values were compiled into them that are others now."""
+    renewed: list[Dispatcher] = []
+    for each, captured in helpers_first(function):
+        before = _captured.get(each)
+        # What was compiled before it came here may have been compiled with any values.
+        is_old = before.differs() if before else captured.has_values
+        if each.overloads and (is_old or any(helper in renewed for helper in captured.functions)):
+            each.recompile()
+            renewed.append(each)
+        _captured[each] = captured
 
 
 def _with_present_globals(function: Any) -> Callable:
@@ -160,7 +194,9 @@ def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
             f"{name} must be a function decorated with @eig3.jit or @numba.njit, not {type(function).__name__}."
         )
     _check_arguments(function.py_func, name, kind, form, wanted, len(signature.args))
+    _refuse_random(function, name)
     try:
+        _renew(function)
         result = compiled(function, signature.args)
     except Exception as error:  # Numba raises its own errors and plain Python errors
         if "readonly array" in str(error):

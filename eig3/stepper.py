@@ -375,11 +375,11 @@ class Stepper:
 
     def _compiled(self, running: Method, jacobian: Any) -> Any:
         """Return the kernel of a record."""
-        formulas, form, rhs = running.formulas, self.form, self._rhs
+        formulas, form = running.formulas, self.form
         if self.inline:
             stacked = self.n if form is VECTOR and self.n <= STACKED_DEGREES else 0
-            make = partial(inline_kernel, formulas, form, rhs, running.jacobian, stacked)
-            return inlined(make, (formulas, stacked), form, rhs, running.jacobian)
+            make = partial(inline_kernel, formulas, form, n=stacked)
+            return inlined(make, (formulas, stacked), form, self._rhs, running.jacobian)
         is_pair = self.n == 2 and form is VECTOR
         return pointer_kernel(formulas, form, jacobian is not None, is_pair)
 

@@ -80,7 +80,7 @@ class VariableStepper:
         self._pace_key = self.method.variable, n, inline
         if inline:
             literal = n if n <= STACKED_DEGREES else 0
-            make = partial(inline_variable_kernel, self.method.variable, self.form, literal, rhs)
+            make = partial(inline_variable_kernel, self.method.variable, self.form, literal)
             self._callbacks: tuple = ()
             self._kernel = inlined(make, (self.method.variable, literal, "variable"), self.form, rhs)
         else:

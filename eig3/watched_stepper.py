@@ -102,11 +102,11 @@ class WatchedStepper(Stepper):
         return other
 
     def _compiled(self, running: Method, jacobian: Any) -> Any:
-        formulas, order, form, rhs = running.formulas, self.method.order, self.form, self._rhs
+        formulas, order, form = running.formulas, self.method.order, self.form
         if not self.inline:
             return watched_kernel(formulas, order, form, jacobian is not None)
-        make = partial(inline_watched_kernel, formulas, order, form, rhs, running.jacobian)
-        return inlined(make, (formulas, "watched"), form, rhs, running.jacobian)
+        make = partial(inline_watched_kernel, formulas, order, form)
+        return inlined(make, (formulas, "watched"), form, self._rhs, running.jacobian)
 
     def _call(self, run: Run) -> tuple[int, bool]:
         watch = self.watching.watch

@@ -20,6 +20,8 @@ import llvmlite
 import numba
 from numba.core.caching import FunctionCache
 
+from .captured import digest
+
 _CHECKSUM_BYTES = 32
 _warned: set[str] = set()
 
@@ -31,6 +33,10 @@ class CheckedCache(FunctionCache):
         super().__init__(function)
         source_stamp = self._impl.locator.get_source_stamp()
         self._cache_file: Any = _Files(Path(self._cache_path), self._impl.filename_base, source_stamp)
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Numba's key does not have the values of global variables, which are compiled into the function."""
+        return *super()._index_key(sig, codegen), digest(self._py_func)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:

@@ -414,14 +414,17 @@ def test_a_function_is_compiled_once_for_a_shape(monkeypatch):
     assert len(compiled) == 2
 
 
-def test_a_changed_global_has_no_effect():
-    """As in a single run, whatever the number of members, for which rhs may be compiled again."""
+def test_a_changed_global_is_seen_by_any_number_of_members():
     namespace = {"eig3": eig3, "K": 1.0}
     exec("@eig3.jit\ndef rhs(t, u, v, p):\n    return -K * u", namespace)
-    few = eig3.ensemble(namespace["rhs"], (0, 1), np.ones(10), 0.0, h=0.01)
+
+    def ends(m):
+        return eig3.ensemble(namespace["rhs"], (0, 1), np.ones(m), 0.0, h=0.01).u[:, -1]
+
+    few, many = ends(10), ends(1000)
     namespace["K"] = 25.0
-    many = eig3.ensemble(namespace["rhs"], (0, 1), np.ones(1000), 0.0, h=0.01)
-    assert many.u[0, -1] == few.u[0, -1]
+    assert ends(10)[0] == ends(1000)[0] == pytest.approx(np.cos(5), abs=1e-2)  # the phase error of EIG-3 is below 3e-3
+    assert few[0] == many[0] == pytest.approx(np.cos(1), abs=1e-4)
 
 
 def test_what_lies_beyond_the_arrays_is_nan():

@@ -1,0 +1,147 @@
+"""The values from outside a jitted function that Numba compiles into it: globals, and variables of outer functions.
+
+Numba reads them once, when it compiles the function. A later assignment changes what Python would compute, but not the
+compiled code. So these values are kept, and compared with those of a later time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import random
+from collections.abc import Callable, Iterator
+from functools import partial
+from types import CellType, CodeType, ModuleType
+from typing import Any
+
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+
+_PACKAGE = __name__.partition(".")[0] + "."
+_PLAIN = bool, int, float, complex, str, np.generic
+
+
+class Captured:
+    """The captured values of one jitted function, as they are now.
+
+    In the functions of this package, no value changes: only the jitted functions among them count.
+    """
+
+    def __init__(self, function: Any) -> None:
+        plain = getattr(function, "py_func", function)
+        self._values: dict[str, tuple[Callable[[], Any], Any]] = {}
+        for name, read in _places(plain):
+            value = read()
+            if isinstance(value, Dispatcher) or not _is_ours(plain):
+                self._values[name] = read, value.copy() if isinstance(value, np.ndarray) else value
+
+    @property
+    def functions(self) -> list[Dispatcher]:
+        """The jitted functions that this one may call."""
+        return [value for _, value in self._values.values() if isinstance(value, Dispatcher)]
+
+    @property
+    def has_values(self) -> bool:
+        """Whether there is a number, a text or an array."""
+        return any(_is_plain(value) for _, value in self._values.values())
+
+    @property
+    def random(self) -> str:
+        """The name under which the function reaches random numbers; empty if it reaches none."""
+        return next((name for name, (_, value) in self._values.items() if _is_random(value)), "")
+
+    def differs(self) -> bool:
+        """Return whether one of the values is another one now."""
+        return any(not _is_same(read(), value) for read, value in self._values.values())
+
+    def __iter__(self) -> Iterator[tuple[str, Any]]:
+        """Iterate over the names and the values of numbers, texts and arrays."""
+        return ((name, value) for name, (_, value) in self._values.items() if _is_plain(value))
+
+
+def helpers_first(function: Any) -> list[tuple[Any, Captured]]:
+    """Return a jitted function and all that it may call, each after those that it may call, with what they capture."""
+    found: dict[Any, Captured] = {}
+    seen: set[Any] = set()
+
+    def visit(each: Any) -> None:
+        if each not in seen:
+            seen.add(each)
+            captured = Captured(each)
+            for helper in captured.functions:
+                visit(helper)
+            found[each] = captured
+
+    visit(function)
+    return list(found.items())
+
+
+def digest(function: Any) -> str:
+    """Return a text that differs where a function, or a jitted one that it may call, captures other values."""
+    if _is_ours(function):
+        return ""
+    values = [f"{name}={_text(value)}" for _, captured in helpers_first(function) for name, value in captured]
+    return hashlib.sha256("\n".join(values).encode()).hexdigest()[:16] if values else ""
+
+
+def _is_ours(function: Any) -> bool:
+    return (function.__module__ or "").startswith(_PACKAGE)
+
+
+def _places(function: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Yield the names in a function that are not its own, and a function that reads the value."""
+    names = dict.fromkeys(_names(function.__code__))
+    namespace = function.__globals__
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        yield name, partial(_content, cell)
+    for name in names:
+        if name in namespace:
+            yield name, partial(namespace.get, name)
+            if isinstance(module := namespace[name], ModuleType):
+                for attribute in names:
+                    if attribute in vars(module):
+                        yield f"{name}.{attribute}", partial(vars(module).get, attribute)
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
+def _content(cell: CellType) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:  # the outer function has not assigned it yet
+        return None
+
+
+def _is_plain(value: Any) -> bool:
+    return isinstance(value, (*_PLAIN, np.ndarray)) or (isinstance(value, tuple) and all(map(_is_plain, value)))
+
+
+def _is_random(value: Any) -> bool:
+    return (
+        value in (np.random, random)
+        if isinstance(value, ModuleType)
+        else isinstance(getattr(value, "__self__", None), np.random.RandomState | np.random.Generator | random.Random)
+    )
+
+
+def _is_same(now: Any, then: Any) -> bool:
+    if isinstance(then, np.ndarray):
+        has_type = type(now) is type(then) and now.dtype == then.dtype and now.shape == then.shape
+        return has_type and now.tobytes() == then.tobytes()
+    if now is then:
+        return True
+    if type(now) is not type(then) or not _is_plain(then):
+        return False
+    if isinstance(then, tuple):
+        return len(now) == len(then) and all(map(_is_same, now, then))
+    return bool(now == then or (now != now and then != then))
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype.str}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
+    return f"({', '.join(map(_text, value))})" if isinstance(value, tuple) else f"{type(value).__name__} {value!r}"

@@ -1,0 +1,200 @@
+"""Values from outside that Numba compiles into a function: the next run has those that hold when it begins."""
+
+import subprocess
+import sys
+import types
+
+import numba
+import numpy as np
+import pytest
+
+import eig3
+
+MODULE = types.ModuleType("settings")
+SOURCE = """
+@numba.njit
+def spring(u):
+    return -K * u
+
+@eig3.jit
+def rhs(t, u, v, p):
+    return spring(u) * W[0] * settings.factor
+
+@eig3.jit
+def energy(t, u, v, p):
+    return K * u * u / 2
+"""
+
+
+@pytest.fixture
+def names():
+    MODULE.factor = 1.0
+    namespace = {"eig3": eig3, "numba": numba, "K": 1.0, "W": np.ones(2), "settings": MODULE}
+    exec(SOURCE, namespace)
+    return namespace
+
+
+def omega(names, **options):
+    """Return the circular frequency of the oscillation that a run gives."""
+    solution = eig3.integrate(names["rhs"], (0, 0.1), 1.0, 0.0, h=1e-3, method="rk4", **options)
+    return round(float(np.arccos(solution.u[-1])) / 0.1, 6)
+
+
+def other_number(names):
+    names["K"] = 4.0
+
+
+def other_entry_of_an_array(names):
+    names["W"][0] = 4.0
+
+
+def other_value_in_a_module(names):
+    names["settings"].factor = 4.0
+
+
+def other_helper(names):
+    exec("@numba.njit\ndef spring(u):\n    return -4.0 * u", names)
+
+
+@pytest.mark.parametrize("change", [other_number, other_entry_of_an_array, other_value_in_a_module, other_helper])
+def test_the_next_run_has_the_new_value(names, change):
+    assert omega(names) == 1
+    change(names)
+    assert omega(names) == 2
+    assert omega(names) == 2
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"h": 1e-3, "inline": True},
+        {"rtol": 1e-9, "inline": True},
+        {"h": 1e-3, "inline": True, "t_eval": [0.1]},
+    ],
+)
+def test_also_with_an_inlined_loop(names, options):
+    for k in (1.0, 4.0, 1.0):
+        names["K"] = k
+        solution = eig3.integrate(names["rhs"], (0, 0.1), 1.0, 0.0, **options)
+        assert solution.u[-1] == pytest.approx(np.cos(0.1 * k**0.5), abs=1e-6)  # the error of EIG-3 is below 1e-8
+
+
+def test_what_was_compiled_before_the_first_run_is_renewed(names):
+    assert names["spring"](1.0) == -1.0
+    names["K"] = 4.0
+    assert omega(names) == 2
+
+
+def test_a_variable_of_an_outer_function():
+    def made():
+        k = 1.0
+
+        @eig3.jit
+        def rhs(t, u, v, p):
+            return -k * u
+
+        def change(value):
+            nonlocal k
+            k = value
+
+        return {"rhs": rhs}, change
+
+    names, change = made()
+    assert omega(names) == 1
+    change(4.0)
+    assert omega(names) == 2
+
+
+def test_invariants_see_the_new_value_and_a_run_that_is_extended_the_old_one(names):
+    options = {"h": 1e-3, "method": "rk4", "invariants": {"energy": names["energy"]}}
+    first = eig3.integrate(names["rhs"], (0, 0.1), 1.0, 0.0, **options)
+    names["K"] = 4.0
+    assert eig3.integrate(names["rhs"], (0, 0.1), 1.0, 0.0, **options).extremes["energy"].high == pytest.approx(2.0)
+    assert first.extend(0.2).u[-1] == pytest.approx(np.cos(0.2), abs=1e-9)
+
+
+def test_nothing_is_compiled_anew_where_nothing_has_changed(names):
+    omega(names)
+    before = next(iter(names["rhs"].overloads.values()))
+    names["K"], names["W"] = float("1.0"), np.ones(2)
+    omega(names)
+    assert next(iter(names["rhs"].overloads.values())) is before
+
+
+def test_a_jacobian_that_is_inlined():
+    namespace = {"eig3": eig3, "C": 0.5}
+    exec("@eig3.jit\ndef rhs(t, u, v, p):\n    return -u - p[0] * v", namespace)
+    exec("@eig3.jit\ndef jacobian(t, u, v, p):\n    return -C", namespace)
+
+    def iterations():
+        method = eig3.CentralDifference(solver="newton", jacobian=namespace["jacobian"])
+        options = {"h": 0.1, "params": 0.5, "method": method, "inline": True}
+        return eig3.integrate(namespace["rhs"], (0, 1), 1.0, 0.0, **options).n_iterations
+
+    exact = iterations()
+    namespace["C"] = -0.5  # Newton's method needs more iterations with a wrong derivative
+    assert iterations() > exact
+
+
+PROGRAM = """
+import sys
+import eig3
+import captured_module
+captured_module.K = float(sys.argv[1])
+print(eig3.integrate(captured_module.rhs, (0, 0.1), 1.0, 0.0, h=1e-3).a[0])
+print(list(captured_module.rhs.stats.cache_hits.values()))
+"""
+
+
+def test_code_on_the_disk_has_the_value_of_this_process(tmp_path, monkeypatch):
+    text = "import eig3\nK = 1.0\n\n@eig3.jit(cache=True)\ndef rhs(t, u, v, p):\n    return -K * u\n"
+    (tmp_path / "captured_module.py").write_text(text)
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+
+    def run(k):
+        command = [sys.executable, "-c", PROGRAM, str(k)]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split()
+
+    assert run(1.0) == ["-1.0", "[]"]
+    assert run(4.0) == ["-4.0", "[]"]
+    assert run(1.0) == ["-1.0", "[1]"]
+
+
+def test_random_numbers_are_refused():
+    @numba.njit
+    def noise(u):
+        return u + np.random.normal()
+
+    @eig3.jit
+    def noisy(t, u, v, p):
+        return -noise(u)
+
+    @eig3.jit
+    def rhs(t, u, v, p):
+        return -u
+
+    @eig3.jit
+    def apply(t, u, v, p):
+        return u, -v * np.random.random()
+
+    events = {"impact": eig3.Event(rhs, apply=apply)}
+    for name, f, options in (
+        ("rhs", noisy, {}),
+        ("outputs", rhs, {"outputs": {"noisy": noisy}}),
+        ("apply of events", rhs, {"events": events}),
+    ):
+        with pytest.raises(ValueError, match=rf"^{name}.* draws random numbers \(np.random\).* pass them in params"):
+            eig3.integrate(f, (0, 1), 1.0, 0.0, h=0.1, **options)
+    with pytest.raises(ValueError, match="rhs draws random numbers"):
+        eig3.ensemble(noisy, (0, 1), np.ones(3), 0.0, h=0.1)
+
+
+def test_a_normal_distribution_that_was_imported_is_refused():
+    from numpy.random import normal
+
+    @eig3.jit
+    def rhs(t, u, v, p):
+        return -u + normal()
+
+    with pytest.raises(ValueError, match=r"rhs draws random numbers \(normal\)"):
+        eig3.integrate(rhs, (0, 1), 1.0, 0.0, rtol=1e-3)
