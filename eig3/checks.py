@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from .kernels.protocol import SCALAR, VECTOR, Form
 from .methods import METHODS, Method, shown
 
+_NEVER_REACHED = 2**62
+
 
 def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
     """Return u0 and v0 as two floats or two new arrays, and the form of right-hand side that belongs to them."""
@@ -78,10 +80,18 @@ def check_resolution(h: float, t0: float, t1: float) -> None:
 
 
 def check_count(value: Any, name: str) -> int:
-    """Return a whole number of at least 1 as an int."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+    """Return a whole number of at least 1 as an int; a number that no count reaches, as a smaller such number."""
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
+    if not is_whole or value < 1:
         raise ValueError(f"{name} must be a whole number of at least 1, not {shown(value)}.")
-    return int(value)
+    return min(int(value), _NEVER_REACHED)
+
+
+def check_flag(value: Any, name: str) -> bool:
+    """Return True or False. Other values are refused: the text "False" would count as true."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, not {shown(value)}.")
+    return bool(value)
 
 
 def check_cancel(cancel: Any) -> Any:

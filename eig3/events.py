@@ -47,7 +47,8 @@ class Event:
     apply: Any = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.direction, bool) or self.direction not in (-1, 0, 1):
+        is_real = isinstance(self.direction, int | float | np.integer | np.floating)
+        if not is_real or isinstance(self.direction, bool | np.timedelta64) or self.direction not in (-1, 0, 1):
             raise ValueError(f"direction must be -1, 0 or 1, not {self.direction!r}.")
         if not isinstance(self.terminal, bool):
             raise ValueError(f"terminal must be True or False, not {self.terminal!r}.")

@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .analysis.divergence import Divergence, find_blow_up, find_divergence
-from .checks import check_cancel, check_count, check_h, check_resolution, check_span, check_state, check_time
+from .checks import (
+    check_cancel,
+    check_count,
+    check_flag,
+    check_h,
+    check_resolution,
+    check_span,
+    check_state,
+    check_time,
+)
 from .events import Event, Occurrences
 from .kernels.interrupt import DeferredInterrupt
 from .kernels.protocol import VECTOR
@@ -203,7 +212,7 @@ def integrate(
         place = None if save_to is None else Place.of(save_to)
         if h is not None:
             _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
-            return _fixed_run(rhs, span, u0, v0, h, method or "eig3", save_every, functions, progress, place, **common)
+            return _fixed_run(rhs, span, u0, v0, h, method, save_every, functions, progress, place, **common)
         limits = rtol, atol, h_max, first_step, max_steps
         return _variable_run(rhs, span, u0, v0, limits, method, save_every, functions, progress, place, **common)
 
@@ -212,6 +221,7 @@ def integrate(
 
 def _carry_out(begin: Callable[[], _Run | VariableRun], cancel: Cancel | None, raise_on_failure: bool) -> Solution:
     """Begin a run, and take it to its end."""
+    check_flag(raise_on_failure, "raise_on_failure")
     run = None
     try:
         with DeferredInterrupt() as interrupt:
@@ -268,7 +278,7 @@ def _fixed_run(
     u0: ArrayLike,
     v0: ArrayLike,
     step: float,
-    method: str | Method,
+    method: str | Method | None,
     save_every: int | None,
     functions: Functions,
     progress: bool,
@@ -284,7 +294,7 @@ def _fixed_run(
     check_resolution(h, t0, t1)
     save_every = None if t_eval is not None else save_every
     every = _stride(save_every, n_steps)
-    options |= {"h": h, "t0": t0, "method": method}
+    options |= {"h": h, "t0": t0, "method": "eig3" if method is None else method}
     if check_events(events) or t_eval is not None:
         stepper: Stepper = WatchedStepper(rhs, u0, v0, t_end=t1, events=events, t_eval=t_eval, **options)
     else:

@@ -28,7 +28,7 @@ class Functions(NamedTuple):
     """
 
     invariants: Mapping[str, Any]
-    outputs: Mapping[str, Any]
+    outputs: dict[str, Any]
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -66,14 +66,15 @@ def check_functions(invariants: Any, outputs: Any) -> Functions:
             "outputs must be a dictionary of names and jitted functions, such as {'force': force}, or "
             "{'forces': (forces, k)} for k values."
         )
-    functions = Functions(invariants or {}, outputs or {})
+    functions = Functions(invariants or {}, dict(outputs or {}))
     for name, value in functions.outputs.items():
         if name in functions.invariants:
             raise ValueError(f"{name!r} is the name of an invariant and of an output; give them different names.")
         if isinstance(value, tuple):
             if len(value) != 2:
                 raise TypeError(f"outputs[{name!r}] must be a function or a pair (function, k), not {value!r}.")
-            check_count(value[1], f"the number of values k in outputs[{name!r}] = (function, k)")
+            k = check_count(value[1], f"the number of values k in outputs[{name!r}] = (function, k)")
+            functions.outputs[name] = value[0], k  # NumPy's small integers would overflow in sums
         elif isinstance(value, Dispatcher) and takes(value.py_func, 5) and not takes(value.py_func, 4):
             raise TypeError(f"outputs[{name!r}] writes its values: give (function, k) with their number k.")
     return functions

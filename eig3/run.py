@@ -111,7 +111,11 @@ def run(
 
 def _steps(problem: Problem, h: float | None, rtol: float | None, method: str | Method | None) -> dict[str, Any]:
     """Return the options of a run that save some thousand states."""
-    return _fixed_steps(problem, h, method or "eig3") if rtol is None else _tolerances(problem, rtol, method)
+    return (
+        _fixed_steps(problem, h, "eig3" if method is None else method)
+        if rtol is None
+        else _tolerances(problem, rtol, method)
+    )
 
 
 def _resolved(problem: Problem, solution: Solution, steps: Callable[[Problem], dict[str, Any]]) -> Solution:

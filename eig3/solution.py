@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import frames
+from .checks import reals
 from .events import Occurrences
 from .extremes import Extremes
 from .interpolation import Knots
@@ -211,7 +212,7 @@ class Solution:
         The accelerations are `a`. Where they are not known or not finite, a cubic polynomial goes through u and v: its
         errors are of the orders 4 and 3.
         """
-        times = np.asarray(t, dtype=np.float64)
+        times = reals(t, "t")
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
             raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
         if self._between is not None and len(self.t) > 1:

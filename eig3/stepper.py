@@ -16,7 +16,16 @@ from numpy.typing import ArrayLike
 
 from .accelerations import accelerations
 from .callbacks import check_callback
-from .checks import check_cancel, check_h, check_method, check_params, check_state, check_time, velocity_refused
+from .checks import (
+    check_cancel,
+    check_flag,
+    check_h,
+    check_method,
+    check_params,
+    check_state,
+    check_time,
+    velocity_refused,
+)
 from .guard import first_acceleration, guarded
 from .inlining import inlined
 from .kernels.fixed import STACKED_DEGREES, inline_kernel, pointer_kernel
@@ -113,7 +122,7 @@ class Stepper:
         u, v, self.form = check_state(u0, v0)
         self.params = guarded(check_params(params))
         self.method = check_method(method)
-        self.inline = inline
+        self.inline = check_flag(inline, "inline")
         self.index = 0
         self.seconds = 0.0
         self.changed_at: float | None = None

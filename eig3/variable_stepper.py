@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .accelerations import accelerations
 from .callbacks import check_callback
-from .checks import check_params, check_state
+from .checks import check_flag, check_params, check_state
 from .extension import states_between
 from .growing import Rows
 from .guard import first_acceleration, guarded
@@ -78,7 +78,7 @@ class VariableStepper:
     def _prepare(self, rhs: Any, inline: bool) -> None:
         n = self.n
         self._pace_key = self.method.variable, n, inline
-        if inline:
+        if check_flag(inline, "inline"):
             literal = n if n <= STACKED_DEGREES else 0
             make = partial(inline_variable_kernel, self.method.variable, self.form, literal)
             self._callbacks: tuple = ()

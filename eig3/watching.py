@@ -191,8 +191,9 @@ def _check_within(apply: Any, name: str, t0: float, start: tuple, params: np.nda
 
 def _compiled(name: str, event: Event, form: Form) -> tuple[Any, Any]:
     g = check_callback(event.g, "event", form, f"g of events[{name!r}]")
-    apply = event.apply and check_callback(event.apply, "apply", form, f"apply of events[{name!r}]")
-    return g, apply
+    if event.apply is None:
+        return g, None
+    return g, check_callback(event.apply, "apply", form, f"apply of events[{name!r}]")
 
 
 def ended_by_event(stepper: Any) -> tuple[Status, str]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import drawing
+from ..checks import check_time
 from ..solution import Solution
 from .film import RATE, Film
 from .writers import WRITERS, check_writer, kind_of, write_film
@@ -48,6 +49,11 @@ def animate(
     if not path.parent.is_dir():
         raise FileNotFoundError(f"path must be in an existing folder: create {str(path.parent)!r} first.")
     check_writer(kind)
+    if t_end is not None and not check_time(t_end, "t_end") >= solution.t[-1]:
+        raise ValueError(
+            f"t_end must be the end of the whole run, at or after t = {solution.t[-1]:g} where the solution ends, not "
+            f"{t_end!r}."
+        )
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

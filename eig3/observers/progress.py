@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..checks import check_flag
 from .chunk import Chunk
 
 
 def check_progress(progress: bool) -> None:
     """Raise an ImportError if a progress bar is requested and tqdm is not installed."""
-    if progress:
+    if check_flag(progress, "progress"):
         try:
             import tqdm.auto  # noqa: F401
         except ImportError:
