@@ -138,10 +138,7 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     """
     if isinstance(function, Dispatcher):
         known = _checked.setdefault(function, {}).get((kind, form.name))
-        # The user may have compiled the function anew. `dict.values` is used because the `values` method of Numba's
-        # ordered dictionary hashes every type, which takes longer than the rest of this call.
-        is_present = known is not None and any(known.compiled is each for each in dict.values(function.overloads))
-        if is_present and not any(captured.differs() for captured in known.captured):
+        if known is not None and _is_present(known, function):
             return known
     with DeferredInterrupt():
         result = _compile(function, kind, form, name or kind)
@@ -152,6 +149,14 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     )
     _checked[function][kind, form.name] = callback
     return callback
+
+
+def _is_present(known: Callback, function: Dispatcher) -> bool:
+    """Return whether the function is still the one that was compiled, and so is each value from outside."""
+    # The user may have compiled the function anew. `dict.values` is used because the `values` method of Numba's ordered
+    # dictionary hashes every type, which takes longer than the rest of this call.
+    is_compiled = any(known.compiled is result for result in dict.values(function.overloads))
+    return is_compiled and not any(captured.differs() for captured in known.captured)
 
 
 def _refuse_random(function: Dispatcher, name: str) -> None:
