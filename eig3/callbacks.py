@@ -174,7 +174,7 @@ def _renew(function: Dispatcher) -> None:
     for each, captured in helpers_first(function):
         before = _captured.get(each)
         # What was compiled before it came here may have been compiled with any values.
-        is_old = before.differs() if before else captured.has_values
+        is_old = before.differs() if before else bool(captured.values)
         if each.overloads and (is_old or any(helper in renewed for helper in captured.functions)):
             each.recompile()
             renewed.append(each)

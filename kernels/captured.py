@@ -21,41 +21,39 @@ _PLAIN = bool, int, float, complex, str, np.generic
 
 
 class Captured:
-    """The captured values of one jitted function, as they are now.
+    """The captured values of one function, as they are now.
 
-    In the functions of this package, no value changes: only the jitted functions among them count.
+    Attributes
+    ----------
+    functions : list of jitted functions
+        Those that the function may call.
+    values : dict of str to value
+        The numbers, texts and arrays, by name. Those of the functions of this package do not change, and are left out.
+    random : str
+        The name under which the function reaches random numbers; empty if it reaches none.
     """
 
     def __init__(self, function: Any) -> None:
         plain = getattr(function, "py_func", function)
-        self._values: dict[str, tuple[Callable[[], Any], Any]] = {}
+        self.functions: list[Dispatcher] = []
+        self.values: dict[str, Any] = {}
+        self.random = ""
+        self._compared: list[tuple[Callable[[], Any], Any]] = []
+        is_ours = _is_ours(plain)
         for name, read in _places(plain):
             value = read()
-            if isinstance(value, Dispatcher) or not _is_ours(plain):
-                self._values[name] = read, value.copy() if isinstance(value, np.ndarray) else value
-
-    @property
-    def functions(self) -> list[Dispatcher]:
-        """The jitted functions that this one may call."""
-        return [value for _, value in self._values.values() if isinstance(value, Dispatcher)]
-
-    @property
-    def has_values(self) -> bool:
-        """Whether there is a number, a text or an array."""
-        return any(_is_plain(value) for _, value in self._values.values())
-
-    @property
-    def random(self) -> str:
-        """The name under which the function reaches random numbers; empty if it reaches none."""
-        return next((name for name, (_, value) in self._values.items() if _is_random(value)), "")
+            if isinstance(value, Dispatcher):
+                self.functions.append(value)
+            elif _is_plain(value) and not is_ours:
+                value = self.values[name] = value.copy() if isinstance(value, np.ndarray) else value
+            elif _is_random(value):
+                self.random = name
+            if not is_ours and (isinstance(value, Dispatcher) or name in self.values):
+                self._compared.append((read, value))
 
     def differs(self) -> bool:
         """Return whether one of the values is another one now."""
-        return any(not _is_same(read(), value) for read, value in self._values.values())
-
-    def __iter__(self) -> Iterator[tuple[str, Any]]:
-        """Iterate over the names and the values of numbers, texts and arrays."""
-        return ((name, value) for name, (_, value) in self._values.items() if _is_plain(value))
+        return any(not _is_same(read(), value) for read, value in self._compared)
 
 
 def helpers_first(function: Any) -> list[tuple[Any, Captured]]:
@@ -79,7 +77,7 @@ def digest(function: Any) -> str:
     """Return a text that differs where a function, or a jitted one that it may call, captures other values."""
     if _is_ours(function):
         return ""
-    values = [f"{name}={_text(value)}" for _, captured in helpers_first(function) for name, value in captured]
+    values = [f"{name}={_text(x)}" for _, captured in helpers_first(function) for name, x in captured.values.items()]
     return hashlib.sha256("\n".join(values).encode()).hexdigest()[:16] if values else ""
 
 
