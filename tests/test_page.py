@@ -1,15 +1,20 @@
 """The page of a report in headless Chromium. Its numbers follow formulas, so that the tests know what it must show."""
 
+import base64
+import hashlib
 import os
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
 from types import SimpleNamespace
 
 import pytest
 
 from eig3.bench.environment import environment
 from eig3.bench.matrix import Matrix, in_units, power
+from eig3.bench.report.markdown import page as markdown_page
 from eig3.bench.report.page import html
 from eig3.bench.sweep import Point, WorkPrecisionSet
 
@@ -282,3 +287,119 @@ def test_titles_are_text_and_the_file_is_small():
     assert "&lt;i&gt;rough&lt;/i&gt; spring" in text
     assert "Not measured yet: c" in text
     assert len(text.encode()) < 2e6  # of which the chart library is 0.9 MB
+
+
+SCRIPT = "<script>window.foreign = 1</script>"
+HOSTILE = f"</script>{SCRIPT}<!--<img src=x onerror='window.foreign = 1'>\"'&\u2028"
+HOSTILE_MARKDOWN = f"""
+{SCRIPT}
+
+Words <img src=x onerror="window.foreign = 1"> and <svg onload="window.foreign = 1"></svg>, `{SCRIPT}`.
+
+<iframe srcdoc="{SCRIPT}"></iframe>
+
+| a {SCRIPT} | b |
+| - | - |
+| [x](javascript:window.foreign=1) | [y](java&#115;cript:window.foreign=1) |
+
+[z][z] <javascript:window.foreign=1> [t](https://a.example "t\" onmouseover=\"window.foreign=1") <https://b.example>
+![far](https://c.example/p.png) ![near](javascript:window.foreign=1) [d](data:text/html,{SCRIPT}) [e](<JAVASCRIPT:x>)
+
+[z]: javascript:window.foreign=1
+
+```{{#data .x onclick=window.foreign=1}}
+{{"charts": {{}}}}
+```
+"""
+
+
+def hostile_record() -> SimpleNamespace:
+    """A record in which everything that a file can hold tries to run a script."""
+    hostile = replace(
+        RESULTS[0],
+        title=HOSTILE,
+        description=HOSTILE,
+        source=HOSTILE,
+        skipped=[HOSTILE],
+        command=HOSTILE,
+        points=[replace(point, label=f"{point.label}{HOSTILE}") for point in RESULTS[0].points]
+        + [replace(point, method=HOSTILE, label=HOSTILE) for point in RESULTS[0].of("rk4")],
+    )
+    found = record([hostile, replace(RESULTS[1], name=HOSTILE)])
+    found.environment = {**found.environment, "cpu": HOSTILE}
+    found.command, found.missing, found.unsolved = HOSTILE, [HOSTILE], [HOSTILE]
+    texts = {name: SimpleNamespace(command=HOSTILE, markdown=HOSTILE_MARKDOWN) for name in ("c", "stability", "hard")}
+    found.texts = texts
+    return found
+
+
+COMPARISON = SimpleNamespace(markdown=HOSTILE_MARKDOWN, everything=HOSTILE_MARKDOWN)
+
+
+def hostile_page() -> str:
+    return html(hostile_record(), COMPARISON)
+
+
+class Elements(HTMLParser):
+    """The tags of a page with their attributes, and the texts of its scripts."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        if self.tags and self.tags[-1][0] == "script" and self.cdata_elem == "script":
+            self.scripts.append(data)
+
+    def of(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def test_nothing_that_comes_from_files_is_markup():
+    parsed = Elements(hostile_page())
+    assert parsed.of("script") == [{}, {"type": "application/json", "id": "data"}, {}]
+    assert {tag for tag, _ in parsed.tags}.isdisjoint({"iframe", "object", "embed", "base", "img", "frame"})
+    attributes = [pair for _, each in parsed.tags for pair in each.items()]
+    assert not [name for name, _ in attributes if name.startswith("on") or name in ("srcdoc", "action", "formaction")]
+    addresses = {value for name, value in attributes if name in ("href", "src", "xlink:href")}
+    assert {address for address in addresses if not address.startswith("#")} == {"https://a.example", "https://b.example"}
+    assert len(parsed.of("meta")) == 4
+
+
+def test_the_markdown_has_no_tags():
+    assert re.findall("<[a-zA-Z/!?].*", markdown_page(hostile_record(), COMPARISON)) == []
+
+
+def test_only_the_pages_own_scripts_are_allowed_to_run():
+    parsed = Elements(html(record(RESULTS)))
+    (policy,) = [meta["content"] for meta in parsed.of("meta") if meta.get("http-equiv") == "Content-Security-Policy"]
+    rules = dict(rule.split(" ", 1) for rule in policy.split("; "))
+    charts, _, own = parsed.scripts
+    hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in (charts, own)]
+    assert rules["script-src"].split() == [f"'sha256-{one}'" for one in hashes]
+    assert rules["default-src"] == rules["base-uri"] == rules["form-action"] == "'none'"
+    assert rules["img-src"] == "data:"
+    names = [name for name, _ in parsed.tags]
+    assert names.index("meta") < names.index("style") < names.index("script")
+
+
+def test_no_foreign_script_runs(browser, tmp_path):
+    """Not those of hostile files; and the policy stops one that came into the page in another way."""
+    foreign = f"{SCRIPT}<img src=x onerror='window.foreign = 1'><a id=try href='javascript:window.foreign = 1'>x</a>"
+    for name, text in (("hostile", hostile_page()), ("smuggled", html(record(RESULTS)).replace("<main>", f"<main>{foreign}"))):
+        (tmp_path / f"{name}.html").write_text(text, encoding="utf-8")
+        tab = browser.new_page(viewport={"width": 1300, "height": 900})
+        tab.goto((tmp_path / f"{name}.html").as_uri())
+        tab.locator("[data-chart=smooth]").scroll_into_view_if_needed()
+        tab.wait_for_selector("[data-chart=smooth] svg.marks")
+        tab.hover("[data-chart=smooth] path[aria-label^='EIG-9']", force=True)
+        tab.wait_for_selector("#vg-tooltip-element.visible")
+        if name == "smuggled":
+            tab.locator("#try").click()
+        assert tab.evaluate("window.foreign") is None
+        tab.close()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import partial
+from urllib.parse import quote
 
 from eig3.options import Files
 
@@ -17,6 +19,7 @@ from .comparison import Comparison
 from .record import Record, part_name
 
 MATRIX = "matrix.svg"
+_TAG = re.compile("<(?=[a-zA-Z/!?])")
 _HOW_TO_READ = """## How to read it
 
 Times from different machines cannot be compared. Ratios within one table can, since its runs are interleaved. No time
@@ -53,7 +56,8 @@ def page(record: Record, comparison: Comparison | None) -> str:
     texts = record.texts
     for name in (name for name in TITLES if name in texts):
         parts += [f"## {TITLES[name]}", f"Measured by `{texts[name].command}`.", texts[name].markdown]
-    return "\n\n".join(parts) + "\n"
+    # Titles and texts may be from someone else: what looks like a tag is text.
+    return _TAG.sub("&lt;", "\n\n".join(parts)) + "\n"
 
 
 def how_measured(record: Record) -> list[str]:
@@ -115,7 +119,7 @@ def _fastest(contest: Contest | None) -> str:
 
 def _problem(record: Record, result: WorkPrecisionSet) -> list[str]:
     motion = record.motion(result.name)
-    shown = [f"![The motion of {result.title}](<{motion.name}>)"] if motion else []
+    shown = [f"![The motion of {result.title}]({quote(motion.name)})"] if motion else []
     parts: list[str] = []
     for mode in result.modes or ["pointer"]:
         of_mode = result.in_mode(mode)
@@ -124,7 +128,7 @@ def _problem(record: Record, result: WorkPrecisionSet) -> list[str]:
             parts += [f"#{heading}", *shown]
         parts += [f"#### Right-hand side {precision.IN_WORDS[mode]}", f"Measured by `{of_mode.command}`."]
         parts += rest
-    return [*parts, f"![{result.title}: error against time and evaluations](<{picture(result)}>)"]
+    return [*parts, f"![{result.title}: error against time and evaluations]({quote(picture(result))})"]
 
 
 def _article(record: Record) -> list[str]:

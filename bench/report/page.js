@@ -1,7 +1,7 @@
 "use strict";
 // The tables are complete in the page. This script shows those of the chosen metric, mode and accuracy, and draws the charts.
 
-const data = JSON.parse(document.getElementById("data").textContent);
+const data = JSON.parse(document.querySelector("script#data").textContent);
 const controls = document.querySelector(".controls");
 const all = (selector, where = document) => [...where.querySelectorAll(selector)];
 const power = target => Number(target).toExponential();
@@ -104,7 +104,8 @@ class Chart {
     const shown = points.filter(p => this.shown.has(p.method) && (this.against === "time" || p.evaluations))
       .map(p => ({ ...p, timed: `${time(p.seconds)} (${time(p.low)} to ${time(p.high)})`,
         words: `${p.label}: error ${p.error.toExponential(1)} in ${time(p.seconds)}` }));
-    vegaEmbed(this.plot, this.specification(shown), { actions: false, renderer: "svg", ast: false })
+    // With `ast` the expressions are interpreted: the policy of the page lets no text become code.
+    vegaEmbed(this.plot, this.specification(shown), { actions: false, renderer: "svg", ast: true })
       .then(result => { this.view?.finalize(); this.view = result.view; })
       .catch(console.error);
   }
@@ -122,6 +123,7 @@ class Chart {
     key.type = "button";
     key.dataset.method = method;
     key.innerHTML = badge(one);
+    key.querySelector("text").textContent = one.sign;
     key.append(one.label);
     key.onclick = () => { this.shown.has(method) ? this.shown.delete(method) : this.shown.add(method); this.draw(); };
     return key;
@@ -179,9 +181,9 @@ class Chart {
   }
 }
 
-function badge({ color, shape, sign, filled }) {
+function badge({ color, shape, filled }) {
   return `<svg class="badge" viewBox="-1.3 -1.3 2.6 2.6" aria-hidden="true"><path d="${data.shapes[shape]}" stroke="${color}" `
-    + `fill="${filled ? color : "none"}"/><text y="0.42" fill="${filled ? "#fff" : color}">${sign}</text></svg>`;
+    + `fill="${filled ? color : "none"}"/><text y="0.42" fill="${filled ? "#fff" : color}"></text></svg>`;
 }
 
 function time(seconds) {
