@@ -5,6 +5,7 @@ import math
 import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,9 @@ from eig3.problem import Problem
 from eig3.solution import Solution
 
 from . import text
-from .article import TABLES, Entry, Table, method_of
+from .article import FOOTNOTES, TABLES, Entry, Table, method_of
 from .timing import Storage, interleave, kernel_run
+from .typed import check_known, check_positive, checked
 
 #: Table 4 gets one more row: CD with fixed-point iteration, which is faster here than the article's Newton iteration.
 _EXTRA = {4: {"cd fixed-point": CentralDifference(velocity="implicit", solver="fixed-point")}}
@@ -90,16 +92,37 @@ class MeasuredTable:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> "MeasuredTable":
-        """What `as_json` gave."""
+        """What `as_json` gave.
+
+        Raises
+        ------
+        TypeError, ValueError, LookupError
+            If it is damaged.
+        """
         (table,) = (table for table in TABLES if table.number == data["number"])
-        return cls(table, [_cell(cell) for cell in data["cells"]])
+        found = cls(table, [_cell(cell) for cell in data["cells"]])
+        runs, methods = [(cell.method, cell.h) for cell in found.cells], {cell.method for cell in found.cells}
+        check_known(table.entries, methods)
+        check_known(methods, [*table.entries, *_EXTRA.get(table.number, {})])
+        if sorted(runs) != sorted(product(methods, found.steps)):
+            raise ValueError("each method was run once with each step")
+        return found
 
 
 def _cell(data: Mapping[str, Any]) -> MeasuredCell:
     known = {field.name: data[field.name] for field in dataclasses.fields(MeasuredCell)}
     entry = known["entry"] and Entry(**known["entry"])
     error = math.inf if known["error"] is None else known["error"]
-    return MeasuredCell(**{**known, "entry": entry, "error": error})
+    cell = checked(MeasuredCell(**{**known, "entry": entry, "error": error}))
+    check_positive([cell.h, cell.n_steps, cell.n_rhs, cell.mean])
+    check_positive(cell.seconds)
+    if entry:
+        checked(entry)
+        check_known([entry.mark], ("", *FOOTNOTES))
+        check_positive([entry.error, entry.recomputed])
+    if not (cell.error >= 0 and (entry is None or 0 <= entry.seconds < math.inf)):
+        raise ValueError("errors and times are not negative")
+    return cell
 
 
 def label(method: str) -> str:

@@ -101,8 +101,9 @@ def work_precision(result: WorkPrecisionSet) -> Figure:
     for (by_time, by_evaluations), metric in zip(grid, metrics, strict=True):
         shown = {point.method for point in front(result, metric)} | {"heyoka"}
         shown |= {method for method in result.methods if method.partition(" ")[0] in ARTICLE_METHODS}
-        for method, label in result.methods.items():
-            _work_precision_lines(by_time, by_evaluations, result, method, label if method in shown else "", metric)
+        for method, name in result.methods.items():
+            label = _plain(name) if method in shown else ""
+            _work_precision_lines(by_time, by_evaluations, result, method, label, metric)
         by_time.set_ylabel(f"{metric} error\n{textwrap.fill(METRICS[metric], 50)}")
         by_time.set_xlabel("time (s), median")
         by_evaluations.set_xlabel("evaluations of the right-hand side (crosses at the top: unstable runs)")
@@ -154,13 +155,18 @@ def _matrix_cell(axes: Any, i: int, j: int, contest: Contest | None) -> None:
     following = (contest.next_own, contest.next_rival)
     leads = "  ".join(lead(first, one) if one else "-" for one in following)
     lines = (
-        (-0.26, abbreviated(first.label), 8.5, color),
+        (-0.26, _plain(abbreviated(first.label)), 8.5, color),
         (0.02, f"{AT_MOST * first.at_most}{in_units(first.seconds)}", 8, "k"),
         (0.29, leads, 7, "0.35"),
     )
     for down, words, size, ink in lines:
         weight = "bold" if ink == color else "normal"
         axes.text(j, i + down, words, ha="center", va="center", fontsize=size, color=ink, fontweight=weight)
+
+
+def _plain(label: str) -> str:
+    """A label that matplotlib shows as it is: between two dollar signs it would read a formula."""
+    return label.replace("$", r"\$")
 
 
 def _work_precision_lines(

@@ -23,6 +23,7 @@ from .reach import reach
 from .reference import Judge, reference
 from .sweep import LONGEST, STATES, WorkPrecisionSet, measure, records
 from .timing import Storage, kernel_run, medians
+from .typed import checked
 
 SUMMARY = "what the first choice of eig3.plan costs against the best of a sweep"
 ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
@@ -148,6 +149,10 @@ class Outcome:
     is_good: bool
     reaches: bool
     miss: str
+
+    def __post_init__(self) -> None:
+        if len(checked(self).row) != len(HEADER):
+            raise ValueError(f"row must have {len(HEADER)} cells")
 
     @classmethod
     def of(cls, case: Case) -> Outcome:

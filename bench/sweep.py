@@ -24,6 +24,7 @@ from .reference import METRICS, Judge, reference
 from .rivals import RIVALS, Answer, Rival
 from .timing import Storage, interleave, kernel_run
 from .tolerances import TOLERANCES
+from .typed import check_known, check_positive, checked
 
 STATES = 2000  # stored in every run of the library, and compared with the reference
 RIVAL_STATES = 401  # the same for a rival: with 2000, the dense output would take a fifth of heyoka's time
@@ -111,6 +112,11 @@ class WorkPrecisionSet:
     command: str = ""
 
     @property
+    def is_solved(self) -> bool:
+        """Whether a method or a rival has a stable run."""
+        return any(point.stable for point in self.points)
+
+    @property
     def metrics(self) -> list[str]:
         """The metrics of error that were measured, the problem's own first."""
         known = {metric for point in self.points for metric in point.errors}
@@ -163,10 +169,22 @@ class WorkPrecisionSet:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> WorkPrecisionSet:
-        """What `as_json` gave."""
+        """What `as_json` gave.
+
+        Raises
+        ------
+        TypeError, ValueError, LookupError
+            If it is damaged.
+        """
         points = [_from_json(point) for point in data["points"]]
         uncertainty = math.inf if data["uncertainty"] is None else data["uncertainty"]
-        return cls(**{**data, "targets": tuple(data["targets"]), "uncertainty": uncertainty, "points": points})
+        fields = {**data, "targets": tuple(data["targets"]), "uncertainty": uncertainty, "points": points}
+        found = checked(cls(**fields))
+        check_known([found.metric], METRICS)
+        if not (found.targets and all(0 < target < 1 for target in found.targets) and found.uncertainty >= 0):
+            raise ValueError("targets are between 0 and 1, and an uncertainty is not negative")
+        check_positive(found.targets)
+        return found
 
 
 def _short(value: float) -> float:
@@ -181,7 +199,15 @@ def _as_json(point: Point) -> dict[str, Any]:
 
 def _from_json(data: Mapping[str, Any]) -> Point:
     known = {field.name: data[field.name] for field in dataclasses.fields(Point)}
-    return Point(**{**known, "errors": {metric: math.inf if e is None else e for metric, e in data["errors"].items()}})
+    errors = {metric: math.inf if e is None else e for metric, e in data["errors"].items()}
+    point = checked(Point(**{**known, "errors": errors}))
+    check_known([point.mode], ("", *MODES))
+    check_known(point.errors, METRICS)
+    counts = (count for count in (point.n_steps, point.evaluations) if count is not None)
+    check_positive([point.setting, *point.seconds, *counts])
+    if not all(error >= 0 for error in point.errors.values()) or (point.stable and not (point.seconds and errors)):
+        raise ValueError("errors are not negative, and a stable run has times and errors")
+    return point
 
 
 #: A point, and a function that repeats its run and returns the seconds.

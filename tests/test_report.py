@@ -3,13 +3,16 @@
 import errno
 import json
 import math
+import random
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import vl_convert
 
 import eig3
 from eig3 import problems
@@ -207,13 +210,95 @@ def test_the_planners_cases_are_one_table(tmp_path):
         Outcome("a, energy 0.01", ["a", *["1"] * 10], True, True, ""),
         Outcome("b, energy 0.01", ["b", *["2"] * 10], False, True, "RK4 takes 2.00 times as long as RK8"),
     ]
-    record = Record.create(tmp_path, "eig3 bench report", {"repeats": 5}, ["plan_a", "plan_b"])
+    record = Record.create(tmp_path, "eig3 bench report", SETTINGS, ["plan_a", "plan_b"])
     for name, outcome in zip("ab", outcomes, strict=True):
         record.keep(f"plan_{name}", f"eig3 bench plan --repeats 5 --problem {name}", 1.0, [vars(outcome)])
     text = Record.open(tmp_path).texts["plan"]
     assert text.command == "eig3 bench plan --repeats 5 --problem a --problem b"
     assert "in 1 of 2 cases. It reaches the accuracy in 2." in text.markdown
     assert "- b, energy 0.01: RK4 takes 2.00 times as long as RK8" in text.markdown
+
+
+SETTINGS = {"repeats": 5, "longest": 0.02, "modes": None}
+WRONG = [
+    None, True, "", "x", "$\\x$", -1, 0, 1e308, 5e-324, 10**400, [], {}, [1], {"a": 1}, "\ud800", math.nan, math.inf
+]  # fmt: skip
+
+
+def paths_in(value, above=()):
+    """The keys and indices that lead to everything that JSON holds."""
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, entry in entries:
+        yield (*above, key)
+        yield from paths_in(entry, (*above, key))
+
+
+def damage(rng, path):
+    """Cut the text of a JSON file, change a character of it, or delete or change one of its values."""
+    text, how = path.read_text(), rng.randrange(8)
+    place = rng.randrange(len(text))
+    if how == 0:
+        path.write_text(text[:place])
+    elif how == 1:
+        path.write_text(text[:place] + rng.choice('0"{}[],:xe-') + text[place + 1 :])
+    else:
+        content = holder = json.loads(text)
+        depth = rng.randrange(1, 6)  # there are many more of the deep ones
+        *above, last = rng.choice([keys for keys in paths_in(content) if len(keys) <= depth])
+        for key in above:
+            holder = holder[key]
+        if how == 2:
+            del holder[last]
+        else:
+            holder[last] = rng.choice(WRONG)
+        path.write_text(json.dumps(content))
+
+
+def test_damaged_files_are_drawn_or_refused_by_name(tmp_path, monkeypatch, capsys):
+    """Pictures are left out, and so is the code of the charts: they would only take time."""
+    monkeypatch.setattr(report, "draw_pictures", lambda record, files: None)
+    monkeypatch.setattr(vl_convert, "javascript_bundle", lambda: "")
+    sample, whole, broken = Path(report.__file__).parent.parent / "sample", tmp_path / "whole", tmp_path / "broken"
+    names = ["precision_bouncing_ball", "plan_single_dof", "article_4", "article_5", "c"]
+    whole.mkdir()
+    for name in names:
+        shutil.copy(sample / f"{name}.json", whole)
+    run = json.loads((sample / "run.json").read_text())
+    (whole / "run.json").write_text(json.dumps({**run, "parts": names}))
+    refused, why = 0, "is damaged or no file of a report: remove it and measure it again."
+    for seed in range(120):
+        rng = random.Random(seed)
+        shutil.copytree(whole, broken)
+        path = broken / f"{rng.choice(['run', *names])}.json"
+        damage(rng, path)
+        folders = [("--from", broken, "--against", whole), ("--from", whole, "--against", broken)][seed % 2]
+        try:
+            assert command(*folders, "--out", tmp_path / "page") == 0
+        except SystemExit as error:
+            refused += 1
+            assert str(error) == f"eig3 bench report: {path} {why}"
+        shutil.rmtree(broken)
+        capsys.readouterr()
+    for content in (b"", b"a secret"):  # a picture may be a link to a file of the user
+        (whole / "motion_bouncing_ball.webp").write_bytes(content)
+        with pytest.raises(SystemExit, match=r"motion_bouncing_ball.webp is no WebP picture: remove it\.$"):
+            command("--from", whole, "--out", tmp_path / "page")
+    assert 60 < refused < 120  # some changes, as that of a word or of a digit, leave a report
+
+
+def test_labels_and_problems_without_a_stable_run_can_be_drawn(tmp_path):
+    """A label is no formula of matplotlib's, and a problem that nothing solves is named."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    points = [Point("rk4", r"$\x$", "pointer", 0.1, 10, 20, True, {"trajectory": 1e-3}, [1.0])]
+    unstable = [replace(points[0], stable=False, errors={}, seconds=[])]
+    record = Record.create(folder, "eig3 bench report", SETTINGS, ["precision_x", "precision_y"])
+    for name, found in (("x", points), ("y", unstable)):
+        result = WorkPrecisionSet(name, f"the {name}", "", "trajectory", (1e-2,), False, "exact", 0.0, found, [])
+        record.keep(f"precision_{name}", "eig3 bench precision", 1.0, result.as_json())
+    assert command("--from", folder) == 0
+    assert "No method that was chosen solves the y." in (folder / "report.md").read_text()
+    assert r"$\x$" in (folder / "precision_x.svg").read_text()
 
 
 def times(rng, median, repeats=5, spread=0.01):
@@ -235,7 +320,7 @@ def record_of(folder, seed, scale=(), errors=(), settings=(0.1, 0.05, 0.025), un
             points.append(Point(method, method, mode, h, 10, 20, stable, {"trajectory": error}, seconds * stable))
     result = WorkPrecisionSet("x", "x", "", "trajectory", (1e-2,), False, "exact", uncertainty, points, [])
     folder.mkdir()
-    record = Record.create(folder, "eig3 bench report", {"repeats": 5}, ["precision_x"])
+    record = Record.create(folder, "eig3 bench report", SETTINGS, ["precision_x"])
     record.keep("precision_x", "eig3 bench precision --problem x", 1.0, result.as_json())
     return Record.open(folder)
 
@@ -535,7 +620,7 @@ def test_the_command_of_a_users_problem_has_the_settings_that_were_given():
 
 def test_a_problem_that_no_chosen_method_solves_is_named_and_has_no_results(tmp_path):
     unsolved = WorkPrecisionSet("x", "a ball", "", "trajectory", (1e-2,), False, "exact", 0.0, [], [])
-    record = Record.create(tmp_path, "eig3 bench report", {"repeats": 5}, ["precision_x"])
+    record = Record.create(tmp_path, "eig3 bench report", SETTINGS, ["precision_x"])
     record.keep("precision_x", "eig3 bench precision --problem x", 1.0, unsolved.as_json())
     assert record.results == []
     assert record.unsolved == ["a ball"]

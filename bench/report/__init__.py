@@ -26,6 +26,7 @@ from ..options import add_accuracies, choose
 from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
 from ..rivals import RIVALS
 from ..sweep import MODES
+from ..typed import checked
 from . import own
 from .comparison import Comparison
 from .markdown import draw_pictures
@@ -135,7 +136,7 @@ def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings
 
 def _known(record: Record) -> Settings:
     try:
-        return Settings(**record.run.settings)
+        return checked(Settings(**record.run.settings))
     except TypeError:
         raise RecordError(f"{record.folder / RUN} has settings of another version: choose another folder.") from None
 

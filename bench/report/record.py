@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,8 +14,9 @@ from eig3.options import Files, file_name
 
 from .. import plan
 from ..article_runs import MeasuredTable
-from ..environment import environment
-from ..sweep import WorkPrecisionSet
+from ..environment import environment, in_words
+from ..sweep import MODES, WorkPrecisionSet
+from ..typed import check_known, check_positive, checked, fits
 
 RUN = "run.json"
 _FORMAT = 1
@@ -46,7 +48,7 @@ class Run:
     """What a run was asked for, where it ran, and the names of its parts in their order."""
 
     command: str
-    environment: dict[str, Any]
+    environment: dict[str, str | int]
     settings: dict[str, Any]
     parts: list[str]
 
@@ -119,12 +121,12 @@ class Record:
     @property
     def results(self) -> list[WorkPrecisionSet]:
         """Work and precision of each problem that a chosen method or a rival can solve."""
-        return [replace(part.data, command=part.command) for part in self._parts("precision") if part.data.points]
+        return [replace(part.data, command=part.command) for part in self._parts("precision") if part.data.is_solved]
 
     @property
     def unsolved(self) -> list[str]:
         """The titles of the problems that no chosen method and no rival can solve."""
-        return [part.data.title for part in self._parts("precision") if not part.data.points]
+        return [part.data.title for part in self._parts("precision") if not part.data.is_solved]
 
     @property
     def article(self) -> list[MeasuredTable]:
@@ -157,9 +159,24 @@ class Record:
         return found
 
     def motion(self, name: str) -> Path | None:
-        """The picture of the motion of a problem, if there is one."""
+        """The picture of the motion of a problem, if there is one.
+
+        Raises
+        ------
+        RecordError
+            If the file is no WebP picture: a page would carry a foreign file, or a link to one, to other people.
+        """
         path = self.folder / motion_file(name)
-        return path if path.exists() else None
+        if not path.exists():
+            return None
+        try:
+            with path.open("rb") as file:
+                head = file.read(12)
+        except OSError as error:
+            raise RecordError(f"{path} cannot be read: {error.strerror or error}.") from None
+        if (head[:4], head[8:]) != (b"RIFF", b"WEBP"):
+            raise RecordError(f"{path} is no WebP picture: remove it.")
+        return path
 
     def _parts(self, kind: str) -> list[Measured]:
         return [self.measured[name] for name in self.run.parts if name.startswith(f"{kind}_") and name in self.measured]
@@ -189,33 +206,52 @@ def part_name(kind: str, name: str) -> str:
 
 def _read(path: Path, convert: Callable[[Any], Any]) -> Any:
     try:
-        return convert(json.loads(path.read_text(encoding="utf-8")))
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
+        json.dumps(content, ensure_ascii=False).encode()  # half a character of two is an error here
+        return convert(content)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except (ValueError, LookupError, TypeError, AttributeError):
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError):
         raise RecordError(f"{path} is damaged or no file of a report: remove it and measure it again.") from None
 
 
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no number of JSON")
+
+
 def _run(content: Any) -> Run:
+    """What a run was asked for. A run of another version may lack settings that no page needs."""
     if content["format"] != _FORMAT:
         raise ValueError
-    command, where, settings, parts = (content[name] for name in ("command", "environment", "settings", "parts"))
-    if not all(name == file_name(name) for name in parts):  # a foreign file does not name files elsewhere
+    run = checked(Run(*(content[name] for name in ("command", "environment", "settings", "parts"))))
+    in_words(run.environment)
+    repeats, longest, modes = (run.settings[name] for name in ("repeats", "longest", "modes"))
+    if not (fits(repeats, int) and fits(longest, float) and fits(modes, list[str] | None)):
+        raise TypeError
+    check_positive([repeats, longest])
+    check_known(modes or (), MODES)
+    if not all(name == file_name(name) for name in run.parts):  # a foreign file does not name files elsewhere
         raise ValueError
-    return Run(str(command), dict(where), dict(settings), list(parts))
+    return run
 
 
 def _decoded(name: str, content: Any) -> Measured:
     kind, data = name.partition("_")[0], content["data"]
     if kind == "precision":
         data = WorkPrecisionSet.from_json(data)
+        if part_name(kind, data.name) != name:
+            raise ValueError
     elif kind == "article":
         data = MeasuredTable.from_json(data)
     elif kind == "plan":
         data = [plan.Outcome(**outcome) for outcome in data]
     else:
-        data = {"timings": {}, **data, "markdown": str(data["markdown"])}
-    return Measured(str(content["command"]), float(content["seconds"]), data)
+        data = {"timings": {}, **data}
+        if not (fits(data["markdown"], str) and fits(data["timings"], dict[str, dict[str, list[float]]])):
+            raise TypeError
+        for seconds in (seconds for columns in data["timings"].values() for seconds in columns.values()):
+            check_positive([statistics.median(seconds), *seconds])
+    return checked(Measured(content["command"], content["seconds"], data))
 
 
 def _together(commands: Sequence[str]) -> str:
