@@ -36,7 +36,8 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
         The function to compile. Without it, ``jit(**options)`` returns a decorator.
     **options
         Options of ``numba.njit``, which replace those of the kernels. With ``cache=True``, the compiled function is
-        kept on the disk. A damaged file is then compiled again, and a folder that cannot be written gives a warning.
+        kept on the disk. A damaged file is then compiled again. In a folder that cannot be written, or that other
+        users can write, each process compiles the function, with a warning.
 
     Returns
     -------

@@ -1,5 +1,6 @@
 """Kernels are loaded from disk where they were compiled before: compilations are counted, not seconds."""
 
+import errno
 import os
 import shutil
 import subprocess
@@ -7,7 +8,9 @@ import sys
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
+import numba
 import pytest
 
 import eig3
@@ -176,9 +179,169 @@ def test_a_function_can_be_compiled_anew():
     assert before
 
 
+OWN = cache._this_user()
+
+
+class Intruder:
+    """An object whose pickle makes a file where it is loaded."""
+
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __reduce__(self):
+        return Path.touch, (self.mark,)
+
+
+@pytest.fixture
+def shared(tmp_path):
+    """A folder with a file of compiled code that makes another file, "mark", when it is loaded."""
+    folder = tmp_path / "shared"
+    folder.mkdir(mode=0o755)
+    files = cache._Files(folder, "a-1.py", "stamp", OWN)
+    files.save("key", Intruder(tmp_path / "mark"))
+    return SimpleNamespace(folder=folder, files=files, path=next(folder.iterdir()), mark=tmp_path / "mark")
+
+
+needs_owners = pytest.mark.skipif(os.name == "nt", reason="Windows has no owners and modes of files")
+
+
+@needs_owners
+@pytest.mark.parametrize("name", ["folder", "path"])
+@pytest.mark.parametrize("mode", [0o757, 0o777])
+def test_what_others_can_write_is_not_loaded(shared, name, mode):
+    getattr(shared, name).chmod(mode)
+    with pytest.raises(cache._UntrustedError, match=f"any user.* can write {getattr(shared, name)}$"):
+        shared.files.load("key")
+    assert not shared.mark.exists()
+    if name == "folder":
+        with pytest.raises(cache._UntrustedError):
+            shared.files.save("key", 1)
+    else:
+        shared.files.save("key", 1)  # the file is replaced by one that nobody else can write
+        assert shared.files.load("key") == 1
+
+
+@needs_owners
+def test_code_of_another_user_is_not_loaded(shared):
+    """Seen from that user, the files are those of another one; but not if the source of the function is so too."""
+    stranger = frozenset({("user", os.geteuid() + 1)})
+    files = cache._Files(shared.folder, "a-1.py", "stamp", stranger)
+    with pytest.raises(cache._UntrustedError, match=f"^user {os.geteuid()} can write {shared.folder}$"):
+        files.load("key")
+    assert not shared.mark.exists()
+    shared.files.save("key", 1)
+    assert (
+        cache._Files(shared.folder, "a-1.py", "stamp", stranger | cache._writers(Path(__file__).stat())).load("key")
+        == 1
+    )
+
+
+@needs_owners
+def test_a_link_to_a_file_that_others_can_write_is_not_loaded(shared, tmp_path):
+    place = tmp_path / "elsewhere"
+    shared.path.rename(place)
+    place.chmod(0o666)
+    shared.path.symlink_to(place)
+    with pytest.raises(cache._UntrustedError, match=r"^any user.* can write"):
+        shared.files.load("key")
+    assert not shared.mark.exists()
+
+
+@needs_owners
+def test_new_files_can_be_written_by_nobody_else(tmp_path):
+    before = os.umask(0)
+    try:
+        cache._Files(tmp_path, "a-1.py", "stamp", OWN).save("key", 1)
+    finally:
+        os.umask(before)
+    assert [path.stat().st_mode & 0o777 for path in tmp_path.iterdir()] == [0o644]
+
+
+@needs_owners
+def test_only_a_group_without_other_members_is_the_users_own(monkeypatch):
+    def groups(name, *members):
+        monkeypatch.setattr(cache.pwd, "getpwuid", lambda user: SimpleNamespace(pw_name="ada", pw_gid=1234))
+        monkeypatch.setattr(
+            cache.grp, "getgrgid", lambda group: SimpleNamespace(gr_name=name, gr_gid=group, gr_mem=members)
+        )
+        return {number for kind, number in cache._this_user() if kind == "group"}
+
+    assert groups("ada") == groups("ada", "ada") == {1234}
+    assert groups("ada", "bob") == groups("users") == set()
+
+
+@needs_owners
+def test_in_a_folder_of_others_a_function_is_compiled_with_one_warning(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "_warned", set())
+    functions = [eig3.jit(square.py_func, cache=True) for _ in range(2)]
+    tmp_path.chmod(0o777)
+    for function in functions:
+        function._cache._cache_path = str(tmp_path)
+        function._cache._cache_file._folder = tmp_path
+    with pytest.warns(RuntimeWarning) as caught:
+        values = [function(3.0) for function in functions]
+    assert values == [9.0, 9.0]
+    (warning,) = caught
+    words = str(warning.message)
+    assert f"any user, group {tmp_path.stat().st_gid} can write" in words or f"any user can write {tmp_path}" in words
+    assert "your own (chown, chmod go-w), or choose another folder with the environment variable NUMBA_CACHE" in words
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_users_function_calls_has_the_checked_cache_too():
+    @numba.njit(cache=True)
+    def helper(x):
+        return x * x
+
+    @numba.njit
+    def between(x):
+        return helper(x)
+
+    @eig3.jit
+    def rhs(t, u, v, p):
+        return -between(u)
+
+    eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.1)
+    assert type(helper._cache) is cache.CheckedCache
+
+
+def test_to_clear_the_cache_leaves_what_links_point_at(tmp_path):
+    folder, other = tmp_path / "folder", tmp_path / "other"
+    for each in (folder, other, folder / "d.nbc", other / "e.nbc"):
+        each.mkdir()
+    for name in ("a.nbi", "b.nbc", "c.py"):
+        (folder / name).touch()
+        (other / name).touch()
+    (folder / "f.nbc").symlink_to(other / "b.nbc")
+    (folder / "g.nbc").symlink_to(other)
+    (folder / "h.nbi").symlink_to(other / "missing")
+    (tmp_path / "link").symlink_to(other)
+    with pytest.raises(OSError, match=f"link is a link to {other}: nothing is deleted there; delete"):
+        cache.clear(tmp_path / "link")
+    assert cache.clear(folder) == 6
+    assert [path.name for path in folder.iterdir()] == ["c.py"]
+    assert sorted(path.name for path in other.iterdir()) == ["a.nbi", "b.nbc", "c.py", "e.nbc"]
+
+
+def test_a_file_that_cannot_be_deleted_is_named_and_the_others_are_deleted(tmp_path, monkeypatch):
+    for name in ("a.nbc", "b.nbc", "c.nbc"):
+        (tmp_path / name).touch()
+    unlink = Path.unlink
+
+    def refuse(path, **options):
+        if path.name == "b.nbc":
+            raise PermissionError(errno.EACCES, "Permission denied")
+        unlink(path, **options)
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(OSError, match=r"2 files deleted, but not b.nbc \(Permission denied\)"):
+        cache.clear(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["b.nbc"]
+
+
 def test_code_of_an_older_source_is_deleted(tmp_path):
     def files(stamp):
-        return cache._Files(tmp_path, "a-1.py", stamp)
+        return cache._Files(tmp_path, "a-1.py", stamp, OWN)
 
     files("monday").save("key", 1)
     files("monday").save("other", 2)
@@ -189,7 +352,7 @@ def test_code_of_an_older_source_is_deleted(tmp_path):
 
 
 def test_two_keys_of_one_text_are_different(tmp_path):
-    files = cache._Files(tmp_path, "a-1.py", "stamp")
+    files = cache._Files(tmp_path, "a-1.py", "stamp", OWN)
     files.save("'a'", 1)
     assert files.load("'a'") == 1
     path = files._path(("'a'", files._versions))
