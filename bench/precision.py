@@ -12,7 +12,7 @@ from itertools import groupby
 from pathlib import Path
 
 from eig3.methods import LIBRARY
-from eig3.options import Files, add_methods, add_out
+from eig3.options import Files, add_methods, add_out, method_name
 
 from . import pictures, text
 from .environment import environment, in_words
@@ -30,7 +30,9 @@ SUMMARY = "what each accuracy costs in time"
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_problems(parser)
     add_methods(parser)
-    parser.add_argument("--methods", dest="methods", nargs="+", metavar="NAME", help="only these methods")
+    parser.add_argument(
+        "--methods", dest="methods", nargs="+", type=method_name, metavar="NAME", help="only these methods"
+    )
     add_repeats(parser, REPEATS)
     parser.add_argument(
         "--longest",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .kernels.protocol import SCALAR, VECTOR, Form
-from .methods import METHODS, Method, shown
+from .methods import METHODS, Method, named, nearest, shown
 
 _NEVER_REACHED = 2**62
 
@@ -101,16 +101,25 @@ def check_cancel(cancel: Any) -> Any:
     return cancel
 
 
-def check_method(method: str | Method) -> Method:
-    """Return the record of a method, which is given by its name, as a record, or as a record's class."""
-    if isinstance(method, str) and method.lower() in METHODS:
-        return _default(METHODS[method.lower()])
+def check_method(method: str | Method, *, has_tolerances: bool = False) -> Method:
+    """Return the record of a method, which is given by its name or label, as a record, or as a record's class."""
+    found = named(method) if isinstance(method, str) else None
+    if found:
+        record, needs_tolerances = found
+        if needs_tolerances and not has_tolerances:
+            raise ValueError(
+                f"method {shown(method)} is that of a run with tolerances: give rtol in place of h, or "
+                f"method={_default(record).name!r} for a fixed step."
+            )
+        return _default(record)
     if isinstance(method, Method) and type(method) is not Method:
         return method
     if method is not Method and isinstance(method, type) and issubclass(method, Method):
         return _default(method)  # type: ignore[arg-type]
+    near = nearest(method) if isinstance(method, str) else []
     raise ValueError(
-        f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {shown(method)}."
+        f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {shown(method)}"
+        f"{': did you mean ' if near else ''}{' or '.join(map(repr, near))}{'?' if near else '.'}"
     )
 
 

@@ -122,10 +122,10 @@ def integrate(
     params : float or array_like
         The parameters. rhs gets them as p, a one-dimensional array of float64.
     method : str or Method
-        The name of a method, such as "eig3", "cd", "rk4" or "eig9" (all are in `eig3.METHODS`), or a record such as
-        ``EIG3(alpha=1.2)``. The default is "eig3". With tolerances, it is "rk5", "rk8" or "eig3"; the default is "rk8"
-        for rtol below 1e-4, and "rk5" otherwise. EIG-3 with variable steps does not keep the energy as it does with a
-        fixed step: the energy drifts.
+        The name of a method, such as "eig3", "cd", "rk4" or "eig9" (all are in `eig3.METHODS`), its label in tables,
+        such as "EIG-3", or a record such as ``EIG3(alpha=1.2)``. The default is "eig3". With tolerances, it is "rk5",
+        "rk8" or "eig3"; the default is "rk8" for rtol below 1e-4, and "rk5" otherwise. EIG-3 with variable steps does
+        not keep the energy as it does with a fixed step: the energy drifts.
     save_every : int or None
         Save every `save_every`-th state, the first and the last. None saves only the first and the last. With
         tolerances, 1 also saves the states before and after each event with `apply`.

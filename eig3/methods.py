@@ -1,8 +1,10 @@
 """Records of the methods: the name, order, cost and options of each method, and the kernel that runs it."""
 
 import dataclasses
+import difflib
 import functools
 import numbers
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,7 +25,8 @@ METHODS: dict[str, Any] = {}
 class Method:
     """Base class of the records. A record describes a method and holds its options.
 
-    A subclass that defines `name` is added to `METHODS`. `eig3.integrate` then accepts this name as its `method`.
+    A subclass that defines `name` is added to `METHODS`. `eig3.integrate` then accepts this name, and the label, as its
+    `method`.
 
     Attributes
     ----------
@@ -416,6 +419,43 @@ METHODS |= {f"eig{grade}": functools.partial(EIG, grade) for grade in range(4, 1
 
 #: The names of the library's own methods. `METHODS` also contains the methods that a user defines.
 LIBRARY: tuple[str, ...] = tuple(METHODS)
+
+
+#: The forms of CD that tables name, by the letters of their labels.
+_FORMS = {
+    form: functools.partial(CentralDifference, solver=solver)
+    for solver, forms in {"newton": ("cdnewton", "cdn"), "fixed-point": ("cdfixedpoint", "cdfp")}.items()
+    for form in forms
+}
+_TOLERANCES = re.compile(r"(.+?)(?:,|\s)\s*(?:with\s+)?(?:tol\.?|tolerances|rtol.*)")
+
+
+def named(text: str) -> tuple[Any, bool] | None:
+    """Find a method by its name, or by the label that tables and pictures print, such as "EIG-3" or "RK8 tol.".
+
+    Returns
+    -------
+    (callable, bool) or None
+        What makes the record, and whether the label is that of a run with tolerances; None if there is no such method.
+    """
+    name = text.strip().lower()
+    if name in METHODS:
+        return METHODS[name], False
+    with_tolerances = _TOLERANCES.fullmatch(name)
+    letters = _letters(with_tolerances[1] if with_tolerances else name)
+    labels = {_letters(getattr(record, "label", None)): record for record in METHODS.values()}
+    known = {**labels, **_FORMS, **{_letters(name): record for name, record in METHODS.items()}}
+    return (known[letters], bool(with_tolerances)) if letters and letters in known else None
+
+
+def nearest(text: str) -> list[str]:
+    """Return the names of methods that a text could have meant, the nearest first."""
+    return difflib.get_close_matches(_letters(text), METHODS, n=3)
+
+
+def _letters(label: Any) -> str:
+    """Return the letters and digits of a name or label; of a label that is no text, none."""
+    return re.sub(r"[\W_]", "", label.lower()) if isinstance(label, str) else ""
 
 
 def shown(value: Any) -> str:

@@ -116,5 +116,20 @@ def file_name(name: str) -> str:
 def add_methods(parser: argparse.ArgumentParser) -> None:
     """Add the option `--method NAME`. It may be repeated; `options.methods` is then the list of names, or None."""
     parser.add_argument(
-        "--method", dest="methods", action="append", metavar="NAME", help="only this method; may be repeated"
+        "--method",
+        dest="methods",
+        action="append",
+        type=method_name,
+        metavar="NAME",
+        help="only this method; may be repeated",
     )
+
+
+def method_name(text: str) -> str:
+    """Convert the label of a method, such as EIG-3, to its name; leave other texts for the command to refuse."""
+    from .methods import METHODS, named
+
+    found = named(text)
+    if not found or found[1]:
+        return text
+    return next((name for name, record in METHODS.items() if record is found[0]), text)

@@ -99,7 +99,7 @@ def method_for(method: str | Method | None, rtol: float) -> Method:
     """Return the record of a method that has steps of variable length; for None, the one that suits the tolerance."""
     if method is None:
         return RK8() if rtol < _RK8_FROM else RK5()
-    record = check_method(method)
+    record = check_method(method, has_tolerances=True)
     if record.variable:
         return record
     if record.name == "eig3":

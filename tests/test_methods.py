@@ -1,6 +1,7 @@
 """The records and their registry."""
 
 import os
+import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -9,6 +10,9 @@ from typing import ClassVar
 import pytest
 
 import eig3
+from eig3.checks import check_method
+from eig3.cli import main
+from eig3.options import method_name
 
 
 def test_names_are_those_of_the_design():
@@ -71,6 +75,84 @@ def test_every_record_is_hashable_and_describes_itself():
 def test_numbers_that_no_float_can_hold_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    ("label", "record"),
+    [
+        ("EIG-3", eig3.EIG3()),
+        ("EIG-9", eig3.EIG(9)),
+        ("eig 13", eig3.EIG(13)),
+        ("RK8", eig3.RK8()),
+        (" bm6 ", eig3.BM6()),
+        ("CD, Newton", eig3.CentralDifference(solver="newton")),
+        ("CD N.", eig3.CentralDifference(solver="newton")),
+        ("cd fixed-point", eig3.CentralDifference(solver="fixed-point")),
+        ("CD f.p.", eig3.CentralDifference(solver="fixed-point")),
+    ],
+)
+def test_the_labels_that_tables_print_are_names(label, record):
+    assert check_method(label) == record
+
+
+def test_every_label_is_a_name():
+    for make in eig3.METHODS.values():
+        assert check_method(make().label) == make()
+
+
+@eig3.jit
+def spring(t, u, v, p):
+    return -u
+
+
+@pytest.mark.parametrize(
+    "label", ["RK8 tol.", "RK8, tolerances", "rk8 tolerances", "RK8 with tolerances", "RK8, rtol 1.0e-06"]
+)
+def test_a_label_with_tolerances_is_a_name_with_rtol_and_is_refused_with_h(label):
+    assert eig3.integrate(spring, (0, 1), 1.0, 0.0, rtol=1e-3, method=label).method == eig3.RK8()
+    with pytest.raises(ValueError, match=r"of a run with tolerances: give rtol in place of h, or method='rk8' for"):
+        eig3.integrate(spring, (0, 1), 1.0, 0.0, h=0.1, method=label)
+
+
+@pytest.mark.parametrize(
+    ("text", "near"),
+    [
+        ("rk45", {"rk4", "rk5"}),
+        ("EIG", {"eig7", "eig8", "eig9"}),
+        ("eig14", {"eig4"}),
+        ("RK-44", {"rk4"}),
+        ("bm", {"bm6"}),
+    ],
+)
+def test_an_unknown_name_is_answered_by_the_nearest_ones(text, near):
+    with pytest.raises(ValueError, match=rf"^method must be one of 'eig3', .*, not '{text}': did you mean ") as caught:
+        check_method(text)
+    assert near <= set(re.findall(r"'(\w+)'", str(caught.value).partition("did you mean")[2]))
+
+
+@pytest.mark.parametrize("text", ["", ".", "tol.", "newmark", "EIG-3 and more", 3, b"eig3"])
+def test_what_is_near_no_name_is_refused(text):
+    with pytest.raises(ValueError, match=r"^method must be one of 'eig3', .* or a record such as EIG3\(\), not "):
+        check_method(text)
+
+
+def test_the_label_of_a_users_method_is_a_name():
+    class Halved(eig3.RK2):
+        name: ClassVar[str] = "half-rk2"
+        label: ClassVar[str] = "RK2 (halved)"
+
+    try:
+        assert type(check_method("RK2 (halved)")) is type(check_method("HALF-RK2")) is Halved
+        assert check_method("RK2") == eig3.RK2()
+    finally:
+        del eig3.METHODS["half-rk2"]
+
+
+def test_commands_take_labels(capsys):
+    assert main(["run", "duffing", "--method", "EIG-3", "--h", "0.1", "--t-end", "1"]) == 0
+    assert method_name("EIG-9") == "eig9"
+    assert method_name("CD") == "cd"
+    assert method_name("RK8 tol.") == "RK8 tol."
 
 
 @pytest.mark.parametrize("method", [eig3.Method, eig3.Method()])
