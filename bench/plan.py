@@ -134,7 +134,7 @@ class Case:
             text.number(first.error, 2) if first else "-",
             self.best,
             text.number(1e3 * self.best_seconds),
-            f"{self.ratio:.2f}",
+            text.ratio(self.ratio),
             f"{hits} of {len(self.checked)}",
             f"{plan.pilot_seconds:.2f}",
         ]

@@ -198,7 +198,7 @@ def _fastest(found: Reach | None) -> str:
 
 
 def _ratio(contest: Contest) -> str:
-    return "-" if contest.ratio is None or math.isinf(contest.ratio) else f"{contest.ratio:.2f}"
+    return "-" if contest.ratio is None or math.isinf(contest.ratio) else text.ratio(contest.ratio)
 
 
 def render_summary(results: Sequence[WorkPrecisionSet]) -> str:

@@ -25,6 +25,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return "0.0" if value == 0 else f"{value:#.{digits}g}".removesuffix(".")
 
 
+def ratio(value: float, decimals: int = 2) -> str:
+    """A ratio with this many decimals, or with one significant digit if it is smaller."""
+    return f"{value:.{decimals}f}" if value >= 10**-decimals else f"{value:.1g}"
+
+
 def printed(value: float | None) -> str:
     """A number of the article with the digits that the article prints; a dash for None."""
     return "-" if value is None else f"{value:g}" if value else "0.0"

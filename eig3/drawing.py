@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .labels import Labels
 from .solution import Solution
 
 #: A command prints this after the names of the files that it wrote, if it cannot draw.
@@ -126,24 +127,32 @@ def path(axes: Any, x: np.ndarray, y: np.ndarray, color: str, name: str) -> None
     axes.plot(x[0], y[0], color=color, marker="o", linestyle="none", label=start)
 
 
-def histories(
-    figure: Any, solution: Solution, names: Sequence[str] = (), units: tuple[str, str] = ("m", "m/s")
-) -> None:
+def histories(figure: Any, solution: Solution, names: Sequence[str] = (), units: tuple[str, str] | None = None) -> None:
     """Draw the displacements and the velocities of the first degrees of freedom against time.
+
+    Those of different units have different panels.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
     solution : Solution
     names : sequence of str
-        Names of the degrees of freedom; u0, u1, ... if not given.
-    units : (str, str)
-        Units of displacement and velocity.
+        Names of the degrees of freedom; those of the problem if not given, or else u0, u1, ...
+    units : (str, str), optional
+        Units of displacement and velocity; those of the problem if not given.
     """
+    labels = solution.labels or Labels()
     u, v = (x.reshape(len(solution.t), -1)[:, :_LINES] for x in (solution.u, solution.v))
-    names = list(names) or [f"$u_{{{j}}}$" for j in range(u.shape[1])]
-    lines(time_panel(figure, f"displacement ({units[0]})"), solution.t, u, names)
-    lines(time_panel(figure, f"velocity ({units[1]})"), solution.t, v, names)
+    for i, (letter, what, values) in enumerate((("u", "displacement", u), ("v", "velocity", v))):
+        columns: dict[str, list[int]] = {}
+        for j in range(values.shape[1]):
+            columns.setdefault(units[i] if units else labels.unit(letter, j), []).append(j)
+        for unit, chosen in columns.items():
+            if names:
+                shown = [names[j] for j in chosen]
+            else:
+                shown = [labels.name(letter, j) if labels.names else f"$u_{{{j}}}$" for j in chosen]
+            lines(time_panel(figure, f"{what} ({unit})"), solution.t, values[:, chosen], shown)
 
 
 def field(figure: Any, solution: Solution, places: np.ndarray, label: str, units: tuple[str, str]) -> None:

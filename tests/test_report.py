@@ -13,10 +13,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import vl_convert
+from matplotlib.figure import Figure
 
 import eig3
 from eig3 import problems
-from eig3.bench import hard, loops, paper, report, rivals, stability, sweep
+from eig3.bench import hard, loops, paper, precision, report, rivals, stability, sweep
 from eig3.bench.article import TABLES
 from eig3.bench.hard_cases import HARD_CASES
 from eig3.bench.plan import Outcome
@@ -26,7 +27,9 @@ from eig3.bench.report import own, parts, truth
 from eig3.bench.report.comparison import Comparison, ratio_and_noise
 from eig3.bench.report.record import Record, RecordError
 from eig3.bench.sweep import Point, WorkPrecisionSet
+from eig3.bench.text import ratio as in_digits
 from eig3.cli import main
+from eig3.drawing import histories, time_panels
 
 SHORT = {
     "single_dof": BenchmarkProblem(lambda: problems.single_dof(t_end=20.0), 4.0, "oscillator"),
@@ -451,6 +454,41 @@ def test_a_users_problem_is_judged_by_its_exact_solution(tmp_path, monkeypatch):
 def springs(t, u, v, p, a):
     for i in range(u.size):
         a[i] = -p[0] * u[i]
+
+
+def panels(problem, **options):
+    """The labels and the legends of the panels that a report draws of the motion of a problem."""
+    figure = Figure()
+    (problem.draw or histories)(figure, problem.integrate(rtol=1e-3, invariants={}, **options))
+    return [
+        (axes.get_ylabel(), [entry.get_text() for entry in axes.get_legend().get_texts()])
+        for axes in time_panels(figure)
+    ]
+
+
+def test_the_motion_of_a_users_problem_has_its_names_and_units():
+    plain = eig3.Problem("plain", springs, [1.0, 0.5], [0.0, 0.0], [4.0], (0.0, 1.0))
+    assert panels(plain) == [("displacement (m)", ["$u_{0}$", "$u_{1}$"]), ("velocity (m/s)", ["$u_{0}$", "$u_{1}$"])]
+    assert panels(plain.with_(names=("x", "tilt"), units=("mm", "rad"))) == [
+        ("displacement (mm)", ["x"]),
+        ("displacement (rad)", ["tilt"]),
+        ("velocity (mm/s)", ["v_x"]),
+        ("velocity (rad/s)", ["v_tilt"]),
+    ]
+
+
+def test_small_ratios_keep_a_digit():
+    found = [in_digits(value) for value in (12.3, 1.0, 0.043, 0.01, 0.0099, 0.0034, 2.34e-5)]
+    assert found == ["12.30", "1.00", "0.04", "0.01", "0.01", "0.003", "2e-05"]
+
+
+def test_a_slow_rival_has_no_ratio_of_zero():
+    runs = [
+        Point(method, method, mode, 0.1, 10, 20, True, {"trajectory": 1e-4}, [seconds])
+        for method, mode, seconds in (("rk4", "pointer", 1e-5), ("scipy dop853", "", 0.1))
+    ]
+    result = WorkPrecisionSet("x", "x", "", "trajectory", (1e-2,), False, "exact", 0.0, runs, [])
+    assert re.search(r"\| ratio of the times +\| +0\.0001 \|", precision.render(result))
 
 
 def test_a_users_problem_with_the_name_of_another_is_not_taken_for_it(tmp_path, monkeypatch):

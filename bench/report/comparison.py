@@ -153,8 +153,9 @@ class Comparison:
         counts = {mark: sum(row.mark == mark for row in ours) for mark in (SLOWER, FASTER)}
         words = " and ".join(f"{count} became {mark}" for mark, count in counts.items())
         control = (
-            f"The rivals and the code in C, whose source is the same in both runs, take {self.control:.3f} of their "
-            "time: so much of each ratio is the machine, its load and its versions."
+            "The rivals and the code in C, whose source is the same in both runs, take "
+            f"{text.ratio(self.control, 3)} of their time: so much of each ratio is the machine, its load and its "
+            "versions."
             if self.control
             else "No rival of the same version is in both runs, so nothing tells how the machine and its load changed."
         )
@@ -199,7 +200,7 @@ class Comparison:
 
 def _table(rows: Sequence[Row]) -> str:
     cells = [
-        [row.problem, row.mode, row.label, str(row.settings), f"{row.ratio:.3f}", percent(row.noise), row.mark]
+        [row.problem, row.mode, row.label, str(row.settings), text.ratio(row.ratio, 3), percent(row.noise), row.mark]
         for row in rows
     ]
     return text.table(["problem", "mode", "method", "settings", "new / old time", "noise", "mark"], cells)

@@ -189,7 +189,8 @@ def _judged(problem: Problem) -> tuple[Problem, list[str]]:
         elif acting:
             skipped.append("the energy (events may take some of it)")
         elif not math.isfinite(start) or abs(start) <= _TINY * _change_nearby(problem, start):
-            skipped.append(f"the energy (it is {start:.2g} at the start, so that relative errors have no meaning)")
+            size = f"{start:.2g} {problem.energy_unit}".removesuffix(" -")
+            skipped.append(f"the energy (it is {size} at the start, so that relative errors have no meaning)")
         if skipped:
             changes["energy"] = None
     return problem.with_(**changes), skipped
