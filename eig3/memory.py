@@ -15,6 +15,7 @@ import numpy as np
 from .methods import Method
 
 _CACHE_LINE = 64  # size of a cache line, bytes
+_VALUE = 56  # bytes of a value of a member: two arrays, and a number of Python in a list where the table is written
 _NOT_WORTH_A_LOOK = 2**20  # bytes; asking for the free memory takes longer than filling fewer than these
 
 
@@ -65,6 +66,13 @@ def check_members_history(m: int, rows: int, n: int, n_outputs: int = 0) -> None
             f"the histories of {m} members need {needed:.3g} bytes and {free:.3g} are free; take a larger save_every, "
             "or reduce=, a function that returns what you need of each part of the ensemble."
         )
+
+
+def check_members(m: int, values: int) -> None:
+    """Raise a ValueError if a study of m members, with this number of values each, does not fit."""
+    needed = _VALUE * m * values
+    if needed > _NOT_WORTH_A_LOOK and needed > (free := available_memory()):
+        raise ValueError(f"a study of {m:.3g} members needs {needed:.3g} bytes and {free:.3g} are free: take fewer.")
 
 
 def check_workspace(method: Method, n: int) -> None:

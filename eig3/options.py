@@ -9,14 +9,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+_MOST_DIGITS = 15  # of a count
 _LONGEST = 100  # bytes of a file name without its ending; most systems allow 255 with it
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)  # Windows takes these for devices
 
 
 def count(text: str) -> int:
     """Convert the text of an option to a whole number of at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, not {text!r}")
+    if not text.isdecimal() or len(text) > _MOST_DIGITS or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 10^{_MOST_DIGITS}, not {text[:40]!r}")
     return int(text)
 
 

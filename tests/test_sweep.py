@@ -277,6 +277,41 @@ def test_wrong_arguments_are_refused_before_anything_runs(command, measure, mess
     assert "\n" not in text
 
 
+NINES = "9" * 5000
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (f"duffing --set omega=1:2:{NINES}", "--set omega cannot have so many values: their number has 5000 digits."),
+        ("duffing --set omega=1:2:100000000000000", "a study of 1e+14 members needs 1.68e+16 bytes and"),
+        ("duffing --set omega=1:2:9000000000 --set u0=0:1:9000000000", "a study of 8.1e+19 members needs"),
+        ("duffing --set omega=1:2 --random 100000000000000", "a study of 1e+14 members needs"),
+        ("duffing --set omega=1:2 --random 5 --seed -1", "--seed must be a whole number of at least 0, not -1."),
+        ("hardening_chain --set n=2:1e300:2", "--set n takes whole numbers below 2^53, not up to 1e+300."),
+        ("hardening_chain --set n=2:1e300 --random 2", "--set n takes whole numbers below 2^53, not up to 1e+300."),
+        ("hardening_chain --fix n=1e300 --set speed=1:2:2", "--fix n takes whole numbers below 2^53, not 1e+300."),
+        (f"duffing --set omega={NINES}", "--set must be NAME=FROM:TO:COUNT or NAME=FROM:TO:COUNT:log, such as"),
+    ],
+)
+def test_what_fits_in_no_memory_is_refused_in_a_sentence(command, message, monkeypatch):
+    monkeypatch.setattr(Study, "run", lambda study, progress: pytest.fail("ran"))
+    with pytest.raises(SystemExit) as caught:
+        main(arguments(command, "max:u0"))
+    text = str(caught.value.code)
+    assert text.startswith(f"eig3 sweep: {message}")
+    assert len(text) < 250
+    assert "\n" not in text
+
+
+def test_a_count_of_thousands_of_digits_is_refused_in_a_sentence(capsys):
+    with pytest.raises(SystemExit):
+        main(arguments(f"duffing --set omega=1:2 --random {NINES}", "max:u0"))
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert "argument --random: must be a whole number from 1 to 10^15, not '999" in last
+    assert len(last) < 200
+
+
 def test_without_a_step_the_sweep_takes_the_shortest_of_its_corners():
     """A tenth of 0.9 times the critical step 2 / omega, as `eig3 run` takes for one problem."""
     axes, measures = [Axis.parse("omega=10:500:3", random=False)], [Measure.parse("max:u0")]

@@ -8,8 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..methods import shown
+
 _NUMBER = r"[^:=]+"
 _FORM = re.compile(rf"([^:=]+)=({_NUMBER}):({_NUMBER})(?::(\d+))?(:log)?")
+MOST_WHOLE = 2.0**53  # of the whole numbers that a parameter takes: above, not every one is a float
+_MOST_DIGITS = 15  # of a count; more members fit in no memory
 _NEAR = 1e-9  # a value this close to a whole number, relative to it, is one: a logarithmic grid has round-off
 
 
@@ -45,7 +49,8 @@ class Axis:
         form, example = ("NAME=FROM:TO", "omega=0.5:2") if random else ("NAME=FROM:TO:COUNT", "omega=0.5:2:100")
         match = _FORM.fullmatch(text.replace(" ", ""))
         wrong = ValueError(
-            f"--set must be {form} or {form}:log{' with --random' if random else ''}, such as {example}, not {text!r}."
+            f"--set must be {form} or {form}:log{' with --random' if random else ''}, such as {example}, not "
+            f"{shown(text)}."
         )
         if not match or bool(match[4]) == random:
             raise wrong
@@ -58,7 +63,10 @@ class Axis:
             raise ValueError(f"--set {name} must go from a number to a larger one, not from {low:g} to {high:g}.")
         if is_log and low <= 0:
             raise ValueError(f"--set {name} must start above 0 for logarithmic spacing, not at {low:g}.")
-        count = None if random else int(match[4])
+        digits = (match[4] or "").lstrip("0")
+        if len(digits) > _MOST_DIGITS:
+            raise ValueError(f"--set {name} cannot have so many values: their number has {len(digits)} digits.")
+        count = None if random else int(digits or 0)
         if count is not None and count < 2:
             raise ValueError(f"--set {name} must have at least 2 values, not {count}.")
         return cls(name, low, high, count, is_log)
@@ -66,6 +74,7 @@ class Axis:
     def grid(self, *, whole: bool) -> np.ndarray:
         """Return evenly spaced values, which must be whole numbers if the parameter is one."""
         assert self.count is not None
+        self._check_whole(whole)
         values = (np.geomspace if self.is_log else np.linspace)(self.low, self.high, self.count)
         if not whole:
             return values
@@ -80,6 +89,7 @@ class Axis:
 
     def sample(self, rng: np.random.Generator, count: int, *, whole: bool) -> np.ndarray:
         """Return random values with a uniform distribution; with `whole`, each whole number is equally likely."""
+        self._check_whole(whole)
         if whole:
             if self.is_log or not (self.low.is_integer() and self.high.is_integer()):
                 raise ValueError(f"--set {self.name} takes whole numbers: give whole FROM and TO, without log.")
@@ -87,3 +97,7 @@ class Axis:
         if self.is_log:
             return np.exp(rng.uniform(math.log(self.low), math.log(self.high), count))
         return rng.uniform(self.low, self.high, count)
+
+    def _check_whole(self, whole: bool) -> None:
+        if whole and max(abs(self.low), abs(self.high)) > MOST_WHOLE:
+            raise ValueError(f"--set {self.name} takes whole numbers below 2^53, not up to {self.high:g}.")

@@ -13,11 +13,12 @@ import numpy as np
 
 from ..checks import check_h, check_method, check_span, check_time
 from ..first_step import first_step
-from ..methods import Method
+from ..memory import check_members
+from ..methods import Method, shown
 from ..observers.progress import Progress
 from ..problem import Problem
 from ..solution import Status
-from .axes import Axis
+from .axes import MOST_WHOLE, Axis
 from .measures import Measure
 from .parameters import Parameters
 
@@ -143,11 +144,18 @@ class Study:
             if names.count(name) > 1:
                 raise ValueError(f"{name} is given twice: each parameter has one --set or one --fix.")
         for name, value in fixed.items():
-            if not (math.isfinite(value) and (float(value).is_integer() or not parameters.is_whole(name))):
-                wanted = "a whole number" if parameters.is_whole(name) else "a finite number"
+            is_whole = parameters.is_whole(name)
+            if not (math.isfinite(value) and (float(value).is_integer() or not is_whole)):
+                wanted = "a whole number" if is_whole else "a finite number"
                 raise ValueError(f"--fix {name} must be {wanted}, not {value:g}.")
+            if is_whole and abs(value) > MOST_WHOLE:
+                raise ValueError(f"--fix {name} takes whole numbers below 2^53, not {value:g}.")
         if not axes or (random is None and len(axes) > 2):
             raise ValueError(f"give one or two parameters with --set, not {len(axes)}; --random takes any number.")
+        if seed < 0:
+            raise ValueError(f"--seed must be a whole number of at least 0, not {shown(seed)}.")
+        m = math.prod(axis.count or 0 for axis in axes) if random is None else random
+        check_members(m, len(axes) + len(measures) + 1)
         columns = _columns(axes, parameters, random, seed)
         corners = list(_corners(parameters, columns, fixed))
         for problem, measure in itertools.product(corners, measures):
