@@ -21,13 +21,13 @@ import uuid
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from types import CellType, FunctionType
 from typing import Any
 
 import llvmlite
 import numba
 from numba.core.caching import FunctionCache
-from numba.core.dispatcher import Dispatcher
+
+from .captured import digest, helpers_first
 
 try:
     import grp
@@ -39,8 +39,6 @@ else:
 
 #: Who can write a file or in a folder: a user or a group, with its number, or any user.
 Writer = tuple[str, int | str]
-
-from .captured import digest
 
 _CHECKSUM_BYTES = 32
 _NEW_FILE = 0o644  # less what the umask takes: no one else may write the file
@@ -210,19 +208,9 @@ def keep_on_disk(function: Any) -> Any:
 
 def check_cache(function: Any) -> None:
     """Give a jitted function of a user, and those that it calls, a `CheckedCache` in place of Numba's cache."""
-    found, new = set(), [function]
-    while new:
-        one = new.pop()
-        found.add(one)
-        if type(one._cache) is FunctionCache:
-            keep_on_disk(one)
-        new += [value for value in _named_in(one.py_func) if isinstance(value, Dispatcher) and value not in found]
-
-
-def _named_in(function: FunctionType) -> list[Any]:
-    """The values of the global variables that a function names, and of those of the functions around it."""
-    cells = [cell.cell_contents for cell in function.__closure__ or () if cell != CellType()]
-    return cells + [function.__globals__.get(name) for name in function.__code__.co_names]
+    for each, _ in helpers_first(function):
+        if type(each._cache) is FunctionCache:
+            keep_on_disk(each)
 
 
 def folder_of(function: Any) -> Path:
