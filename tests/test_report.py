@@ -150,7 +150,9 @@ def test_what_does_not_fit_a_run_is_refused(tmp_path, monkeypatch):
             "--problem", "orbit")  # fmt: skip
     (run / "run.json").write_text(content.replace('"cores":', '"cores":9'))
     refused("times of both do not belong together", "--out", run, "--resume")
-    for damaged in ("{", "[]", '{"format": 7}', content.replace("precision_kepler", "../precision_kepler")):
+    elsewhere = content.replace("precision_kepler", "../precision_kepler")
+    cleared = content.replace('"cpu":"', '"cpu":"\\u001b[2J')  # it would clear the terminal
+    for damaged in ("{", "[]", '{"format": 7}', elsewhere, cleared):
         (run / "run.json").write_text(damaged)
         refused(r"run\.json is damaged or no file of a report", "--from", run)
     (run / "run.json").write_text(content)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from ..typed import check_known, check_positive, checked, fits
 
 RUN = "run.json"
 _FORMAT = 1
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f]")
 
 
 class RecordError(ValueError):
@@ -224,7 +226,8 @@ def _run(content: Any) -> Run:
     if content["format"] != _FORMAT:
         raise ValueError
     run = checked(Run(*(content[name] for name in ("command", "environment", "settings", "parts"))))
-    in_words(run.environment)
+    if _CONTROL.search(in_words(run.environment) + "".join(map(str, run.environment.values()))):
+        raise ValueError  # the commands print it on the terminal
     repeats, longest, modes = (run.settings[name] for name in ("repeats", "longest", "modes"))
     if not (fits(repeats, int) and fits(longest, float) and fits(modes, list[str] | None)):
         raise TypeError
