@@ -6,14 +6,12 @@ import functools
 import sys
 from collections.abc import Iterable
 from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 _LARGEST = 1e100  # of times, steps and counts; ratios of such numbers and their powers stay finite
 
-_Record = TypeVar("_Record")
 
-
-def checked(record: _Record) -> _Record:
+def checked(record: Any) -> Any:
     """Return an instance of a dataclass.
 
     Raises
