@@ -19,7 +19,7 @@ def checked(record: Any) -> Any:
     TypeError
         If one of its fields has not the type of its annotation.
     """
-    for name, kind in _kinds(type(record)).items():
+    for name, kind in _kinds(record.__class__).items():
         if not fits(getattr(record, name), kind):
             raise TypeError(f"{name} must be {kind}, not {type(getattr(record, name))}")
     return record
