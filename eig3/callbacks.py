@@ -137,6 +137,8 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
         If it draws random numbers.
     """
     if isinstance(function, Dispatcher):
+        if hasattr(function, "callback"):  # a member of a `Family`
+            return function.callback(kind, form)
         known = _checked.setdefault(function, {}).get((kind, form.name))
         if known is not None and _is_present(known, function):
             return known
