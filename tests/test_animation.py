@@ -291,6 +291,15 @@ def test_states_too_far_apart_are_refused(tmp_path):
         problem.animate(solution, tmp_path / "film.gif")
 
 
+def test_a_ball_is_not_drawn_through_the_floor(tmp_path):
+    """A run with two states does not tell where the ball was between them: it rebounds from a contact."""
+    problem, _ = swing()
+    solution = problem.integrate(h=1e-3, save_every=None)
+    with pytest.raises(ValueError, match=r"^solution must have states closer together .*smaller save_every"):
+        problem.animate(solution, tmp_path / "film.gif")
+    assert not any(tmp_path.iterdir())
+
+
 def test_a_run_that_failed_at_its_first_step_has_no_motion_to_show(tmp_path):
     problem = problems.single_dof()
     solution = problem.integrate(h=1e200, t_end=1e201)  # its square overflows
