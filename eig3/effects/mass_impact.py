@@ -41,7 +41,7 @@ class MassImpact(Link):
     nonnegative = ("reach", "restitution")
     crossing = -1
     source = "Newton's law of restitution"
-    picture = ""
+    picture = "discs"
 
     def __post_init__(self) -> None:
         super().__post_init__()

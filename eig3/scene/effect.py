@@ -67,9 +67,9 @@ class Effect:
     source : str
         Where the formula comes from.
     picture : str
-        What animations draw: of a `Link` a "line", a "spring", a "string" whose state tells that it has broken, or
-        nothing for ""; of a `Body` a "plane" with the fields normal and offset, or nothing. "weight" draws scenes of
-        one dimension upright.
+        What animations draw: of a `Link` a "line", a "spring", a "string" whose state tells that it has broken, "discs"
+        around its ends that touch at the distance of the field reach, or nothing for ""; of a `Body` a "plane" with the
+        fields normal and offset, or nothing. "weight" draws scenes of one dimension upright.
     """
 
     dimensions: ClassVar[tuple[int, ...]] = (1, 2, 3)
