@@ -59,14 +59,16 @@ class Resolution:
         """Return the relative errors around these times, shape (2, times).
 
         The first is the largest of an error relative to the motion of its degree of freedom, or to a thousandth of the
-        largest motion of all. The second is relative to the largest motion of all.
+        largest motion of all. The second is relative to the largest motion of all. At the states themselves there is
+        no error.
         """
         t = self._knots.t
         left = np.minimum(self._knots.left_of(times), len(t) - 2)
         errors = np.zeros((2, len(left)))
         is_long = t[left + 1] - t[left] > 1.01 * self._steps(t[left + 1])
-        if is_long.any():
-            errors[:, is_long] = self._of_intervals(left[is_long])
+        some = is_long & (t[left] < times) & (times < t[left + 1])
+        if some.any():
+            errors[:, some] = self._of_intervals(left[some])
         return errors
 
     @cached_property

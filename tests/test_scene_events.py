@@ -416,6 +416,10 @@ WRONG = {
         lambda: one(effect(Body, event=zero, velocity_after=number)),
         "velocity_after of Own must return a tuple of 1 number here, not float64.",
     ),
+    "discs without a reach": (
+        lambda: two(effect(Link, event=distance, picture="discs")),
+        "Own must have a field reach that a function reads, for its picture 'discs'.",
+    ),
     "behind the stop": (
         lambda: one(RigidStop(1.0, 1.0)),
         "offset of RigidStop must leave each mass on the free side at the start.",

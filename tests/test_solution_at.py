@@ -375,6 +375,12 @@ def test_less_than_two_states_a_period_are_too_few(per_period, is_enough, keeps_
             solution.at(times)
 
 
+def test_the_saved_states_themselves_can_always_be_asked_for():
+    solution = sampled(1.5, "rk4")
+    assert np.array_equal(solution.at(solution.t), [solution.u, solution.v])
+    assert np.array_equal(solution.at(solution.t[-1]), [solution.u[-1], solution.v[-1]])
+
+
 def test_every_step_is_enough_however_long_it_is():
     solution = sampled(1.5, "rk4")
     solution.h *= 100
