@@ -9,9 +9,9 @@ from typing import Any
 import numba
 from numba.core.dispatcher import Dispatcher
 
-from .callbacks import Callback, jit, reads_velocity
+from .callbacks import Callback, compile_present, is_present, jit, reads_velocity
+from .kernels.captured import helpers_first
 from .kernels.interrupt import DeferredInterrupt
-from .kernels.jit import compiled
 from .kernels.members import addresses_of_members
 from .kernels.protocol import Form
 
@@ -37,6 +37,7 @@ class Family:
     def __init__(self, function: Dispatcher, count: int) -> None:
         self._function = function
         self._callbacks: dict[tuple[str, str], list[Callback]] = {}
+        self._libraries: list[Any] = []  # keep the machine code of the members alive
         self.members = [self._member(k) for k in range(count)]
 
     def _member(self, k: int) -> Any:
@@ -52,21 +53,28 @@ class Family:
         jitted.callback = functools.partial(self._callback, k)
         return jitted
 
-    def _callback(self, k: int, kind: str, form: Form) -> Callback:
+    def _callback(self, k: int, kind: str, form: Form, name: str) -> Callback:
         """Return the member k for the fixed signature of a kind of callback, as `check_callback` does."""
         key = kind, form.name
-        if key not in self._callbacks:
+        if key not in self._callbacks or not is_present(self._callbacks[key][k], self._function):
             with DeferredInterrupt():
-                result = compiled(self._function, (numba.int64, *getattr(form, kind).args))
-                addresses, library = addresses_of_members(result, len(self.members))
-            self._callbacks[key] = [
-                Callback(
-                    address,
-                    functools.partial(result.entry_point, number),
-                    (result, library),
-                    member.py_func,
-                    reads_velocity(member),
-                )
-                for number, (address, member) in enumerate(zip(addresses, self.members, strict=True))
-            ]
+                self._callbacks[key] = self._compiled(kind, form, name)
         return self._callbacks[key][k]
+
+    def _compiled(self, kind: str, form: Form, name: str) -> list[Callback]:
+        function, arguments = self._function, (numba.int64, *getattr(form, kind).args)
+        result = compile_present(function, arguments, kind, name, "(k, t, u, v, p)")
+        addresses, library = addresses_of_members(result, len(self.members))
+        self._libraries.append(library)
+        captured = tuple(captured for _, captured in helpers_first(function))
+        return [
+            Callback(
+                address,
+                functools.partial(result.entry_point, k),
+                result,
+                member.py_func,
+                reads_velocity(member),
+                captured,
+            )
+            for k, (address, member) in enumerate(zip(addresses, self.members, strict=True))
+        ]

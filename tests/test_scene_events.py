@@ -321,6 +321,36 @@ def test_a_member_can_be_called_from_python():
     assert np.linalg.norm(x[2] - x[0]) == pytest.approx(0.3, abs=1e-12)
 
 
+LEVEL = 0.5
+
+
+@eig3.jit
+def above_level(x):
+    return x[0] - LEVEL
+
+
+@eig3.jit
+def noise(x):
+    return x[0] - np.random.rand()
+
+
+def test_a_value_from_outside_is_that_of_the_next_run(monkeypatch):
+    """As in rhs: the functions of all members are compiled anew, at other addresses."""
+    scene = Scene(1)
+    scene.add(effect(Body, event=staticmethod(above_level)), scene.mass(1.0, [0.0, 0.1], 1.0))
+    problem = scene.problem((0.0, 1.0))
+    assert [found.t[0] for found in problem.integrate(h=0.01).events.values()] == pytest.approx([0.5, 0.4])
+    monkeypatch.setitem(globals(), "LEVEL", 0.7)
+    assert [found.t[0] for found in problem.integrate(h=0.01).events.values()] == pytest.approx([0.7, 0.6])
+
+
+def test_an_event_does_not_draw_random_numbers():
+    scene = Scene(1)
+    scene.add(effect(Body, event=staticmethod(noise)), scene.mass(1.0, 0.0))
+    with pytest.raises(ValueError, match=r"^g of events\['own 0'\] draws random numbers"):
+        scene.problem((0.0, 1.0)).integrate(h=0.01)
+
+
 def test_a_scene_that_conserves_energy_has_an_energy_with_events():
     assert tethered(0.0).energy is not None
     assert tethered(4.0).energy is None
