@@ -138,8 +138,10 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
         If it draws random numbers.
     """
     if isinstance(function, Dispatcher):
+        if hasattr(function, "callback"):  # a member of a `Family`
+            return function.callback(kind, form, name or kind)
         known = _checked.setdefault(function, {}).get((kind, form.name))
-        if known is not None and _is_present(known, function):
+        if known is not None and is_present(known, function):
             return known
     with DeferredInterrupt():
         result = _compile(function, kind, form, name or kind)
@@ -152,7 +154,7 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     return callback
 
 
-def _is_present(known: Callback, function: Dispatcher) -> bool:
+def is_present(known: Callback, function: Dispatcher) -> bool:
     """Return whether the function is still the one that was compiled, and so is each value from outside."""
     # The user may have compiled the function anew. `dict.values` is used because the `values` method of Numba's ordered
     # dictionary hashes every type, which takes longer than the rest of this call.
@@ -200,19 +202,30 @@ def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
             f"{name} must be a function decorated with @eig3.jit or @numba.njit, not {type(function).__name__}."
         )
     _check_arguments(function.py_func, name, kind, form, wanted, len(signature.args))
+    result = compile_present(function, signature.args, kind, name, wanted)
+    returned = result.signature.return_type
+    if returned != signature.return_type:
+        raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
+    return result
+
+
+def compile_present(function: Dispatcher, arguments: tuple, kind: str, name: str, wanted: str) -> Any:
+    """Compile a function with the present values from outside, and return Numba's compile result.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `check_callback` does. `name` and `wanted`, the form of the arguments, are in the messages.
+    """
     _refuse_random(function, name)
     try:
         _renew(function)
-        result = compiled(function, signature.args)
+        return compiled(function, arguments)
     except Exception as error:  # Numba raises its own errors and plain Python errors
         if "readonly array" in str(error):
             read = "p; it may only read it" if kind == "apply" else "u, v or p; it may only read them"
             raise TypeError(f"{name} must not write to {read}.") from error
         raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
-    returned = result.signature.return_type
-    if returned != signature.return_type:
-        raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
-    return result
 
 
 def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:

@@ -38,39 +38,54 @@ class Knots:
         not known or not finite.
         """
         flat = times.ravel()
-        left = np.searchsorted(self.t, flat, side="right") - 1
+        left = self.left_of(flat)
         u, v = self.u[left], self.v[left]
         between = np.flatnonzero(flat > self.t[left])
         step = max(1, _CHUNK_VALUES // (3 * count * max(1, self.u[:1].size)))
         for first in range(0, len(between), step):
             part = between[first : first + step]
-            u[part], v[part] = self._between(flat[part], left[part], count)
+            u[part], v[part] = self.between(flat[part], left[part], count)
         shape = times.shape + self.u.shape[1:]
         return u.reshape(shape)[()], v.reshape(shape)[()]
 
-    def _between(self, times: np.ndarray, left: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        u, v = np.empty((2, len(times), *self.u.shape[1:]))
-        for some, knots in self._knots_of(left, count):
-            u[some], v[some] = self._polynomial(times[some], knots)
-        return u, v
+    def left_of(self, times: np.ndarray) -> np.ndarray:
+        """Return the number of the last state at each time or before it."""
+        return np.searchsorted(self.t, times, side="right") - 1
 
-    def _polynomial(self, times: np.ndarray, knots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def between(self, times: np.ndarray, left: np.ndarray, count: int, orders: int = 2) -> np.ndarray:
+        """Interpolate between the states `left` and the next ones.
+
+        Returns
+        -------
+        ndarray, shape (orders, times, ...)
+            u, v and further derivatives.
+        """
+        values = np.empty((orders, len(times), *self.u.shape[1:]))
+        for some, knots in self._knots_of(left, count):
+            values[:, some] = self._polynomial(times[some], knots, orders)
+        return values
+
+    def cubic(self, times: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """Interpolate u between the states `left` and the next ones by cubic polynomials through u and v."""
+        return self._evaluated(times, np.stack([left, left + 1], axis=1), [], 1)[0]
+
+    def _polynomial(self, times: np.ndarray, knots: np.ndarray, orders: int) -> np.ndarray:
         """Interpolate at each time between the first two of its `knots`, shape (times, count)."""
         rows, places = np.unique(knots, return_inverse=True)
         a = self._accelerations(rows)[places.reshape(knots.shape)]
         is_known = np.isfinite(a).reshape(len(times), -1).all(axis=1)
-        u, v = np.empty((2, len(times), *self.u.shape[1:]))
+        values = np.empty((orders, len(times), *self.u.shape[1:]))
         for some, own, derivatives in (
             (is_known, knots[is_known], [a[is_known]]),
             (~is_known, knots[~is_known, :2], []),
         ):
             if len(own):
-                u[some], v[some] = self._evaluated(times[some], own, derivatives)
-        return u, v
+                values[:, some] = self._evaluated(times[some], own, derivatives, orders)
+        return values
 
     def _evaluated(
-        self, times: np.ndarray, knots: np.ndarray, derivatives: list[np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, times: np.ndarray, knots: np.ndarray, derivatives: list[np.ndarray], orders: int
+    ) -> np.ndarray:
         t, u = self.t[knots], self.u[knots]
         start, length = t[:, 0], t[:, 1] - t[:, 0]
         with np.errstate(over="ignore", invalid="ignore"):  # the last states of a run that blew up
@@ -78,10 +93,11 @@ class Knots:
             taylor = np.stack([c.reshape(*knots.shape, -1) for c in coefficients], axis=2)
             powers = np.arange(taylor.shape[2])
             taylor *= (length[:, None] ** powers / np.maximum(1, powers))[:, None, :, None]  # 0!, 1! and 2!
-            rise, slope = hermite((times - start) / length, (t - start[:, None]) / length[:, None], taylor)
-            slope /= length[:, None]
-        shape = u[:, 0].shape
-        return u[:, 0] + rise.reshape(shape), slope.reshape(shape)
+            values = hermite((times - start) / length, (t - start[:, None]) / length[:, None], taylor, orders)
+            values /= length[:, None] ** np.arange(orders)[:, None, None]
+        values = values.reshape(orders, *u[:, 0].shape)
+        values[0] += u[:, 0]
+        return values
 
     def _accelerations(self, rows: np.ndarray) -> np.ndarray:
         if self.accelerations is not None:
@@ -134,7 +150,7 @@ class Knots:
         return np.flatnonzero(self.t[1:] == self.t[:-1])
 
 
-def hermite(s: np.ndarray, x: np.ndarray, taylor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def hermite(s: np.ndarray, x: np.ndarray, taylor: np.ndarray, orders: int) -> np.ndarray:
     """Evaluate polynomials that match functions and their first m - 1 derivatives at k places, in the form of Newton.
 
     Parameters
@@ -145,10 +161,12 @@ def hermite(s: np.ndarray, x: np.ndarray, taylor: np.ndarray) -> tuple[np.ndarra
         The places at which it matches.
     taylor : ndarray, shape (q, k, m, n)
         The values of n functions there and their derivatives, divided by the factorial of their order.
+    orders : int
+        How many of the values, the first derivatives, the second derivatives and so on to return.
 
     Returns
     -------
-    values, derivatives : ndarray, shape (q, n)
+    ndarray, shape (orders, q, n)
     """
     k, m = taylor.shape[1:3]
     nodes, place = np.repeat(x, m, axis=1), np.repeat(np.arange(k), m)
@@ -160,8 +178,11 @@ def hermite(s: np.ndarray, x: np.ndarray, taylor: np.ndarray) -> tuple[np.ndarra
         c[:, level:] = (c[:, level:] - c[:, level - 1 : -1]) / distance[..., None]
         if same.size:
             c[:, same] = taylor[:, place[same], level]
-    value, slope = c[:, -1], np.zeros_like(c[:, -1])
+    values = np.zeros((orders, *c[:, -1].shape))
+    values[0] = c[:, -1]
     for j in range(k * m - 2, -1, -1):
         along = (s - nodes[:, j])[:, None]
-        value, slope = value * along + c[:, j], slope * along + value
-    return value, slope
+        for order in range(orders - 1, 0, -1):
+            values[order] = values[order] * along + order * values[order - 1]
+        values[0] = values[0] * along + c[:, j]
+    return values

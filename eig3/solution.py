@@ -21,6 +21,9 @@ from .extremes import Extremes
 from .interpolation import Knots
 from .labels import Labels
 from .methods import Method
+from .resolution import Resolution
+
+_COARSE = 1e-2  # the relative error from which on states are too far apart to be interpolated
 
 
 class Status(enum.Enum):
@@ -139,6 +142,7 @@ class Solution:
     _a: np.ndarray | None = field(default=None, init=False)
     _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
     _knots: Knots | None = field(default=None, init=False)
+    _resolution: Resolution | None = field(default=None, init=False)
 
     def explain(self) -> str:
         """Find out why a run diverged.
@@ -199,6 +203,14 @@ class Solution:
         ValueError
             If a time is outside the span, or is NaN.
 
+        Warns
+        -----
+        UserWarning
+            If the saved states around a time are too far apart: the error of the interpolation is there more than a
+            hundredth of the motion of a degree of freedom, as it is with less than two or three states in a period, or
+            across a contact that lies between two states. `eig3.resolution` says how the error is estimated. A run that
+            saves every step is never too coarse.
+
         Notes
         -----
         The Hermite polynomial of an interval goes through u, v and the accelerations at its two ends: its errors are of
@@ -215,13 +227,50 @@ class Solution:
         times = reals(t, "t")
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
             raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
+        self._warn_of_coarse_states(times.ravel())
+        return self._interpolated(times)
+
+    def _interpolated(self, times: np.ndarray) -> tuple[Any, Any]:
         if self._between is not None and len(self.t) > 1:
             u, v = self._between(self.t, self.u, self.v, times.ravel())
             return u.reshape(times.shape + self.u.shape[1:])[()], v.reshape(times.shape + self.v.shape[1:])[()]
         if self._knots is None:
             self._knots = self._all_knots()
-        # n knots give u to the order 3 n, and v to the order 3 n - 1.
-        return self._knots.at(times, max(2, -(-(self.method.order + 1) // 3)))
+        return self._knots.at(times, self._knots_of_a_polynomial)
+
+    @property
+    def _knots_of_a_polynomial(self) -> int:
+        """n knots give u to the order 3 n, and v to the order 3 n - 1."""
+        return max(2, -(-(self.method.order + 1) // 3))
+
+    def _errors(self, times: np.ndarray) -> np.ndarray:
+        """Return the errors of the interpolation around these times, see `Resolution.errors`."""
+        if len(self.t) < 2 or self._between is not None:
+            return np.zeros((2, len(times)))
+        if self._knots is None:
+            self._knots = self._all_knots()
+        if self._resolution is None:
+            evaluate, count = self._accelerations, self._knots_of_a_polynomial
+            self._resolution = Resolution(self._knots, count, evaluate, self._steps_to)
+        return self._resolution.errors(times)
+
+    def _steps_to(self, t: np.ndarray) -> np.ndarray:
+        """Return the length of the step that led to each of these times."""
+        if self.steps is None:
+            return np.full(len(t), self.h)
+        return self.steps[np.minimum(np.searchsorted(self.t, t), len(self.t) - 1)]
+
+    def _warn_of_coarse_states(self, times: np.ndarray) -> None:
+        error = self._errors(times)[0]
+        if (error > _COARSE).any():
+            t = times[np.argmax(error)]
+            warnings.warn(
+                f"the saved states around t = {t:g} are too far apart to interpolate between them, with an error of "
+                f"the order of {100 * error.max():.2g} % of the motion: integrate with save_every=1 or a smaller "
+                "save_every, or give the times that you want as t_eval.",
+                UserWarning,
+                stacklevel=3,
+            )
 
     def extend(
         self,
@@ -396,6 +445,7 @@ class Solution:
             "_extend": None,
             "_between": None,
             "_knots": None,
+            "_resolution": None,
         }
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
             state |= {"_a": self.a, "_a_jumps": self._a_jumps}

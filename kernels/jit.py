@@ -17,6 +17,7 @@ from numba.core.registry import CPUDispatcher
 
 from .cache import check_cache, keep_on_disk
 from .interrupt import DeferredInterrupt
+from .notice import announced
 
 if numba.config.DISABLE_JIT:
     raise ImportError("eig3 runs compiled code only: unset NUMBA_DISABLE_JIT, which turns Numba's compiler off.")
@@ -63,12 +64,15 @@ def _element(function: Callable, **options: Any) -> Any:
 callable_element = numba.njit(forceinline=True, **KERNEL_OPTIONS)
 
 
-def compiled(function: Any, arguments: tuple) -> Any:
+def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
     """Compile a jitted function for types of arguments, or load it from the disk, and return Numba's compile result.
 
-    Every compilation of the library goes through this function: Ctrl-C waits until it is done.
+    Every compilation of the library goes through this function: Ctrl-C waits until it is done, and if it lasts, `what`
+    says what is compiled. The default is the name of the function.
     """
-    with DeferredInterrupt():
+    if arguments in function.overloads:
+        return function.overloads[arguments]
+    with DeferredInterrupt(), announced(what or f"the function {function.__name__}"):
         check_cache(function)
         function.compile(arguments)
         return function.overloads[arguments]
@@ -93,7 +97,8 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
     function = bound(template, names)
     function.__qualname__ = f"{template.__name__}_{label}_{_fingerprint()}"
     kernel = numba.njit(**KERNEL_OPTIONS)(function)
-    return compiled(keep_on_disk(kernel) if label else kernel, signature.args).entry_point
+    what = f"the kernel {label}, which is kept on the disk" if label else "a kernel for this right-hand side"
+    return compiled(keep_on_disk(kernel) if label else kernel, signature.args, what).entry_point
 
 
 def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:

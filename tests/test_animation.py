@@ -31,6 +31,7 @@ from eig3.effects import (
     Gravity,
     LinearSpring,
     MassContact,
+    MassImpact,
     PlaneContact,
     RigidStop,
     SampledMotion,
@@ -172,12 +173,16 @@ def test_a_scene_of_one_dimension_stands_upright_under_gravity_and_its_string_br
 
 
 def test_a_scene_in_space_is_drawn_in_space(any_run, monkeypatch):
-    patches = []
+    drawn = []
 
     class Kept(art3d.Poly3DCollection):
         def __init__(self, polygons, **style):
-            patches.extend(polygons)
             super().__init__(polygons, **style)
+            drawn.append(self)
+
+        def set_verts(self, polygons, *options, **named):
+            self.polygons = np.array(polygons)
+            super().set_verts(polygons, *options, **named)
 
     monkeypatch.setattr(art3d, "Poly3DCollection", Kept)
     scene = Scene(dimension=3)
@@ -185,21 +190,70 @@ def test_a_scene_in_space_is_drawn_in_space(any_run, monkeypatch):
     scene.add(LinearSpring(100.0, 0.4), post, balls[0])
     scene.add(MassContact(1e4, reach=0.2), balls[0], balls[1])  # which is not a line
     scene.add(Gravity((0, 0, -9.81)))
-    scene.add(PlaneContact(1e5, normal=(0.6, 0, 0.8), offset=0.0), balls)
+    scene.add(PlaneContact(1e5, normal=(0.6, 0, 0.8), offset=0.1), balls)  # their radius
     problem = scene.problem((0, 1))
     t = np.linspace(0, 1, 101)
     figure, show, film = staged(problem, made_up(any_run, t, problem.u0 - 0.3 * np.sin(t)[:, None] * np.arange(6)))
     axes = figure.axes[0]
     show(20)
-    np.testing.assert_array_equal(dots(axes, "o"), film.u[20].reshape(3, 2).T)
     figure.canvas.draw()
     (lines,) = [artist for artist in axes.collections if isinstance(artist, art3d.Line3DCollection)]
     assert len(lines.get_segments()) == 1
-    (plane,) = patches
+    plane, balls = drawn[0].polygons[0], drawn[1].polygons
+    centres = film.u[20].reshape(3, 2).T
+    np.testing.assert_allclose(balls.mean(axis=1), centres, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(balls - centres[:, None], axis=2), 0.1, rtol=1e-12)
     np.testing.assert_allclose(plane @ [0.6, 0, 0.8], 0, atol=1e-12)  # m; its corners are in the plane
     limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()]).T
     assert (plane >= limits[0] - 1e-12).all()
     assert (plane <= limits[1] + 1e-12).all()
+
+
+@pytest.mark.parametrize("contact", [lambda reach: MassContact(1e5, reach), lambda reach: MassImpact(reach)])
+def test_contacts_are_discs_of_their_radius(any_run, contact):
+    """Three balls on a floor, each of which touches it, and a post that they can strike. Pixels tell what is drawn."""
+    radii = np.array([0.1, 0.2, 0.3])
+    scene = Scene(dimension=2)
+    balls, post = scene.mass(1.0, np.array([[0.0, 0.1], [0.5, 0.2], [1.2, 0.3]])), scene.fixed((2.0, 0.5))
+    first, second = np.triu_indices(3, 1)
+    scene.add(contact(radii[first] + radii[second]), balls[first], balls[second])
+    scene.add(contact(radii + 0.15), balls, post)
+    scene.add(PlaneContact(1e5, normal=(0.0, 1.0), offset=radii))
+    problem = scene.problem((0, 1))
+    np.testing.assert_allclose(problem.view.radii, [*radii, 0.15], rtol=1e-12)
+    t = np.linspace(0, 1, 101)
+    motion = 0.1 * np.sin(3 * t)[:, None] * np.repeat([1.0, 0.0], 3)  # to the right
+    figure, show, film = staged(problem, made_up(any_run, t, problem.u0 + motion))
+    show(40)
+    figure.canvas.draw()
+    axes, pixels = figure.axes[0], np.asarray(figure.canvas.buffer_rgba())
+
+    def color(x, y):
+        column, row = axes.transData.transform((x, y))
+        return pixels[len(pixels) - 1 - int(row), int(column), :3].tolist()
+
+    points = np.vstack([film.u[40].reshape(2, 3).T, [2.0, 0.5]])
+    for (x, y), radius in zip(points, [*radii, 0.15], strict=True):
+        for angle in np.radians([20, 90, 160]):  # above the floor
+            way = np.array([np.cos(angle), np.sin(angle)])
+            assert color(*((x, y) + 0.85 * radius * way)) != [255, 255, 255]
+            assert color(*((x, y) + 1.15 * radius * way)) == [255, 255, 255]
+    (floor,) = axes.patches
+    assert floor.get_path().contains_point((0.5, -1e-6))
+    assert not floor.get_path().contains_point((0.5, 1e-6))
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    assert (left < (points[:, 0] - problem.view.radii)).all()
+    assert (right > (points[:, 0] + problem.view.radii)).all()
+    assert low < 0 < 0.65 < high
+
+
+def test_two_balls_share_their_reach_and_contacts_without_reach_have_no_disc():
+    scene = Scene(dimension=1)
+    balls = scene.mass(1.0, [0.0, 1.0, 3.0])
+    scene.add(MassImpact(0.4), balls[0], balls[1])
+    scene.add(MassImpact(), balls[1], balls[2])
+    radii = scene.problem((0, 1)).view.radii
+    np.testing.assert_allclose(radii, [0.2, 0.2, 0.0], rtol=1e-12)
 
 
 def test_sampled_motions_add_up():
@@ -289,6 +343,15 @@ def test_states_too_far_apart_are_refused(tmp_path):
     assert not is_resolved(solution)
     with pytest.raises(ValueError, match=r"^solution must have states closer together .*smaller save_every"):
         problem.animate(solution, tmp_path / "film.gif")
+
+
+def test_a_ball_is_not_drawn_through_the_floor(tmp_path):
+    """A run with two states does not tell where the ball was between them: it rebounds from a contact."""
+    problem, _ = swing()
+    solution = problem.integrate(h=1e-3, save_every=None)
+    with pytest.raises(ValueError, match=r"^solution must have states closer together .*smaller save_every"):
+        problem.animate(solution, tmp_path / "film.gif")
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_run_that_failed_at_its_first_step_has_no_motion_to_show(tmp_path):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from numba.core import event as numba_events
 
 import eig3
 from eig3.effects import Body, BreakingString, Cable, Gravity, LinearSpring, Link, MassImpact, RigidStop, SupportMotion
@@ -263,6 +264,93 @@ def test_the_code_has_the_events_that_the_scene_names_only():
         assert "energy" not in code(function)
 
 
+def gas(count):
+    """Balls on a ring that fly past each other at first, with an impact between every two of them."""
+    scene = Scene(2)
+    angle = 2 * np.pi * np.arange(count) / count
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    balls = scene.mass(np.linspace(1.0, 2.0, count), ring, -ring * np.linspace(1.0, 1.3, count)[:, None])
+    first, second = np.triu_indices(count, 1)
+    scene.add(MassImpact(0.3, 0.9), balls[first], balls[second])
+    return balls, scene.problem((0.0, 2.0))
+
+
+def test_the_code_to_compile_does_not_grow_with_the_pairs():
+    """The first scene compiles the functions of the effect and the kernel, which the others share."""
+    counts = []
+    for size in (3, 4, 12):
+        with numba_events.install_recorder("numba:compile") as recorder:
+            gas(size)[1].integrate(h=0.01, t_end=0.01)
+        counts.append(sum(event.is_start for _, event in recorder.buffer))
+    assert 0 < counts[2] == counts[1]
+
+
+@pytest.mark.parametrize("run", [{"h": 1e-3, "method": "rk4"}, {"rtol": 1e-9, "h_max": 0.01}])
+def test_every_pair_has_its_own_impacts(run):
+    """Between impacts the balls move uniformly, so that the run follows from its list of impacts."""
+    balls, problem = gas(5)
+    solution = problem.integrate(**run)
+    pairs = list(zip(*np.triu_indices(5, 1), strict=True))
+    assert list(solution.events) == [f"mass impact {k}" for k in range(len(pairs))]
+    impacts = [
+        (found.t[row], pairs[k], row, found)
+        for k, found in enumerate(solution.events.values())
+        for row in range(len(found))
+    ]
+    assert len(impacts) > 3
+    t, x, v = 0.0, balls.of(problem.u0), balls.of(problem.v0)
+    for time, (i, j), row, found in sorted(impacts, key=lambda impact: impact[0]):
+        t, x = time, x + (time - t) * v
+        before, after = balls.of(found.v)[row], balls.of(found.v_after)[row]
+        np.testing.assert_allclose(before, v, rtol=0, atol=1e-10)
+        assert np.flatnonzero((before != after).any(axis=1)).tolist() == [i, j]
+        assert np.linalg.norm(x[j] - x[i]) == pytest.approx(0.3, abs=1e-9)
+        v = after
+    np.testing.assert_allclose(balls.of(solution.u)[-1], x + (2.0 - t) * v, rtol=0, atol=1e-9)
+
+
+def test_a_member_can_be_called_from_python():
+    """As the event of a scene can be called, and given to a run by a user."""
+    balls, problem = gas(3)
+    event = problem.events["mass impact 1"]  # of the balls 0 and 2
+    x = balls.of(problem.u0)
+    assert event.g(0.0, problem.u0, problem.v0, problem.params) == pytest.approx(np.linalg.norm(x[2] - x[0]) - 0.3)
+    watched = problem.with_(events={"meeting": eig3.Event(event.g, -1, terminal=True)}).integrate(h=0.01)
+    assert watched.status is eig3.Status.TERMINATED
+    x = balls.of(watched.u)[-1]
+    assert np.linalg.norm(x[2] - x[0]) == pytest.approx(0.3, abs=1e-12)
+
+
+LEVEL = 0.5
+
+
+@eig3.jit
+def above_level(x):
+    return x[0] - LEVEL
+
+
+@eig3.jit
+def noise(x):
+    return x[0] - np.random.rand()
+
+
+def test_a_value_from_outside_is_that_of_the_next_run(monkeypatch):
+    """As in rhs: the functions of all members are compiled anew, at other addresses."""
+    scene = Scene(1)
+    scene.add(effect(Body, event=staticmethod(above_level)), scene.mass(1.0, [0.0, 0.1], 1.0))
+    problem = scene.problem((0.0, 1.0))
+    assert [found.t[0] for found in problem.integrate(h=0.01).events.values()] == pytest.approx([0.5, 0.4])
+    monkeypatch.setitem(globals(), "LEVEL", 0.7)
+    assert [found.t[0] for found in problem.integrate(h=0.01).events.values()] == pytest.approx([0.7, 0.6])
+
+
+def test_an_event_does_not_draw_random_numbers():
+    scene = Scene(1)
+    scene.add(effect(Body, event=staticmethod(noise)), scene.mass(1.0, 0.0))
+    with pytest.raises(ValueError, match=r"^g of events\['own 0'\] draws random numbers"):
+        scene.problem((0.0, 1.0)).integrate(h=0.01)
+
+
 def test_a_scene_that_conserves_energy_has_an_energy_with_events():
     assert tethered(0.0).energy is not None
     assert tethered(4.0).energy is None
@@ -357,6 +445,10 @@ WRONG = {
     "a number for a velocity": (
         lambda: one(effect(Body, event=zero, velocity_after=number)),
         "velocity_after of Own must return a tuple of 1 number here, not float64.",
+    ),
+    "discs without a reach": (
+        lambda: two(effect(Link, event=distance, picture="discs")),
+        "Own must have a field reach that a function reads, for its picture 'discs'.",
     ),
     "behind the stop": (
         lambda: one(RigidStop(1.0, 1.0)),

@@ -309,3 +309,154 @@ def test_accelerations_that_are_not_finite_are_not_used():
     assert np.array_equal(solution.at(fine[last]), cubic.at(fine[last]))
     # (h/2)^6 / 6! is the term of degree 6
     np.testing.assert_allclose(solution.at(fine[~last])[0], np.sin(fine[~last]), rtol=0, atol=0.05**6 / 720)
+
+
+# States that are too far apart ---------------------------------------------------------------------------------------
+
+TOO_FAR = r"^the saved states around t = .* are too far apart to interpolate between them, .* save_every=1 .* t_eval\.$"
+
+
+@eig3.jit
+def bouncing(t, u, v, p):
+    """A ball on a floor with Hertz's contact."""
+    return -9.81 + p[0] * max(-u, 0.0) ** 1.5
+
+
+def test_a_run_with_two_states_says_that_nothing_is_known_between_them():
+    options = {"h": 1e-4, "params": 1e6, "method": "rk4"}
+    run = eig3.integrate(bouncing, (0, 1.5), 1.0, 0.0, save_every=None, **options)
+    with pytest.warns(UserWarning, match=TOO_FAR):
+        u, _ = run.at(0.7)
+    full = eig3.integrate(bouncing, (0, 1.5), 1.0, 0.0, **options)
+    assert abs(u - full.at(0.7)[0]) > 0.5  # of a motion of 1 m
+
+
+def test_a_contact_between_two_states_is_noticed_around_it_only():
+    options = {"h": 1e-4, "params": 1e6, "method": "rk4", "save_every": 1000}
+    run = eig3.integrate(bouncing, (0, 0.8), 1.0, 0.0, **options)
+    contact = np.searchsorted(run.t, math.sqrt(2 / 9.81))  # 0.45 s
+    away = np.delete((run.t[1:] + run.t[:-1]) / 2, contact - 1)
+    run.at(away)  # without a warning
+    with pytest.warns(UserWarning, match=TOO_FAR):
+        run.at(run.t[contact - 1] + 0.05)
+
+
+def sampled(per_period, method, periods=12):
+    """States of cos t, which the method could have reached in steps a hundredth as long."""
+    t = 2 * np.pi / per_period * np.arange(round(periods * per_period) + 1) + 0.3
+    solution = hand_made(t, np.cos(t), -np.sin(t), method, lambda t, u, v: -u)
+    solution.h /= 100
+    return solution
+
+
+@pytest.mark.parametrize("method", ["rk4", "rk8", "eig10"])
+@pytest.mark.parametrize("per_period", [1.2, 1.7, 2.6, 3.1, 4.1, 7.1])
+def test_the_estimated_error_is_that_of_the_interpolation(method, per_period):
+    """It is meant to be right within a factor of four; the motion has the size 2, and the largest error is asked."""
+    solution = sampled(per_period, method)
+    fine = np.linspace(solution.t[0], solution.t[-1], 4001)
+    estimate = solution._errors(fine)
+    true = np.abs(solution._interpolated(fine)[0] - np.cos(fine)).max() / 2
+    assert np.array_equal(*estimate)  # one degree of freedom
+    assert 0.25 < estimate[0].max() / true < 4
+
+
+@pytest.mark.parametrize("keeps_rhs", [True, False])
+@pytest.mark.parametrize(("per_period", "is_enough"), [(1.5, False), (4, True)])
+def test_less_than_two_states_a_period_are_too_few(per_period, is_enough, keeps_rhs):
+    solution = sampled(per_period, "rk4")
+    if not keeps_rhs:
+        solution = pickle.loads(pickle.dumps(solution))
+    times = (solution.t[1:] + solution.t[:-1]) / 2
+    if is_enough:
+        solution.at(times)
+    else:
+        with pytest.warns(UserWarning, match=TOO_FAR):
+            solution.at(times)
+
+
+def test_the_saved_states_themselves_can_always_be_asked_for():
+    solution = sampled(1.5, "rk4")
+    assert np.array_equal(solution.at(solution.t), [solution.u, solution.v])
+    assert np.array_equal(solution.at(solution.t[-1]), [solution.u[-1], solution.v[-1]])
+
+
+def test_every_step_is_enough_however_long_it_is():
+    solution = sampled(1.5, "rk4")
+    solution.h *= 100
+    solution.at(solution.t[:-1] + 1.0)
+
+
+def test_a_stiff_direction_magnifies_no_error():
+    """The second degree follows the square of the first, held by a stiffness of 1e9 / s^2.
+
+    In intervals of 0.4 s the quintic for cos^2 t has an error of about (2 * 0.4)^6 / 46080 / 2 = 3e-6, and f there
+    differs by 3e3 m / s^2. Without the stiffness, this would stand for an error of 0.4^2 / 12 * 3e3 = 40 m.
+    """
+
+    def accelerations(t, u, v):
+        return np.stack([-np.cos(t), -2 * np.cos(2 * t) - 1e9 * (u[:, 1] - np.cos(t) ** 2)], axis=1)
+
+    t = np.arange(0, 8, 0.4)
+    u, v = np.stack([np.cos(t), np.cos(t) ** 2], axis=1), np.stack([-np.sin(t), -np.sin(2 * t)], axis=1)
+    solution = hand_made(t, u, v, "rk4", accelerations)
+    solution.h = 1e-5
+    fine = np.linspace(0, t[-1], 500)
+    found = solution.at(fine)[0]  # without a warning
+    error = np.abs(found[:, 1] - np.cos(fine) ** 2).max()
+    assert 0.1 * error < solution._errors(fine)[0].max() < 4 * error
+
+
+def test_a_load_between_two_states_of_rest_is_noticed():
+    def pulse(t, u, v):
+        return np.where((t > 40) & (t < 60), 1.0, 0.0) - u - v
+
+    t = np.array([0.0, 100.0])
+    solution = hand_made(t, 0 * t, 0 * t, "rk4", pulse)
+    solution.h = 0.01
+    with pytest.warns(UserWarning, match=TOO_FAR):
+        solution.at(10.0)
+
+
+def test_round_off_at_rest_is_no_motion():
+    """A mass in equilibrium, with the round-off of u = 1 and a stiffness of 1e6 / s^2."""
+    rng = np.random.default_rng(0)
+    t = np.linspace(0, 10, 30)
+    noise = rng.normal(scale=1e-16, size=30)
+    solution = hand_made(t, 1 + noise, 1e3 * noise, "rk4", lambda t, u, v: -1e6 * (u - 1))
+    solution.h = 1e-4
+    solution.at(np.linspace(0, 10, 100))
+
+
+def test_only_the_intervals_of_the_wanted_times_are_looked_at_once():
+    rows = []
+
+    def accelerations(t, u, v):
+        rows.append(len(t))
+        return -u
+
+    solution = sampled(8, "rk4")
+    solution._accelerations = accelerations
+    solution.at(solution.t[[3, 3, 7]] + 0.01)
+    assert sum(rows) == 2 * 2 * 3 + 2 * 4  # two at each of three points, and the ends, for the estimate and for u and v
+    rows.clear()
+    solution.at(solution.t[[3, 7]] + 0.02)
+    assert sum(rows) == 4
+
+
+@pytest.mark.parametrize("method", ["rk5", "rk8"])
+def test_runs_with_loose_tolerances_are_fine_enough(method):
+    run = eig3.integrate(hardening, (0, 30), 1.0, 0.0, params=2.0, rtol=1e-2, method=method)
+    fine = np.linspace(0, 30, 1000)
+    run.at(fine)
+    pickle.loads(pickle.dumps(run)).at(fine)
+    wanted = eig3.integrate(hardening, (0, 30), 1.0, 0.0, params=2.0, rtol=1e-2, method=method, t_eval=[0, 9, 30])
+    with pytest.warns(UserWarning, match=TOO_FAR):
+        wanted.at(fine)
+
+
+def test_impacts_that_a_run_found_need_no_further_states():
+    run = eig3.problems.bouncing_ball().integrate(h=1e-3, save_every=None)
+    assert len(run.t) == 2
+    full = eig3.problems.bouncing_ball().integrate(h=1e-3)
+    np.testing.assert_allclose(run.at(full.t), full.at(full.t), rtol=0, atol=1e-9)

@@ -54,7 +54,7 @@ class Portrait:
 
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         left, right = figure.subplots(1, 2)
-        u, v = film.solution.at(film.times)
+        u, v = film.solution._interpolated(film.times)
         left.set(xlabel=f"u ({self.units[0]})", ylabel=f"velocity ({self.units[1]})", xlim=limits(u), ylim=limits(v))
         right.set_ylabel(f"displacement u ({self.units[0]})")
         (before,) = left.plot([], [], color="C0", linewidth=0.6, alpha=0.5)

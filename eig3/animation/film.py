@@ -19,6 +19,7 @@ _FACTORS = 1, 1.5, 2, 3, 4, 5, 6, 8, 10  # times powers of ten: how much faster 
 _UNITS = (1e-6, "µs"), (1e-3, "ms"), (1.0, "s")
 _PATH, _MOST = 10, 20_000  # least number of points on a path between two frames; most saved states on a path
 _VALUES = 1_000_000  # displacements that are interpolated at a time
+_VISIBLE = 0.02  # an error of this part of the largest motion is seen in a film
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +65,16 @@ class Film:
             )
         if not is_resolved(solution):
             raise ValueError(
-                "solution must have states closer together to be animated, because the motion between two of them is "
-                "longer than its whole range: integrate with a smaller save_every, or to an earlier t_end."
+                "solution must have states closer together to be animated, because the motion between two of them "
+                "cannot be known from them: integrate with a smaller save_every, or to an earlier t_end."
             )
-        start, end = solution.t[0], solution.t[-1]
-        end = min(end, start + shown_duration(end - start, excursions(solution)))
-        speed = film_speed(end - start)
-        t = np.linspace(start, end, 1 + round((end - start) / speed * RATE))
+        speed, t = _frames(solution)
+        start, end = t[0], t[-1]
         count = np.searchsorted(solution.t, end) + 1
         rows = {name: getattr(solution, name)[:count] for name in ("t", "u", "v")}
         units = [(scale, unit) for scale, unit in _UNITS if end - start < 500 * scale] or [_UNITS[-1]]
-        return cls(replace(solution, **rows), speed, t, *solution.at(t), units[0] if has_seconds else (1.0, ""))
+        u, v = solution._interpolated(t)
+        return cls(replace(solution, **rows), speed, t, u, v, units[0] if has_seconds else (1.0, ""))
 
     @cached_property
     def times(self) -> np.ndarray:
@@ -92,7 +92,7 @@ class Film:
         """
         count = max(1, _VALUES // self.u[:1].size)
         parts = (self.times[k : k + count] for k in range(0, len(self.times), count))
-        return np.concatenate([np.array(shown(t, self.solution.at(t)[0])) for t in parts])
+        return np.concatenate([np.array(shown(t, self.solution._interpolated(t)[0])) for t in parts])
 
     def rows(self, i: int, seconds: float = math.inf) -> slice:
         """Return the rows of `times` up to frame i, from that many seconds of the film before it on."""
@@ -132,10 +132,24 @@ def excursions(solution: Solution) -> float:
     return float(np.linalg.norm(np.diff(u, axis=0), axis=1).sum() / (2 * size)) if size > 0 else 0.0
 
 
+def _frames(solution: Solution) -> tuple[float, np.ndarray]:
+    """Return the speed of a film of a run, and the times of its frames."""
+    start, end = solution.t[0], solution.t[-1]
+    end = min(end, start + shown_duration(end - start, excursions(solution)))
+    speed = film_speed(end - start)
+    return speed, np.linspace(start, end, 1 + round((end - start) / speed * RATE))
+
+
 def is_resolved(solution: Solution) -> bool:
-    """Return whether the motion between two saved states is mostly shorter than its whole range, or the run failed."""
+    """Return whether a film can show the motion between the saved states.
+
+    The motion between two states is mostly shorter than its whole range, and the interpolation has no visible error in
+    a frame. A run that failed is shown as it is.
+    """
     if not solution.success:
         return True
     u, v = (x.reshape(len(solution.t), -1) for x in (solution.u, solution.v))
     way = np.linalg.norm(v[:-1], axis=1) * np.diff(solution.t)
-    return bool(np.median(way) <= np.linalg.norm(np.ptp(u, axis=0)))
+    if np.median(way) > np.linalg.norm(np.ptp(u, axis=0)):
+        return False
+    return bool((solution._errors(_frames(solution)[1])[1] < _VISIBLE).all())

@@ -17,6 +17,7 @@ _MARGIN = 0.08  # around the motion, as a part of its size
 _SHAPE = 1.35  # width of the axes as a part of their height
 _LEAST = 0.5  # least side of the box in space as a part of its longest side
 _TRAIL = 0.7  # seconds of the film
+_CORNERS = 32  # of the outline of a ball in space
 _SIZES = (30, 7.0), (300, 3.0)  # up to this number of points: size of the dots
 
 
@@ -65,6 +66,9 @@ class Mechanism:
         The numbers of the points that are supports.
     planes : sequence of (normal, offset)
         Planes normal . x = offset, whose normal points to the free side.
+    radii : sequence of float
+        The radius of each point, m: a point with a radius is drawn as a disc, or in space as a ball. Without radii, or
+        with 0, it is a dot.
     trails : sequence of int
         The numbers of the points that leave a trail.
     marks : sequence of (place, style, size, name)
@@ -81,6 +85,7 @@ class Mechanism:
     strings: Any = ()
     fixed: Any = ()
     planes: Any = ()
+    radii: Any = ()
     trails: Any = ()
     marks: Any = ()
     labels: tuple[str, ...] = ("x (m)", "y (m)", "z (m)")
@@ -89,7 +94,10 @@ class Mechanism:
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         x = self.places(film.t, film.u.reshape(len(film.t), -1))
         paths = self._paths(film)
-        low, high = self._box([*x, *paths])
+        radii = np.asarray(self.radii, dtype=float) if len(self.radii) else np.zeros(x.shape[1])
+        discs = np.flatnonzero(radii > 0)
+        around = radii[discs, None]
+        low, high = self._box([*x, *paths, *(x[:, discs] - around), *(x[:, discs] + around)])
         axes = _axes_of(figure, low, high, self.labels, self.note)
         draw = _Space(axes) if x.shape[2] == 3 else _Plane(axes)
         for normal, offset in self.planes:
@@ -100,10 +108,14 @@ class Mechanism:
         movers = [*_trails(draw, paths, film), *self._links(draw, x, film, high - low)]
         is_fixed = np.isin(np.arange(x.shape[1]), self.fixed)
         size = next((size for most, size in _SIZES if x.shape[1] <= most), 1.5)
-        for some, style in ((is_fixed, {"color": "k", "marker": "^"}), (~is_fixed, {"color": "C0", "marker": "o"})):
+        for some, color in ((discs[is_fixed[discs]], "0.5"), (discs[~is_fixed[discs]], "C0")):
+            if some.size:
+                movers.append(partial(_move_points, draw.discs(radii[some], color), x[:, some]))
+        is_dot = ~is_fixed & (radii == 0)
+        for some, style in ((is_fixed, {"color": "k", "marker": "^"}), (is_dot, {"color": "C0", "marker": "o"})):
             if some.any():
                 dots = draw.line(linestyle="none", markersize=size, zorder=3, **style)
-                movers.append(partial(_move_points, draw, dots, x[:, some]))
+                movers.append(partial(_move_points, partial(draw.move, dots), x[:, some]))
 
         def show(i: int) -> None:
             for move in movers:
@@ -160,8 +172,8 @@ def _trails(draw: Any, paths: list[np.ndarray], film: Film) -> list[Callable[[in
     return movers
 
 
-def _move_points(draw: Any, dots: Any, x: np.ndarray, i: int) -> None:
-    draw.move(dots, x[i])
+def _move_points(move: Callable[[np.ndarray], None], x: np.ndarray, i: int) -> None:
+    move(x[i])
 
 
 def _move_trail(draw: Any, line: Any, x: np.ndarray, film: Film, seconds: float, i: int) -> None:
@@ -214,6 +226,17 @@ class _Plane:
 
         return self.axes.add_collection(LineCollection([], zorder=2, **style), autolim=False)
 
+    def discs(self, radii: np.ndarray, color: str) -> Callable[[np.ndarray], None]:
+        """Add discs; return the function that moves their centres."""
+        from matplotlib.collections import EllipseCollection
+
+        across, style = 2 * radii, {"facecolor": color, "edgecolor": "0.2", "linewidth": 0.6, "alpha": 0.8}
+        discs = EllipseCollection(
+            across, across, 0 * radii, units="xy", offsets=np.zeros((radii.size, 2)), zorder=2.5, **style
+        )
+        discs.set_offset_transform(self.axes.transData)
+        return self.axes.add_collection(discs, autolim=False).set_offsets
+
     def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
         """Fill the side that is not free, far beyond the limits of the axes."""
         middle = (low + high) / 2
@@ -240,6 +263,19 @@ class _Space:
         from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
         return self.axes.add_collection3d(Line3DCollection(np.zeros((1, 2, 3)), **style))
+
+    def discs(self, radii: np.ndarray, color: str) -> Callable[[np.ndarray], None]:
+        """Add the outlines of balls, as polygons across the line of sight; return the function that moves them."""
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        azimuth, elevation = np.radians([self.axes.azim, self.axes.elev])
+        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+        sight = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        angle = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)[:, None]
+        outline = radii[:, None, None] * (np.cos(angle) * right + np.sin(angle) * np.cross(sight, right))
+        discs = Poly3DCollection(outline, facecolor=color, edgecolor="0.2", linewidth=0.6, alpha=0.8)
+        self.axes.add_collection3d(discs)
+        return lambda x: discs.set_verts(x[:, None] + outline)
 
     def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
         """Draw the part of the plane inside the box."""

@@ -55,7 +55,7 @@ class MassContact(Link):
     nonnegative = ("stiffness", "reach", "damping")
     cutoff = "reach"
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
-    picture = ""
+    picture = "discs"
 
     def needs_direction(self, columns):
         return True

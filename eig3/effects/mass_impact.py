@@ -16,7 +16,7 @@ class MassImpact(Link):
     They strike each other where their distance is `reach`. An impact multiplies the speed along the line through them
     by the restitution and keeps their momentum. It is an event: the run finds its time, and
     ``solution.events["mass impact 0"]`` has the velocities before and after. Each pair has an event of its own, which
-    is compiled for itself: for contacts between hundreds of pairs take `MassContact`.
+    is looked at in every step: for contacts between thousands of pairs take `MassContact`.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class MassImpact(Link):
     nonnegative = ("reach", "restitution")
     crossing = -1
     source = "Newton's law of restitution"
-    picture = ""
+    picture = "discs"
 
     def __post_init__(self) -> None:
         super().__post_init__()

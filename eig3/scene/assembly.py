@@ -355,9 +355,10 @@ def _split(group: Group) -> Iterator[Group]:
 
     Where many links have the same difference, as along the rows and columns of a net, they get a loop of their own, in
     which the compiler can see that consecutive links share no mass. The number of such loops is limited, because each
-    costs compile time: links with many differences, such as all pairs of masses, share one loop over runs.
+    costs compile time: links with many differences, such as all pairs of masses, share one loop over runs. Links that
+    only have events have no loop.
     """
-    if group.second is None:
+    if group.second is None or not any(law.effect.functions().keys() & FORCES for law in group.laws):
         yield group.take(np.argsort(group.first, kind="stable"))
         return
     difference = group.second - group.first

@@ -8,8 +8,8 @@ In the source, i and j are indices of masses and s is the index of a member of a
 is the vector between the ends of a link, ex, ey, ez its rate, and r its length; fx, fy, fz is the force of the link on
 its first end, divided by the mass if all masses are equal.
 
-An event of an effect is two functions: where it occurs, and what happens to the state there. They stand for one member
-of a group, so that the indices of its masses are numbers in the source.
+The events of a group are two functions: where they occur, and what happens to the state there. Their first argument is
+the member s.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..callbacks import cached_jit, jit
 from ..events import Event
+from ..families import Family
 from ..kernels.jit import callable_element
 from ..kernels.source import define
 from .assembly import STATE, Assembly
@@ -62,10 +63,10 @@ def compiled(assembly: Assembly) -> tuple[Any, Any, dict[str, Event], np.ndarray
         source.energy()
     source.events()
     functions = _functions(str(source), tuple(packing.functions.items()))
-    events = {
-        name: Event(functions[f"event_{k}"], direction, apply=functions.get(reset))
-        for k, (name, direction, reset) in enumerate(zip(assembly.events, source.crossings, source.resets, strict=True))
-    }
+    found: dict[str, Event] = {}
+    for occasion in source.occasions:
+        found |= occasion.events(functions, assembly.events)
+    events = {name: found[name] for name in assembly.events}  # in the order in which the effects were added
     return functions["rhs"], functions.get("energy"), events, packing.params
 
 
@@ -75,15 +76,43 @@ def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
     return define(text, "scene", {**known, **dict(names)})
 
 
+@functools.lru_cache(maxsize=256)
+def _members(function: Any, count: int) -> list[Any]:
+    return Family(function, count).members
+
+
+@dataclass(frozen=True, eq=False)
+class _Occasion:
+    """The events of one effect on a group.
+
+    Attributes
+    ----------
+    numbers : ndarray of int
+        The number of each member's event.
+    direction : int
+    g, apply : str
+        The names of the functions; apply is empty if there is none, and "unchanged" for the function of this name.
+    """
+
+    numbers: np.ndarray
+    direction: int
+    g: str
+    apply: str
+
+    def events(self, functions: dict[str, Any], names: list[str]) -> dict[str, Event]:
+        """Return the events by name."""
+        count, same = self.numbers.size, {"": None, "unchanged": unchanged}
+        g = _members(functions[self.g], count)
+        apply = [same[self.apply]] * count if self.apply in same else _members(functions[self.apply], count)
+        return {names[number]: Event(g[s], self.direction, apply=apply[s]) for s, number in enumerate(self.numbers)}
+
+
 class _Source:
     """Writes the functions of one scene.
 
     Attributes
     ----------
-    crossings : list of int
-        The direction of each event.
-    resets : list of str
-        The name of the function called at each event; empty if there is none.
+    occasions : list of _Occasion
     """
 
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
@@ -96,8 +125,7 @@ class _Source:
         self._motions, self._blocks = packing.motions, packing.bodies + packing.links
         self._bodies = _acting(packing.bodies, _BODY)
         self._links = _acting(packing.links, _LINK)
-        self.crossings = [0] * len(assembly.events)
-        self.resets = [""] * len(assembly.events)
+        self.occasions: list[_Occasion] = []
         self._lines: list[str] = []
         self._depth = 0
 
@@ -173,19 +201,18 @@ class _Source:
             self._write("return total")
 
     def events(self) -> None:
-        """Write the two functions of each event."""
+        """Write the two functions of the events of each effect on a group."""
         for block in self._blocks:
             for law in block.having("event"):
-                one = replace(block, laws=[law])
-                for s, k in enumerate(law.events.tolist()):
-                    i, j = block.group.first[s], -1 if block.group.second is None else block.group.second[s]
-                    self.crossings[k] = law.crossing
-                    self._event(one, f"event_{k}", str(s), str(i), str(j))
-                    if any(name in law.functions for name in RESETS):
-                        self.resets[k] = f"reset_{k}"
-                        self._reset(one, self.resets[k], str(s), str(i), str(j))
-                    elif any(name in law.functions for name in FORCES):
-                        self.resets[k] = "unchanged"
+                one, k = replace(block, laws=[law]), len(self.occasions)
+                g, apply = f"event_{k}", ""
+                self._event(one, g)
+                if any(name in law.functions for name in RESETS):
+                    apply = f"reset_{k}"
+                    self._reset(one, apply)
+                elif any(name in law.functions for name in FORCES):
+                    apply = "unchanged"
+                self.occasions.append(_Occasion(law.events, law.crossing, g, apply))
 
     # The parts of these functions
 
@@ -267,19 +294,19 @@ class _Source:
         for axis in self._axes:
             self._write(f"{axis}_before = f{axis}")
 
-    def _event(self, block: Block, name: str, s: str, i: str, j: str) -> None:
-        """Write the function whose zeros are the event of one member."""
-        with self._function(f"{name}(t, u, v, p)", [block]):
+    def _event(self, block: Block, name: str) -> None:
+        """Write the function whose zeros are the events of an effect on a block."""
+        with self._of_member(name, block) as (s, i, j):
             offered = self._offered(block, s, i, j, "event")
             self._write(f"return float({block.laws[0].call('event', s, offered)})")
 
-    def _reset(self, block: Block, name: str, s: str, i: str, j: str) -> None:
-        """Write the function that changes the state at the event of one member.
+    def _reset(self, block: Block, name: str) -> None:
+        """Write the function that changes the state at the events of an effect on a block.
 
         In a run that follows the work, the change of the energy is added to the work.
         """
         law = block.laws[0]
-        with self._function(f"{name}(t, u, v, p)", [block]):
+        with self._of_member(name, block) as (s, i, j):
             if self._follows_work:
                 self._write("before = energy(t, u, v, p)")
             offered = self._offered(block, s, i, j, *RESETS)
@@ -297,6 +324,14 @@ class _Source:
             if self._follows_work:
                 with self._indented(f"if v.size > {self._work}:"):
                     self._write(f"v[{self._work}] += energy(t, u, v, p) - before")
+
+    @contextmanager
+    def _of_member(self, name: str, block: Block) -> Iterator[tuple[str, str, str]]:
+        """Write a function for one member of a block; give the names of the indices of the member and its masses."""
+        with self._function(f"{name}(s, t, u, v, p)", [block]):
+            for letter, end in zip("ij", block.ends, strict=False):
+                self._write(f"{letter} = index({end.of('s')})")
+            yield "s", "i", "j"
 
     def _strike(self, block: Block, i: str, j: str) -> None:
         """Change the rate of a link by opposite impulses on its ends, or by one on the mass of a link to a support."""

@@ -24,6 +24,7 @@ FORCES = ("force", "acceleration", "tension", "density")
 #: The functions that change the state where the event of an effect occurs.
 RESETS = ("velocity_after", "rate_after", "state_after")
 
+_DRAWN = {"plane": ("normal", "offset"), "discs": ("reach",)}  # the fields that a picture needs
 _REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
 _OF_BODY = ("t", "x", "v", "m", "state")
 _OF_LINK = ("t", "r", "rate", "state")
@@ -67,9 +68,9 @@ class Effect:
     source : str
         Where the formula comes from.
     picture : str
-        What animations draw: of a `Link` a "line", a "spring", a "string" whose state tells that it has broken, or
-        nothing for ""; of a `Body` a "plane" with the fields normal and offset, or nothing. "weight" draws scenes of
-        one dimension upright.
+        What animations draw: of a `Link` a "line", a "spring", a "string" whose state tells that it has broken, "discs"
+        around its ends that touch at the distance of the field reach, or nothing for ""; of a `Body` a "plane" with the
+        fields normal and offset, or nothing. "weight" draws scenes of one dimension upright.
     """
 
     dimensions: ClassVar[tuple[int, ...]] = (1, 2, 3)
@@ -213,6 +214,11 @@ class Effect:
                     f"{name} of {self.title} has the argument {unknown[0]}, but can take only {', '.join(offered)}."
                 )
         self._check_event(functions)
+        for name in _DRAWN.get(self.picture, ()):
+            if name not in self._read():
+                raise TypeError(
+                    f"{self.title} must have a field {name} that a function reads, for its picture {self.picture!r}."
+                )
         if self.cutoff and self.cutoff not in _fields(self):
             raise TypeError(f"cutoff of {self.title} must be the name of a field, not {self.cutoff!r}.")
         for name in self._read():

@@ -155,6 +155,7 @@ class Block:
     moved: list[Column | None]  # which member of each motion moves the fixed ends; None for a motion with one member
     runs: np.ndarray
     table: int  # the place of the runs, or of all indices, in p; unused if there is one run
+    ends: list[Column]  # the indices of the masses of each member, for the events; empty without events
 
     @property
     def size(self) -> int:
@@ -271,4 +272,7 @@ class Packing:
         table = (
             runs if group.in_runs else np.concatenate([group.first, *([] if group.second is None else [group.second])])
         )
-        return Block(group, laws, anchor, moved, runs, self._add(table) if len(runs) > 1 else 0)
+        place = self._add(table) if len(runs) > 1 else 0
+        has_events = any(law.events.size for law in laws)
+        ends = [self._column(x) for x in (group.first, group.second) if has_events and x is not None]
+        return Block(group, laws, anchor, moved, runs, place, ends)

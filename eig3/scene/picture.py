@@ -14,6 +14,7 @@ from .effect import Body, Link, Motion, arguments
 
 _TRAILS = 3  # masses of a scene with trails, at most
 _PLANES = 20  # planes of effects that are drawn, at most
+_ROUND_OFF = 1e-12  # the relative error of radii, and of the offsets of planes that are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,28 +61,28 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
     placements : sequence of Placement
         Effects whose columns contain the numbers of their states, and all of which have columns.
     """
-    dimension = cloud.positions.shape[1]
+    dimension, masses, radii = cloud.positions.shape[1], np.flatnonzero(cloud.free >= 0), _radii(cloud, placements)
     upright = dimension == 1 and any(effect.picture == "weight" for effect, _, _ in placements)
     links: dict[tuple[int, int], str] = {}
     strings: dict[tuple[int, int], int] = {}
     first_state = dimension * np.count_nonzero(cloud.masses)
     for effect, numbers, columns in placements:
-        if isinstance(effect, Link) and effect.picture:
+        if isinstance(effect, Link) and effect.picture not in ("", "discs"):
             for k, ends in enumerate(zip(*(x.tolist() for x in numbers), strict=True)):
                 if links.get(ends) != "spring":
                     links[ends] = effect.picture
                 if effect.picture == "string":
                     strings[ends] = first_state + int((columns or {})[STATE][k])
     order = list(links)
-    masses = np.flatnonzero(cloud.free >= 0)
     return Mechanism(
         places=Places(cloud.positions, cloud.free, upright, _moves(placements)),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
         fixed=np.flatnonzero(cloud.free < 0),
+        radii=radii,
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
-        planes=_planes(placements, dimension, upright),
+        planes=_planes(placements, radii, masses, dimension, upright),
         labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
     )
 
@@ -105,13 +106,54 @@ def _argument(effect: Motion, name: str, column: np.ndarray) -> Any:
     return tuple(column[0].tolist()) if name in effect.vectors else float(column[0])
 
 
-def _planes(placements: Sequence[Placement], dimension: int, upright: bool) -> list[tuple[tuple, float]]:
-    """Return the different planes of effects, in the dimensions of the picture."""
-    planes: dict[tuple[tuple, float], None] = {}
-    for effect, _, columns in placements:
+def _radii(cloud: Cloud, placements: Sequence[Placement]) -> np.ndarray:
+    """Return the radius of each point, so that two points touch at the reach of their contact; 0 without a contact.
+
+    If the contacts leave a choice, as between two balls, it is the one with the least sum of squares: equal radii. The
+    method of conjugate gradients finds the least squares solution of ``r[i] + r[j] = reach`` with the least norm, and
+    needs no matrix.
+    """
+    given = [
+        (*numbers, columns["reach"])
+        for effect, numbers, columns in placements
+        if isinstance(effect, Link) and effect.picture == "discs" and columns is not None
+    ]
+    count = cloud.masses.size
+    radii = np.zeros(count)
+    if not given:
+        return radii
+    i, j, reach = (np.concatenate(parts) for parts in zip(*given, strict=True))
+    i, j, reach = (values[reach > 0] for values in (i, j, reach))  # a reach of 0 is not one of radii
+
+    def at_points(pairs: np.ndarray) -> np.ndarray:
+        return np.bincount(i, pairs, count) + np.bincount(j, pairs, count)
+
+    residual = at_points(reach)
+    way, square = residual, residual @ residual
+    least = _ROUND_OFF**2 * square
+    for _ in range(count):
+        if square <= least:
+            break
+        change = at_points(way[i] + way[j])
+        step = square / (way @ change)
+        radii, residual = radii + step * way, residual - step * change
+        before, square = square, residual @ residual
+        way = residual + square / before * way
+    return np.maximum(radii, 0.0)
+
+
+def _planes(
+    placements: Sequence[Placement], radii: np.ndarray, masses: np.ndarray, dimension: int, upright: bool
+) -> list[tuple[tuple, float]]:
+    """Return the different planes of effects, in the dimensions of the picture. A mass with a radius touches it."""
+    planes: dict[tuple, tuple[tuple, float]] = {}
+    for effect, numbers, columns in placements:
         if isinstance(effect, Body) and effect.picture == "plane" and columns is not None:
-            for normal, offset in zip(columns["normal"], columns["offset"], strict=True):
+            radius = radii[numbers[0] if numbers else masses]
+            unit = _ROUND_OFF * (np.abs(columns["offset"]) + radius).max() or 1.0
+            for normal, offset in zip(columns["normal"], columns["offset"] - radius, strict=True):
                 across = () if dimension > 1 else (0.0,)
                 along = tuple(normal.tolist())
-                planes[(*across, *along) if upright else (*along, *across), float(offset)] = None
-    return list(planes)[:_PLANES]
+                along = (*across, *along) if upright else (*along, *across)
+                planes.setdefault((along, round(offset / unit)), (along, float(offset)))
+    return list(planes.values())[:_PLANES]
