@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.divergence import became_non_finite
+from ..guard import not_finite_at_start
 from ..kernels.protocol import SCALAR, VECTOR
 from ..observers.growth import BLOWN_UP, OVERFLOWING
 from ..observers.written import unwritten_entry
@@ -98,7 +99,7 @@ class Block:
         """End the members whose acceleration at the start is not finite."""
         broken = self._runs & ~np.isfinite(a).all(axis=0)
         for lane in np.flatnonzero(broken).tolist():
-            self._failed[lane] = f"rhs gives {a[:, lane][~np.isfinite(a[:, lane])][0]} at the start."
+            self._failed[lane] = not_finite_at_start(a[:, lane])
         self._end(broken)
 
     @property
