@@ -124,16 +124,17 @@ class Block:
         state, target, before = self._state, self._target(), self._state.save()
         begin = time.perf_counter()
         try:
-            u, v = state.advance(target, self._every)
-            if target - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
-                self.shared.pace.note(target - before[0], time.perf_counter() - begin)
+            u, v = state.advance(target, self._every, self._stop)
+            reached = state.index
             failed = self._runs & ~state.is_finite
             if failed.any():
                 state.restore(before)
-                self._find_ends(np.flatnonzero(failed), target)
+                self._find_ends(np.flatnonzero(failed), reached)
                 state.restore(before)
             else:
                 self._observe(before[0], u, v)
+                if reached - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
+                    self.shared.pace.note(reached - before[0], time.perf_counter() - begin)
         except Exception:
             state.restore(before)
             raise
@@ -143,9 +144,9 @@ class Block:
         """Set the ends of the members in these lanes, which are not finite at the step index `target`."""
         state = self._state
         self._ends[lanes] = target - 1
-        while lanes.size and state.index < target:
+        while lanes.size and state.index < target and not self._stop.is_set():
             first = state.index
-            u, v = state.advance(min(target, first + self._most_states), every=1)
+            u, v = state.advance(min(target, first + self._most_states), 1, self._stop)
             finite = np.isfinite(u[..., lanes]) & np.isfinite(v[..., lanes])  # shape (states, n, lanes)
             good = finite.all(axis=1)
             for place in np.flatnonzero(~good.all(axis=0)):
