@@ -13,7 +13,7 @@ import time
 if sys.platform == "linux":
     import resource
 
-_SECONDS = 3e-4  # duration of a slice; steps may become much slower at any time
+_SECONDS = 5e-4  # duration of a slice; steps may become much slower at any time
 _GROWTH = 16  # largest factor from the steps of one slice to the steps of the next
 _FIRST_SECONDS = 3e-5  # the time per step may be known from a run with other parameters
 _WAITING = 10  # least duration of a slice as a multiple of the time for which it waits for the interpreter,

@@ -10,7 +10,7 @@ import eig3
 from eig3 import slices, stepper, variable_stepper, watched_stepper
 from eig3.ensembles import run as ensemble_run
 
-SLICE = 3e-4  # s, the duration of a slice
+SLICE = 5e-4  # s, the duration of a slice
 PER_STEP = 1e-7  # s
 
 #: Where each kind of run gets its kernel.
