@@ -22,6 +22,10 @@ class NotFiniteAtStartError(ValueError):
     """The right-hand side is not finite at the start."""
 
 
+class ReadsBeyondError(NotFiniteAtStartError):
+    """The right-hand side is not finite at the start, because it reads beyond the end of an array."""
+
+
 def guarded(values: np.ndarray, cells: float = np.nan, count: int = _CELLS) -> np.ndarray:
     """Return a copy of a 1-D array, with `count` cells of the given value before and after it in memory."""
     buffer = np.empty(values.size + 2 * count)
@@ -48,22 +52,33 @@ def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
 
     Raises
     ------
+    NotFiniteAtStartError
+        If the result is not finite.
     ValueError
-        If the result is not finite, or rhs writes beyond the end of a.
+        If rhs writes beyond the end of a.
     """
     a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
     if math.isfinite(a) if form is SCALAR else np.isfinite(a).all():
         return a
-    bad = int(np.flatnonzero(~np.isfinite(a))[0])
     beyond = _read_beyond(rhs, form, t, u, v, p)
-    what = f"rhs gives {np.atleast_1d(a)[bad]} for degree of freedom {bad} at the start"
     if beyond:
         sizes = ", ".join(f"{name} ({np.size({'p': p, 'u': u, 'v': v}[name])} values)" for name in beyond)
         remedy = " and ".join(_DESCRIBED[name] for name in beyond)
-        raise ValueError(f"{what}, because it reads beyond the end of {sizes}; give {remedy} all the values it reads.")
-    raise NotFiniteAtStartError(
-        f"{what}; it must give a finite acceleration for every degree of freedom, a[j] in the vector form."
-    )
+        raise ReadsBeyondError(
+            f"{_not_finite(a)}, because it reads beyond the end of {sizes}; give {remedy} all the values it reads."
+        )
+    raise NotFiniteAtStartError(not_finite_at_start(a))
+
+
+def not_finite_at_start(a: Any) -> str:
+    """Say that the acceleration at the start, a float or an array of shape (n,), is not finite."""
+    return f"{_not_finite(a)}; it must give a finite acceleration for every degree of freedom, a[j] in the vector form."
+
+
+def _not_finite(a: Any) -> str:
+    values = np.atleast_1d(a)
+    bad = int(np.argmin(np.isfinite(values)))
+    return f"rhs gives {values[bad]} for degree of freedom {bad} at the start"
 
 
 def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells: dict[str, float] | None = None) -> Any:

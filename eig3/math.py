@@ -175,22 +175,16 @@ def cos(x: float) -> float:
 
 
 @_function
-def _growth(x: float) -> tuple[int, float, float]:
-    """Return k, r and q with e^x = 2^k (1 + r + q), where q is much smaller than r.
+def _reduced(x: float) -> tuple[int, float, float]:
+    """Return k, r and its rounding error `rest` with e^x = 2^k e^(r + rest), where k is the integer next to x / ln 2.
 
-    k is the integer next to x / ln 2. Taylor's polynomial of degree 13 has an error below 0.05 ulp of e^r.
+    With abs(r) <= ln(2) / 2, Taylor's polynomial of degree 13 has an error below 0.05 ulp of e^r.
     """
     shifted = x * (1 / math.log(2.0)) + _ROUND
     k = shifted - _ROUND
     near = x - k * _LN2_1
     r = near - k * _LN2_2
-    rest = (near - r) - k * _LN2_2
-    z = r * r
-    w = z * z
-    low = (1 / 2 + r * (1 / 6)) + z * (1 / 24 + r * (1 / 120))
-    middle = (1 / 720 + r * (1 / 5040)) + z * (1 / 40320 + r * (1 / 362880))
-    high = (1 / 3628800 + r * (1 / 39916800)) + z * (1 / 479001600 + r * (1 / 6227020800))
-    return _bits(shifted) - _ROUND_BITS, r, rest + z * (low + w * (middle + w * high))
+    return _bits(shifted) - _ROUND_BITS, r, (near - r) - k * _LN2_2
 
 
 @_function
@@ -212,9 +206,34 @@ def exp(x: float) -> float:
     x = _number(x)
     x = _EXP_OVERFLOW if x > _EXP_OVERFLOW else x
     x = _EXP_UNDERFLOW if x < _EXP_UNDERFLOW else x
-    k, r, q = _growth(x)
+    k, r, rest = _reduced(x)
+    z = r * r
+    w = z * z
+    low = (1 / 2 + r * (1 / 6)) + z * (1 / 24 + r * (1 / 120))
+    middle = (1 / 720 + r * (1 / 5040)) + z * (1 / 40320 + r * (1 / 362880))
+    high = (1 / 3628800 + r * (1 / 39916800)) + z * (1 / 479001600 + r * (1 / 6227020800))
     half = k >> 1  # 2^k may have no float where 2^k e^r has one
-    return (1.0 + (r + q)) * _power_of_2(half) * _power_of_2(k - half)
+    growth = r + (rest + z * (low + w * (middle + w * high)))
+    return (1.0 + growth) * _power_of_2(half) * _power_of_2(k - half)
+
+
+@_function
+def _growth(x: float) -> tuple[int, float, float]:
+    """Return k, g and its rounding error `rest` with e^x = 2^k (1 + g + rest).
+
+    The two largest terms of the polynomial are added without error: a difference such as 2^k (1 + g) - 1 would make it
+    count.
+    """
+    k, r, rest = _reduced(x)
+    z = r * r
+    w = z * z
+    low = (1 / 6 + r * (1 / 24)) + z * (1 / 120 + r * (1 / 720))
+    middle = (1 / 5040 + r * (1 / 40320)) + z * (1 / 362880 + r * (1 / 3628800))
+    high = (1 / 39916800 + r * (1 / 479001600)) + z * (1 / 6227020800)
+    rest += (z * r) * (low + w * (middle + w * high))
+    rough = r + 0.5 * z
+    growth = rough + rest
+    return k, growth, ((rough - growth) + rest) + ((r - rough) + 0.5 * z)
 
 
 @_function
@@ -231,10 +250,8 @@ def tanh(x: float) -> float:
     """
     x = _number(x)
     size = abs(x)
-    k, r, q = _growth(2.0 * (_TANH_IS_1 if size > _TANH_IS_1 else size))
+    k, growth, rest = _growth(2.0 * (_TANH_IS_1 if size > _TANH_IS_1 else size))
     power = _power_of_2(k)
-    growth = r + q
-    rest = (r - growth) + q
     is_small = power == 1.0
     limit = 0.0 if is_small else 1.0
     above, above_rest = (growth, rest) if is_small else (-2.0, 0.0)

@@ -207,10 +207,14 @@ class Problem:
                 "leave the events out with problem.with_(events={})."
             )
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
-        shared = np.atleast_2d(check_params(self.params))  # also if there are as many parameters as members
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
-        options |= {"h": h, "params": shared if params is None else params, "method": method}
+        if params is None:
+            params = check_params(self.params)
+            given = (self.u0, u0), (self.v0, v0), (0.0, h)
+            if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
+                params = params[None]  # they are shared also if there are as many parameters as members
+        options |= {"h": h, "params": params, "method": method}
         if not self.integrals:
             return self._run(ensemble, self.rhs, span, *start, **options)
         n = np.size(self.u0)

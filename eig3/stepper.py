@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import operator
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -33,17 +33,13 @@ from .kernels.interrupt import DeferredInterrupt
 from .kernels.protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL, SCALAR, VECTOR, Run
 from .memory import aligned, check_workspace
 from .methods import Method
+from .slices import Slices
 
 NEVER = 2**62  # `every` of a run that writes no states
 _FLOAT64 = np.dtype(np.float64)
-_SLICE_SECONDS = 3e-4  # time in the kernel before it is asked whether to stop; steps may become much slower at any time
-_SLICE_GROWTH = 16  # largest factor from the steps of one slice to the steps of the next
 # At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system.
 # There is nothing to move after a multiple of the steps in which the rows rotate.
-_LARGE = 1000  # degrees of freedom from which on slices are such multiples,
-_SLOW_STEP = 0.01  # unless a step takes more than these seconds
-_FIRST_SLICE_SECONDS = 3e-5  # the time per step may be known from a run with other parameters
-_WAITING = 10  # least time of a slice as a multiple of the time for which it waits for the interpreter
+_LARGE = 1000  # degrees of freedom from which on slices are such multiples
 
 
 class Cancel(Protocol):
@@ -264,7 +260,7 @@ class Stepper:
             other._alone = _Alone()
             other._state, other._tally = aligned(self._state.shape), self._tally.copy()
             np.copyto(other._state, self._state)
-        other._before = other._position()
+        other._before, other._slices = other._position(), copy.copy(self._slices)
         return other
 
     __copy__ = fork
@@ -374,8 +370,7 @@ class Stepper:
         self._formulas = formulas = running.formulas
         check_workspace(running, n)
         self._pace_key = formulas, n, self.inline
-        pace = self.pace
-        self._slice = max(1, int(_FIRST_SLICE_SECONDS / pace)) if pace else 1
+        self._slices = Slices(self.pace, formulas.turn if n >= _LARGE else 1)
         self._settings = np.array(running.settings, dtype=np.float64)
         self._state = np.zeros(2 + formulas.past) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
         jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", self.form)
@@ -404,19 +399,16 @@ class Stepper:
         begin, end = self.index, self.index + count
         self.failed, self.raised_before = False, None
         while self.index < end:
-            steps = min(end - self.index, self._slice)
+            steps, *begun = self._slices.begin(end - self.index)
             written = self.index // every - begin // every
             run = Run(self.h, self.t0, self.params, self.index, steps, every, u_rows[written:], v_rows[written:])
-            is_last = self.index + steps == end
-            before = time.perf_counter(), 0.0 if is_last else time.thread_time()
             try:
                 done, has_failed = self._call(run)
             except BaseException:
                 self.raised_before = self.index + steps
                 self._go_back()
                 raise
-            seconds = time.perf_counter() - before[0]
-            self.seconds += seconds
+            self.seconds += self._slices.end(done, *begun)
             self.index += done
             if self.is_over:
                 return
@@ -424,25 +416,8 @@ class Stepper:
                 if not self._fall_back():
                     self.failed = True
                     return
-            elif self.index < end:
-                if not is_last:
-                    self._set_slice(steps, seconds, time.thread_time() - before[1])
-                if any(cancel.is_set() for cancel in cancels):
-                    return
-
-    def _set_slice(self, steps: int, seconds: float, busy: float) -> None:
-        """Choose the steps of the next slice from those of the last, its time, and the time in which it was computed.
-
-        The rest is the time in which another thread kept the interpreter. Slices must be long in comparison.
-        """
-        wanted = max(_SLICE_SECONDS, _WAITING * (seconds - busy))
-        self._slice = self._whole_turns(steps * min(_SLICE_GROWTH, wanted / (busy + 1e-9)))
-
-    def _whole_turns(self, steps: float) -> int:
-        if self.n < _LARGE or steps < _SLICE_SECONDS / _SLOW_STEP:
-            return max(1, int(steps))
-        turn = self._formulas.turn
-        return turn * max(1, int(steps / turn))
+            elif self.index < end and any(cancel.is_set() for cancel in cancels):
+                return
 
     def _fall_back(self) -> bool:
         """Change to the method's fallback from here on; return whether there is one.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from .checks import check_time
 from .growing import GrowingHistory, Rows
 from .kernels.events import APPLIED_NAN, NOT_A_NUMBER, TERMINAL, ZENO
-from .kernels.variable import AT_END, BEFORE_END, TOO_SMALL
+from .kernels.variable import AT_END, BEFORE_END, FULL, GOING, TOO_SMALL
 from .observers.progress import Progress, check_progress
 from .quantities import Functions, Quantity, as_extremes
 from .solution import Solution, Status
@@ -18,17 +19,25 @@ from .storage import Place
 from .variable_stepper import VariableStepper
 from .watching import ended_by_event, not_a_number
 
-_CHUNK_SECONDS = 0.02  # duration of a call of the kernel, after which the run may stop
-_FIRST_STEPS = 64  # steps of the first call, if nothing is known about the time of a step
-_GROWTH = 8  # largest factor from the steps of one call to the steps of the next
-_CHUNK_VALUES = 2**16  # values in the rows of one call, so that they stay in the cache
+_CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which its states are seen
+_FIRST_STEPS = 64  # steps of the first chunk, if nothing is known about the time of a step
+_GROWTH = 8  # largest factor from the steps of one chunk to the steps of the next
+_CHUNK_VALUES = 2**16  # values in the rows of a chunk, so that they stay in the cache
 
 
 class Stop(Protocol):
-    """An object that tells whether to end a run."""
+    """An object that tells whether to end a run, or a chunk of its steps."""
 
     def is_final(self) -> bool:
-        """Return True to end it."""
+        """Return True to end the run."""
+        ...
+
+    def begin_chunk(self) -> None:
+        """Begin a chunk of steps."""
+        ...
+
+    def is_set(self) -> bool:
+        """Return True to end the chunk."""
         ...
 
 
@@ -108,6 +117,7 @@ class VariableRun:
         pace = self.stepper.pace
         self._count = max(1, int(_CHUNK_SECONDS / pace)) if pace else _FIRST_STEPS
         self._is_done = False
+        self._raised: tuple[int, Exception] | None = None
         self._mark: _Mark | None = None
         self._rows: Rows | None = None
         if place:
@@ -163,7 +173,7 @@ class VariableRun:
                     )
                     break
                 before = self._percent
-                self._advance(min(self._count, max(1, left)))
+                self._advance(min(self._count, max(1, left)), stop)
                 bar.add(self._percent - before)
                 self._judge()
         stepper.note_pace()
@@ -211,8 +221,11 @@ class VariableRun:
             _accelerations=stepper.accelerations,
         )
 
-    def _advance(self, count: int) -> None:
-        """Take at most `count` steps. If rhs raises an exception, take the steps before it first."""
+    def _advance(self, count: int, stop: Stop) -> None:
+        """Take at most `count` steps. If rhs raises an exception, take the steps before it first.
+
+        An exception that does not come again, when these steps are taken, came from the handler of a signal.
+        """
         stepper = self.stepper
         needs_all = bool(self.invariants or self.outputs)
         every = 1 if needs_all else self.every
@@ -220,22 +233,24 @@ class VariableRun:
         capacity = 0
         if needs_all or is_kept:
             capacity = min(2 * (count // every + 2), max(4, _CHUNK_VALUES // stepper.n))
-        first, before = stepper.index, stepper.seconds
+        first, begin = stepper.index, time.perf_counter()
+        stop.begin_chunk()
         try:
-            rows = stepper.advance(count, every, Rows.empty(capacity, stepper.n))
-        except Exception:
-            if count == 1:
+            rows = stepper.advance(count, every, Rows.empty(capacity, stepper.n), stop)
+        except Exception as error:
+            if count == 1 or stepper.raised_before is None:
                 raise
-            self._count = count // 2
+            self._raised, self._count = (stepper.raised_before, error), count // 2
             return
-        spent = stepper.seconds - before
-        taken = stepper.index - first
-        self._count = max(1, int(max(1, taken) * min(_GROWTH, _CHUNK_SECONDS / (spent + 1e-9))))
         if is_kept:
             self.history.append(rows if every == self.every else self._chosen(rows, first))
             self.history.commit(**stepper.counts)
         for followed in (*self.invariants.values(), *self.outputs.values()):
             followed.see(rows.t, *rows.in_form(stepper.form))
+        if self._raised and (stepper.index >= self._raised[0] or stepper.ended not in (GOING, FULL)):
+            raise self._raised[1]
+        spent, taken = time.perf_counter() - begin, stepper.index - first
+        self._count = max(1, int(max(1, taken) * min(_GROWTH, _CHUNK_SECONDS / (spent + 1e-9))))
 
     def _chosen(self, rows: Rows, first: int) -> Rows:
         """Return the rows to save from the rows of all steps after step index `first`.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import importlib
-import time
 from functools import partial
 from typing import Any
 
@@ -21,9 +20,11 @@ from .inlining import inlined
 from .kernels.fixed import STACKED_DEGREES
 from .kernels.pair import A, U, V
 from .kernels.protocol import ENDED_BY, ERROR, EVALUATIONS, EVENTS, REJECTED, SCALAR, STEP, STEP_BEFORE, TIME, Span
-from .kernels.variable import GOING, WORK, inline_variable_kernel, variable_kernel
+from .kernels.variable import FULL, GOING, WORK, inline_variable_kernel, variable_kernel
 from .memory import aligned
 from .methods import Method
+from .slices import Slices
+from .stepper import Cancel
 from .tolerances import Tolerances
 from .watching import Watching
 
@@ -37,6 +38,8 @@ class VariableStepper:
         Number of steps taken.
     ended : int
         How the last call of the kernel ended: an outcome of `eig3.kernels.events` or `eig3.kernels.variable`.
+    raised_before : int or None
+        The step index before which rhs raised an exception in the last `advance`; None if it did not.
     """
 
     def __init__(
@@ -73,11 +76,13 @@ class VariableStepper:
         )
         self.watching.begin(self._tally, self.t0, u, v)
         self.index, self.ended, self.seconds = 0, GOING, 0.0
+        self.raised_before: int | None = None
         self._may_shorten = False
 
     def _prepare(self, rhs: Any, inline: bool) -> None:
         n = self.n
         self._pace_key = self.method.variable, n, inline
+        self._slices = Slices(self.pace)
         if check_flag(inline, "inline"):
             literal = n if n <= STACKED_DEGREES else 0
             make = partial(inline_variable_kernel, self.method.variable, self.form, literal)
@@ -146,13 +151,44 @@ class VariableStepper:
         if self.index:
             self._callback.pace[self._pace_key] = self.seconds / self.index
 
-    def advance(self, count: int, every: int, rows: Rows) -> Rows:
-        """Take at most `count` steps, and return the rows with every `every`-th state.
+    def advance(self, count: int, every: int, rows: Rows, stop: Cancel) -> Rows:
+        """Take at most `count` steps, or less if `stop` is set, and return the rows with every `every`-th state.
 
-        After an exception from rhs, the stepper is at its state before the call.
+        After an exception, the stepper is at its state before the call.
         """
+        before = self.index, self._state.copy(), self._tally.copy(), self.watching.n_found
+        self.ended, self.raised_before = GOING, None
+        try:
+            return rows.at(slice(self._take(count, every, rows, stop)))
+        except BaseException:
+            self.index, self._state[:], self._tally[:], n_found = before
+            self.watching.forget_from(n_found)
+            raise
+
+    def _take(self, count: int, every: int, rows: Rows, stop: Cancel) -> int:
+        """Call the kernel for one slice of steps after the other, and return the number of rows that are written."""
+        end, written, capacity = self.index + count, 0, len(rows.t)
+        while self.index < end and self.ended == GOING:
+            if capacity and written + 2 > capacity:  # a kernel without rows would write none, and go on
+                self.ended = FULL
+                break
+            steps, *begun = self._slices.begin(end - self.index)
+            span, watch = self._span(steps, every, rows.at(slice(written, None))), self.watching.watch
+            try:
+                taken, new, self.ended = self._kernel(self._callbacks, self._state, self._tally, span, watch)
+            except BaseException:
+                self.raised_before = self.index + steps
+                raise
+            self.seconds += self._slices.end(taken, *begun)
+            self.index, written = self.index + taken, written + new
+            self.watching.collect(self._tally)
+            if stop.is_set():
+                break
+        return written
+
+    def _span(self, count: int, every: int, rows: Rows) -> Span:
         tolerances = self.tolerances
-        span = Span(
+        return Span(
             self.t0,
             self.t_end,
             self.params,
@@ -166,19 +202,6 @@ class VariableStepper:
             int(self._may_shorten),
             *rows,
         )
-        before = self._state.copy(), self._tally.copy()
-        begin = time.perf_counter()
-        try:
-            taken, written, self.ended = self._kernel(
-                self._callbacks, self._state, self._tally, span, self.watching.watch
-            )
-        except BaseException:
-            self._state[:], self._tally[:] = before
-            raise
-        self.seconds += time.perf_counter() - begin
-        self.index += taken
-        self.watching.collect(self._tally)
-        return rows.at(slice(written))
 
     @property
     def counts(self) -> dict[str, float]:
@@ -201,6 +224,7 @@ class VariableStepper:
     def fork(self) -> VariableStepper:
         """Return an independent stepper at the same state."""
         other = copy.copy(self)
+        other._slices = copy.copy(self._slices)
         other._state, other._tally = aligned(self._state.shape), self._tally.copy()
         np.copyto(other._state, self._state)
         other.watching = self.watching.fork()

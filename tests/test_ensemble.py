@@ -188,6 +188,25 @@ def test_no_member_sees_the_others(data):
     assert_same(whole, part, chosen)
 
 
+@pytest.mark.parametrize("method", ["eig3", "rk4", "ab3"])
+@pytest.mark.parametrize("n", [None, 2], ids=["scalar", "vector"])
+@pytest.mark.parametrize("own", [("params",), ("h",), ("params", "h"), ()], ids=" and ".join)
+def test_a_member_has_the_same_bits_in_an_ensemble_of_its_own(method, n, own):
+    """Whatever its number of members is, rhs is compiled for values of its own where they have a first axis."""
+    m = 20
+    rhs, params = (duffing, drive(m)) if n is None else (damped_chain, stiffness(m))
+    u0, v0 = start(m, n, seed=m)
+    steps = np.linspace(0.009, 0.011, m)
+
+    def ensemble(chosen):
+        p, h = (values[chosen] if name in own else values[7] for name, values in (("params", params), ("h", steps)))
+        return eig3.ensemble(rhs, (0, 2), u0[chosen], v0[chosen], params=p, h=h, method=method)
+
+    whole = ensemble(slice(None))
+    for chosen in (slice(4, 5), slice(19, 20), slice(7, 10), slice(1, 18)):
+        assert_same(whole, ensemble(chosen), chosen)
+
+
 def test_the_number_of_lanes_does_not_change_the_bits(monkeypatch):
     u0, v0 = start(200, 2)
     options = {"h": 0.01, "params": stiffness(200), "method": "rk4"}
@@ -267,13 +286,42 @@ def test_a_member_that_cannot_start_does_not_stop_the_others():
     def singular(t, u, v, p):
         return -1.0 / u
 
+    with pytest.raises(ValueError, match="rhs gives -inf for degree of freedom 0 at the start") as alone:
+        eig3.integrate(singular, (0, 0.5), 0.0, 0.0, h=0.01)
     solution = eig3.ensemble(singular, (0, 0.5), [1.0, 0.0, 2.0], 0.0, h=0.01)
     assert solution.status.tolist() == [eig3.Status.COMPLETED, eig3.Status.DIVERGED, eig3.Status.COMPLETED]
-    assert solution.message[1] == "rhs gives -inf at the start."
+    assert solution.message[1] == str(alone.value)
     assert solution[1].n_steps == 0
     assert solution[1].u.tolist() == [0.0]
-    with pytest.raises(ValueError, match="rhs gives -inf for degree of freedom 0 at the start"):
-        eig3.ensemble(singular, (0, 0.5), [0.0, 0.0], 0.0, h=0.01)
+    none = eig3.ensemble(singular, (0, 0.5), [0.0, 0.0], 0.0, h=0.01)
+    assert none.message.tolist() == [str(alone.value)] * 2
+    assert set(none.status) == {eig3.Status.DIVERGED}
+
+
+@pytest.mark.parametrize("method", ["eig3", eig3.CentralDifference(solver="newton")], ids=["lanes", "alone"])
+def test_members_that_cannot_start_may_be_anywhere(method):
+    """Also at the ends and in the middle of the ensemble and of its parts, and in the whole of a part."""
+
+    @eig3.jit
+    def singular(t, u, v, p):
+        return -1.0 / u - v
+
+    u0 = np.full(384, 1.0)
+    u0[[0, 64, 127, 192, 383]] = u0[256:] = 0.0
+    options = {"h": 0.05, "method": method}
+    whole = eig3.ensemble(singular, (0, 0.5), u0, 0.0, **options)
+    np.testing.assert_array_equal(whole.success, u0 == 1.0)
+    assert set(whole.status) == {eig3.Status.COMPLETED, eig3.Status.DIVERGED}
+    assert all("rhs gives -inf for degree of freedom 0" in message for message in whole.message[u0 == 0])
+    parts = eig3.ensemble(singular, (0, 0.5), u0, 0.0, reduce=lambda part: part, **options)
+    assert [part.first for part in parts] == [0, 128, 256]
+    for part in parts:
+        assert_same(whole, part, slice(part.first, part.first + len(part)))
+
+
+def test_an_ensemble_without_a_member_that_can_start_is_checked():
+    with pytest.raises(ValueError, match=r"reads beyond the end of p \(0 values\)"):
+        eig3.ensemble(spring, (0, 1), [1.0, 2.0], 0.0, h=0.1)
 
 
 def test_each_member_can_have_its_own_step():
@@ -568,6 +616,43 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
     assert "interrupted" in repr(solution[599])
 
 
+@pytest.mark.usefixtures("python_handler")
+@pytest.mark.parametrize("name", ["check_members", "check_callback", "compile_rhs"])
+def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch, name):
+    """Before the first member begins, the arguments are checked and functions are compiled."""
+
+    @eig3.jit
+    def other(t, u, v, p):
+        return -u
+
+    called = getattr(run, name)
+
+    def with_signal(*arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+        return called(*arguments)
+
+    monkeypatch.setattr(run, name, with_signal)
+    with pytest.raises(KeyboardInterrupt) as raised:
+        eig3.ensemble(other, (0, 1), [1.0, 2.0], 0.0, h=0.01)
+    assert raised.value.solution is None
+
+
+@pytest.mark.usefixtures("python_handler")
+def test_an_interrupt_after_the_last_step_comes_with_all_members(monkeypatch):
+    ended = run.Run.solution
+
+    def with_signal(part):
+        os.kill(os.getpid(), signal.SIGINT)
+        return ended(part)
+
+    for options in ({}, {"reduce": len}):
+        monkeypatch.setattr(run.Run, "solution", with_signal)
+        with pytest.raises(KeyboardInterrupt) as raised:
+            eig3.ensemble(spring, (0, 1), [1.0, 2.0], 0.0, h=0.01, params=1.0, **options)
+        solution = raised.value.solution
+        assert solution == [None] if options else solution.success.all()
+
+
 def test_progress_counts_members(capsys):
     eig3.ensemble(spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0, progress=True)
     assert "300/300" in capsys.readouterr().err
@@ -609,6 +694,15 @@ def test_a_scene_follows_its_work_in_an_ensemble():
     assert solution.u.shape == (3, 21, 3)
     for name, values in alone.integrals.items():
         np.testing.assert_allclose(solution[1].integrals[name], values, rtol=1e-9, atol=1e-9 * np.abs(values).max())
+
+
+def test_the_parameters_of_a_problem_are_shared_by_any_number_of_members():
+    """Also by one member, or by as many as there are parameters: the compiler fuses the same multiply-adds."""
+    problem = eig3.problems.duffing(t_end=5.0)
+    u0 = np.linspace(0.5, 1.5, len(problem.params) + 1)
+    whole = problem.ensemble(u0=u0, h=0.01)
+    for count in (1, len(problem.params)):
+        assert_same(whole, problem.ensemble(u0=u0[:count], h=0.01), slice(count))
 
 
 def test_the_shape_of_a_start_is_checked_before_integrals_are_added():

@@ -230,7 +230,7 @@ def test_a_run_beside_a_busy_thread_takes_long_slices():
     finally:
         done.set()
         busy.join()
-    assert stepper._slice * stepper.seconds / stepper.index > 0.005
+    assert stepper._slices.steps * stepper.seconds / stepper.index > 0.005
 
 
 def test_the_interrupt_comes_at_the_end_of_the_outer_block():

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.divergence import became_non_finite
+from ..guard import not_finite_at_start
 from ..kernels.protocol import SCALAR, VECTOR
 from ..observers.growth import BLOWN_UP, OVERFLOWING
 from ..observers.written import unwritten_entry
@@ -98,7 +99,7 @@ class Block:
         """End the members whose acceleration at the start is not finite."""
         broken = self._runs & ~np.isfinite(a).all(axis=0)
         for lane in np.flatnonzero(broken).tolist():
-            self._failed[lane] = f"rhs gives {a[:, lane][~np.isfinite(a[:, lane])][0]} at the start."
+            self._failed[lane] = not_finite_at_start(a[:, lane])
         self._end(broken)
 
     @property
@@ -123,16 +124,17 @@ class Block:
         state, target, before = self._state, self._target(), self._state.save()
         begin = time.perf_counter()
         try:
-            u, v = state.advance(target, self._every)
-            if target - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
-                self.shared.pace.note(target - before[0], time.perf_counter() - begin)
+            u, v = state.advance(target, self._every, self._stop)
+            reached = state.index
             failed = self._runs & ~state.is_finite
             if failed.any():
                 state.restore(before)
-                self._find_ends(np.flatnonzero(failed), target)
+                self._find_ends(np.flatnonzero(failed), reached)
                 state.restore(before)
             else:
                 self._observe(before[0], u, v)
+                if reached - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
+                    self.shared.pace.note(reached - before[0], time.perf_counter() - begin)
         except Exception:
             state.restore(before)
             raise
@@ -142,9 +144,9 @@ class Block:
         """Set the ends of the members in these lanes, which are not finite at the step index `target`."""
         state = self._state
         self._ends[lanes] = target - 1
-        while lanes.size and state.index < target:
+        while lanes.size and state.index < target and not self._stop.is_set():
             first = state.index
-            u, v = state.advance(min(target, first + self._most_states), every=1)
+            u, v = state.advance(min(target, first + self._most_states), 1, self._stop)
             finite = np.isfinite(u[..., lanes]) & np.isfinite(v[..., lanes])  # shape (states, n, lanes)
             good = finite.all(axis=1)
             for place in np.flatnonzero(~good.all(axis=0)):

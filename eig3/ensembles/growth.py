@@ -10,8 +10,6 @@ from ..stepper import NEVER, Cancel
 from .lane_state import LaneState
 from .shared import Shared
 
-_STEPS = 4096  # of the kernel before it is asked whether to stop
-
 
 def sizes_with_half_the_step(shared: Shared, members: np.ndarray, stop: Cancel) -> np.ndarray:
     """Return the largest |u| and |v| at the end of members that run again with half the step.
@@ -30,6 +28,5 @@ def sizes_with_half_the_step(shared: Shared, members: np.ndarray, stop: Cancel) 
     everyone = shared.members
     halved = replace(shared, members=replace(everyone, h=everyone.h / 2, n_steps=2 * everyone.n_steps))
     state, end = LaneState(halved, members), int(halved.members.n_steps[members[0]])
-    while state.index < end and not stop.is_set():
-        state.advance(min(end, state.index + _STEPS), NEVER)
+    state.advance(end, NEVER, stop)
     return np.array(state.sizes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,8 @@ from ..guard import written_beyond
 from ..kernels.lanes import Lanes, Layout
 from ..kernels.protocol import EVALUATIONS, Run
 from ..memory import aligned
+from ..slices import Slices
+from ..stepper import Cancel
 from .members import Members
 from .shared import Shared
 
@@ -47,6 +48,7 @@ class LaneState:
         self._unit = self.h if layout.has_own_step else np.ones(layout.lanes)
         self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
         self._rhs, self._kernel = shared.rhs, shared.kernel
+        self._slices = Slices(shared.pace.seconds)
         self._settings, self._tally = np.array(shared.method.settings, dtype=np.float64), np.zeros(4)
         self._p = self._params(layout, everyone, members)
         u, v = (np.ascontiguousarray(x[members].T) for x in (everyone.u0, everyone.v0))
@@ -115,8 +117,8 @@ class LaneState:
         """Number of evaluations of rhs for each member, including the one at the start."""
         return 1 + int(self._tally[EVALUATIONS])
 
-    def advance(self, target: int, every: int) -> tuple[np.ndarray, np.ndarray]:
-        """Go on to a step index.
+    def advance(self, target: int, every: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray]:
+        """Go on to a step index, or less far if `stop` is set.
 
         Returns
         -------
@@ -125,12 +127,17 @@ class LaneState:
         """
         first, (h, t0) = self.index, self._clock
         u, v = self._scratch(target // every - first // every)
-        run = Run(h, t0, self._p, first, target - first, every, u, v)
-        begin = time.perf_counter()
-        self._kernel((self._rhs.address, None), self._state, self._settings, self._tally, run)
-        self.seconds += time.perf_counter() - begin
-        self.index = target
-        u, v = (x.reshape(len(x), *self._rows.shape[1:]) for x in (u, v))
+        while self.index < target:
+            steps, *begun = self._slices.begin(target - self.index)
+            written = self.index // every - first // every
+            run = Run(h, t0, self._p, self.index, steps, every, u[written:], v[written:])
+            self._kernel((self._rhs.address, None), self._state, self._settings, self._tally, run)
+            self.seconds += self._slices.end(steps, *begun)
+            self.index += steps
+            if stop.is_set():
+                break
+        states = self.index // every - first // every
+        u, v = (x[:states].reshape(states, *self._rows.shape[1:]) for x in (u, v))
         if self.layout.has_own_step:
             v /= self._unit
         return u, v

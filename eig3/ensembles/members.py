@@ -108,10 +108,8 @@ def check_members(
     if n == 0:
         raise ValueError("u0 must hold at least one degree of freedom, but it is empty.")
     u, v = (np.broadcast_to(x[..., None] if form is SCALAR else x, (m, n)) for x in (arrays["u0"], arrays["v0"]))
-    p = arrays["params"]
-    if p.ndim == 2 and len(p) == 1:
-        p = p[0]
-    steps, n_steps = _divided(arrays["h"], t0, t1)
+    p, steps = (_of_all(arrays[name], given[name][1], m) for name in ("params", "h"))
+    steps, n_steps = _divided(steps, t0, t1)
     return Members(form, (t0, t1), u, v, p, steps, np.broadcast_to(n_steps, m))
 
 
@@ -154,6 +152,15 @@ def _count(given: dict[str, tuple[np.ndarray, int]], form: Form) -> int:
     return m
 
 
+def _of_all(array: np.ndarray, inner: int, m: int) -> np.ndarray:
+    """Return an argument without its first axis if it has one value for all of several members.
+
+    rhs is compiled for values of all members, or for those of each. Which of the two must not depend on the number of
+    members, because the compiler may fuse other multiply-adds: the value of a single member has its first axis too.
+    """
+    return array[0] if array.ndim > inner and len(array) == 1 < m else array
+
+
 def _clash(first: str, one: np.ndarray, second: str, other: np.ndarray, rule: str) -> ValueError:
     return ValueError(f"{first} has the shape {one.shape} and {second} the shape {other.shape}, but {rule}.")
 
@@ -170,6 +177,4 @@ def _divided(h: np.ndarray, t0: float, t1: float) -> tuple[Any, Any]:
     is_whole = np.abs(ratio - nearest) <= 1e-12 * np.maximum(ratio, nearest)
     n_steps = np.maximum(1, np.where(is_whole, nearest, np.ceil(ratio))).astype(np.int64)
     check_resolution(float((span / n_steps).min()), t0, t1)
-    if h.size == 1:
-        return span / int(n_steps.flat[0]), int(n_steps.flat[0])
-    return span / n_steps, n_steps
+    return (span / n_steps, n_steps) if h.ndim else (span / int(n_steps), int(n_steps))

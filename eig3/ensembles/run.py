@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..callbacks import check_callback, gist
 from ..checks import check_count, check_method
+from ..guard import NotFiniteAtStartError, ReadsBeyondError
 from ..kernels.fixed import wide_kernel
 from ..kernels.interrupt import DeferredInterrupt
 from ..kernels.lanes import compile_quantity, compile_rhs
@@ -102,19 +103,22 @@ def ensemble(
     -------
     EnsembleSolution or list
         A list with `reduce`. A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite
-        state; the others go on. The result says the same of each member as `eig3.integrate` would say.
+        state; the others go on. So does a member whose rhs is not finite at the start, which ends there, even if no
+        member can start. The result says the same of each member as `eig3.integrate` would say.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is not valid, or the shapes of two arguments do not fit.
+        If an argument is not valid, or the shapes of two arguments do not fit; also if no member can start, and rhs
+        reads beyond its arrays.
     MemoryError
         If the histories do not fit in memory.
     ImportError
         If `progress` is True and tqdm is not installed.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the members that were finished; the others are INTERRUPTED. With
-        `reduce` it is the list, with None for parts that are not finished.
+        After Ctrl-C, within some milliseconds, or when the compiler is done. Its attribute `solution` has the members
+        that were finished; the others are INTERRUPTED. With `reduce` it is the list, with None for parts that are not
+        finished. It is None if no member had begun.
 
     Notes
     -----
@@ -124,24 +128,31 @@ def ensemble(
     division by zero gives infinity and raises no exception. Members of implicit methods, and of systems with more than
     24 degrees of freedom, run one at a time.
 
-    The numbers of a member do not depend on the other members, on its place or on the number of threads. They agree
-    with those of `eig3.integrate` often to the last bit, and otherwise except for round-off, because the compiler may
-    fuse other multiply-adds: after 10^4 steps of regular motions to 3e-13 of their size.
+    The numbers of a member do not depend on the other members, on their number, on its place or on the number of
+    threads. For this, a single member is given as it would be among others: ``params[i : i + 1]``, of shape (1, k), if
+    params has a first axis, and likewise h. rhs is compiled in another way for values that all members share. Such
+    numbers, and those of `eig3.integrate`, agree often to the last bit, and otherwise except for round-off, because the
+    compiler may fuse other multiply-adds: after 10^4 steps of regular motions to 3e-13 of their size.
 
     If rhs raises an exception, `ensemble` raises it too, and its attribute `solution` has the members up to then.
     """
     if save_to is not None:
         raise TypeError("save_to is for single runs: take reduce=, a function that saves what you need of each part.")
-    check_progress(progress)
-    check_executor(executor)
-    check_reduce(reduce)
-    members = check_members(rhs, t_span, u0, v0, params, h)
-    every = save_every if save_every is None else check_count(save_every, "save_every")
-    cores = _cores() if threads is None else check_count(threads, "threads")
-    given = rhs, members, check_method(method), every, check_functions(invariants, outputs)
-    if executor is None and reduce is None:
-        return Run(*given, cores).march(progress)
-    return _in_parts(*given, reduce, executor, (cores, threads or 1), progress)
+    try:
+        check_progress(progress)
+        check_executor(executor)
+        check_reduce(reduce)
+        members = check_members(rhs, t_span, u0, v0, params, h)
+        every = save_every if save_every is None else check_count(save_every, "save_every")
+        cores = _cores() if threads is None else check_count(threads, "threads")
+        given = rhs, members, check_method(method), every, check_functions(invariants, outputs)
+        if executor is None and reduce is None:
+            return Run(*given, cores).march(progress)
+        return _in_parts(*given, reduce, executor, (cores, threads or 1), progress)
+    except KeyboardInterrupt as error:
+        if not hasattr(error, "solution"):  # it came before the first member began
+            error.solution = None  # type: ignore[attr-defined]
+        raise
 
 
 def _in_parts(
@@ -202,21 +213,31 @@ class Run:
         self.histories = Histories(members, save_every, functions)
         self.notes: list[str] = []
         self._alone = partial(alone, rhs, members, method, save_every=None)
-        self.work = self._work(self._checked())
+        self._callback = check_callback(rhs, "rhs", members.form)
+        self._quantities = functions.quantities(members.form)
+        self._check_start()
+        self.work = self._work()
 
-    def _checked(self) -> Stepper:
-        """Return the stepper of a member, which checks rhs, the method and their arguments as for a single run.
+    def _check_start(self) -> None:
+        """Check rhs, the method and the outputs in a first state, as for a single run.
 
-        The first member may start where rhs is not finite.
+        The member that serves for this is the first whose rhs is finite at the start. If there is none, each member
+        will end at its start.
         """
-        places = sorted({0, len(self.members) // 2, len(self.members) - 1})
-        for i in places:
+        out_of_bounds: ReadsBeyondError | None = None
+        for i in range(len(self.members)):
             try:
-                return self._stepper(i)
-            except ValueError:
-                if i == places[-1]:
-                    return self._stepper(0)
-        raise AssertionError
+                stepper = self._stepper(i)
+            except ReadsBeyondError as error:
+                out_of_bounds = out_of_bounds or error
+            except NotFiniteAtStartError:
+                pass
+            else:
+                for output in self._quantities[1].values():
+                    output.at_start(stepper.t0, *stepper.start, stepper.params, output.no_extremes())
+                return
+        if out_of_bounds:
+            raise out_of_bounds
 
     def _stepper(self, i: int) -> Stepper:
         members = self.members
@@ -224,26 +245,24 @@ class Run:
             self.rhs, **members.start(i), h=float(members.steps[i]), t0=members.t_span[0], method=self.method
         )
 
-    def _work(self, stepper: Stepper) -> list[Block | Alone]:
+    def _work(self) -> list[Block | Alone]:
         order = np.argsort(self.members.n_steps, kind="stable")  # the members of a block end at similar times
-        shared = self._shared(stepper)
+        shared = self._shared()
         if shared:
             lanes = shared.layout.lanes
             return [Block(shared, order[i : i + lanes]) for i in range(0, len(order), lanes)]
         integrate = partial(self._alone, save_every=self.save_every, **self.functions._asdict())
         return [Alone(order[i : i + _ALONE], self.histories, integrate) for i in range(0, len(order), _ALONE)]
 
-    def _shared(self, stepper: Stepper) -> Shared | None:
+    def _shared(self) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
-        form, method = stepper.form, stepper.running
+        method = self.method.for_force(self._callback.reads_velocity, self.members.n)
         layout = layout_of(self.members, method, self.threads)
-        invariants, outputs = self.functions.quantities(form)
-        for quantity in outputs.values():
-            quantity.at_start(stepper.t0, *stepper.start, stepper.params, quantity.no_extremes())
         if layout is None:
             return None
+        invariants, outputs = self._quantities
         try:
-            rhs = lanes_of(self.rhs, check_callback(self.rhs, "rhs", form), layout, compile_rhs)
+            rhs = lanes_of(self.rhs, self._callback, layout, compile_rhs)
             quantities = {
                 name: (q, lanes_of(q.function, q.callback, layout, compile_quantity, q.shape))
                 for name, q in (invariants | outputs).items()
@@ -264,13 +283,14 @@ class Run:
         try:
             with DeferredInterrupt() as interrupt, Progress(len(self.members), "member", shown=progress) as bar:
                 self._march(interrupt, bar)
+                solution = self.solution()
         except BaseException as error:  # raised by rhs, or after Ctrl-C
             with DeferredInterrupt() as again:
                 error.solution = self.solution()  # type: ignore[attr-defined]
                 if isinstance(error, KeyboardInterrupt):
                     again.forget()  # it is raised now
             raise
-        return self.solution()
+        return solution
 
     def _march(self, interrupt: DeferredInterrupt, bar: Progress) -> None:
         stop, done = Event(), SimpleQueue[Future]()  # to wait for thousands of futures takes long

@@ -19,13 +19,21 @@ _FIRST_CHUNK = 64  # steps
 
 
 class Pace:
-    """The number of steps of a chunk, which follows from the time of the last one in any block."""
+    """The number of steps of a chunk, which follows from the time of the last one in any block.
+
+    Attributes
+    ----------
+    steps : int
+    seconds : float or None
+        The time per step; None before the first chunk.
+    """
 
     def __init__(self) -> None:
-        self.steps = _FIRST_CHUNK
+        self.steps, self.seconds = _FIRST_CHUNK, None
 
     def note(self, steps: int, seconds: float) -> None:
         """Choose the number of steps of the next chunk."""
+        self.seconds = seconds / steps
         self.steps = max(1, int(steps * min(_CHUNK_GROWTH, _CHUNK_SECONDS / (seconds + 1e-9))))
 
 

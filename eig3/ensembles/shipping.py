@@ -78,6 +78,8 @@ def march_parts(
                     note = f"The executor broke, and {len(left)} of {len(parts)} parts ran in this process."
             for part in left:
                 end(part, recipe(part, threads[0]))
+        with DeferredInterrupt():
+            whole = results.whole(note)
     except BaseException as error:  # raised by rhs or reduce, or after Ctrl-C
         with DeferredInterrupt() as again:
             results.rescue(error)
@@ -85,7 +87,7 @@ def march_parts(
             if isinstance(error, KeyboardInterrupt):
                 again.forget()  # it is raised now
         raise
-    return results.whole(note)
+    return whole
 
 
 class Shipment:
