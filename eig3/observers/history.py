@@ -78,7 +78,7 @@ class History:
         chunk = Chunk(first, every, t, u, v, saved, stepper)
         complete = chunk.until(stepper)
         self._write_times(complete.t, begin, every)
-        if not (stepper.is_over and every == 1):
+        if not (stepper.is_within_step and every == 1):
             return complete
         taken = stepper.index - first  # the state at the event that ended the run follows the steps
         t[taken], u[taken], v[taken] = stepper.t, stepper.u, stepper.v
@@ -117,7 +117,7 @@ class History:
     def close(self, stepper: Stepper) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return t, u and v of the saved states. The last one is the state of `stepper`."""
         if self._closed is None:
-            rows = n_rows(stepper.index + stepper.is_over, self.every)
+            rows = n_rows(stepper.index + stepper.is_within_step, self.every)
             self.t[rows - 1] = self._t_end if stepper.index == self._n_steps else stepper.t
             self.u[rows - 1], self.v[rows - 1] = stepper.u, stepper.v
             if self._files:
