@@ -483,7 +483,7 @@ def test_a_reset_at_the_end_of_a_step_makes_no_other_event_occur(options):
     """A body falls from 20 m, and is pushed at t = 1, the end of a step of 0.01 or 0.25."""
     events = {
         "push": Event(at_one, apply=push),
-        "floor": Event(height, -1, terminal=True),
+        "floor": Event(height, terminal=True),
         "passed": Event(height, apply=swap),
     }
     solution = eig3.integrate(fall, (0, 5), 20.0, 0.0, params=(9.81,), events=events, **options)
