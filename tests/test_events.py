@@ -624,6 +624,29 @@ def test_a_block_that_sticks_and_slips(options):
     assert (gaps > 1).all()
 
 
+@pytest.mark.parametrize("terminal", [False, True])
+@pytest.mark.parametrize("save_every", [1, 7, None])
+def test_the_last_state_of_a_run_that_ends_with_a_step(save_every, terminal, tmp_path):
+    """u = 1/2 - t^2 / 2 is zero at t = 1, the end of a step: the state after the reset is saved once."""
+    events = {"impact": Event(height, -1, terminal, land_on_zero)}
+    for options in ({"h": 1 / 64}, {"h": 1 / 64, "save_to": tmp_path / "run"}, {"rtol": 1e-6, "h_max": 1 / 64}):
+        solution = eig3.integrate(
+            fall, (0, 2), 0.5, 0.0, params=1.0, events=events, save_every=save_every, outputs={"v": speed}, **options
+        )
+        assert solution.status is (Status.TERMINATED if terminal else Status.ZENO)
+        assert solution.t[-1] == pytest.approx(1.0, abs=1e-14)
+        assert (solution.u[-1], solution.v[-1]) == (0.0, 0.0)
+        assert np.array_equal(solution.outputs["v"], solution.v)
+        assert solution.extremes["v"].low == pytest.approx(-1, abs=1e-14)
+        if "h" in options:
+            assert (np.diff(solution.t) > 0).all()
+
+
+@eig3.jit
+def land_on_zero(t, u, v, p):
+    return 0.0, 0.0
+
+
 # Two events ----------------------------------------------------------------------------------------------------------
 
 

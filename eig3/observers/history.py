@@ -78,7 +78,7 @@ class History:
         chunk = Chunk(first, every, t, u, v, saved, stepper)
         complete = chunk.until(stepper)
         self._write_times(complete.t, begin, every)
-        if not (stepper.is_within_step and every == 1):
+        if not (stepper.is_over and every == 1):
             return complete
         taken = stepper.index - first  # the state at the event that ended the run follows the steps
         t[taken], u[taken], v[taken] = stepper.t, stepper.u, stepper.v
