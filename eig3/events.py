@@ -38,7 +38,13 @@ class Event:
     zeros in one step is not seen: take a shorter step, or with tolerances h_max. A zero at the start is not an
     occurrence, and neither is one exactly at the end of the span, because the sign has not changed there.
 
-    `apply` changes the state at one moment: it cannot hold a body on a stop against gravity, which needs a force.
+    Only the motion makes an event occur. If the `apply` of another event changes the sign of g, this is no occurrence:
+    from then on, g has its new sign. Of events at the same time, each `apply` gets the state that the one before it has
+    left. They occur in the order of the dictionary, unless round-off separates their times.
+
+    `apply` changes the state at one moment: it cannot hold a body on a stop against gravity, which needs a force. A
+    state that it leaves at a zero of g with a speed may go on to either side. Without a speed it rests there: if it is
+    then pushed to the side from which it did not come, the run ends with the status ZENO.
     """
 
     g: Any

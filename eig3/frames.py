@@ -62,7 +62,8 @@ def _attributes(solution: Any) -> dict[str, Any]:
 def _columns(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the name and the values of each column."""
     for letter in "uv":
-        values = getattr(solution, letter).reshape(len(solution.t), -1)
+        values = getattr(solution, letter)
+        values = values[:, None] if values.ndim == 1 else values
         labels = _labels(solution, values.shape[1])
         for i, column in enumerate(values.T):
             yield labels.name(letter, i), column
@@ -77,7 +78,7 @@ def _units(solution: Any) -> dict[str, str]:
     """Return the unit of each displacement and velocity; nothing if they are not known."""
     if solution.labels is None:
         return {}
-    degrees = range(solution.u[:1].size)
+    degrees = range(solution.u.shape[1] if solution.u.ndim > 1 else 1)
     return {solution.labels.name(letter, i): solution.labels.unit(letter, i) for letter in "uv" for i in degrees}
 
 

@@ -169,8 +169,8 @@ def integrate(
         Its status is DIVERGED if the state becomes infinite or NaN, and the solution is then the finite part of the
         run. It is also DIVERGED if the motion stays finite, but grows by orders of magnitude because of the step. It is
         NOT_CONVERGED if the solve of an implicit step fails, and INTERRUPTED if `cancel` is set. It is TERMINATED after
-        a terminal event, ZENO if the resets of an event follow each other without end, and STEP_TOO_SMALL if the
-        tolerances need a step below the resolution of t.
+        a terminal event, ZENO if the resets of an event follow each other without end or cannot hold the state
+        where it rests, and STEP_TOO_SMALL if the tolerances need a step below the resolution of t.
 
     Raises
     ------
@@ -570,7 +570,7 @@ class _Run:
         outputs = {output.name: output.close(stepper.index, len(t)) for output in self.outputs}
         events: dict[str, Occurrences] = {}
         if isinstance(stepper, WatchedStepper):
-            if stepper.index == self.n_steps:
+            if stepper.index == self.n_steps or stepper.is_over:
                 stepper.finish()
             events, rows = stepper.watching.occurrences(), stepper.wanted_rows()
             if rows is not None:

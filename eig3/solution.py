@@ -25,6 +25,8 @@ from .resolution import Resolution
 
 _COARSE = 1e-2  # the relative error from which on states are too far apart to be interpolated
 
+_NO_STATES = "the run ended before the first time of t_eval"
+
 
 class Status(enum.Enum):
     """How a run ended.
@@ -47,7 +49,8 @@ class Status(enum.Enum):
         The run took `max_steps` steps before the end of its span.
     ZENO
         Events with `apply` follow each other in times below the resolution of the run, as the impacts of a ball that
-        comes to rest do.
+        comes to rest do. Or the state rests on the surface of such an event and is pushed through it, as a ball is that
+        does not rebound.
     """
 
     COMPLETED = "completed"
@@ -201,7 +204,7 @@ class Solution:
         Raises
         ------
         ValueError
-            If a time is outside the span, or is NaN.
+            If a time is outside the span, or is NaN, or if no state was saved.
 
         Warns
         -----
@@ -225,6 +228,10 @@ class Solution:
         errors are of the orders 4 and 3.
         """
         times = reals(t, "t")
+        if times.size and not len(self.t):
+            raise ValueError(
+                f"the solution has no states: {_NO_STATES}; take earlier times in t_eval, or leave it out."
+            )
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
             raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
         self._warn_of_coarse_states(times.ravel())
@@ -456,9 +463,10 @@ class Solution:
         dof = "1 degree" if self.u.ndim == 1 else f"{self.u.shape[1]} degree{'s' * (self.u.shape[1] > 1)}"
         steps = f"{self.n_steps} steps of {'h' if self.steps is None else 'mean h'} = {self.h:.6g}"
         steps += f" and {self.n_rejected} rejected ones" * (self.n_rejected > 0)
+        saved = f"t = {self.t[0]:g} to {self.t[-1]:g}" if len(self.t) else _NO_STATES
         lines = [
             f"Solution by {self.method!r}: {self.status.value}",
-            f"  {dof} of freedom, t = {self.t[0]:g} to {self.t[-1]:g}, {steps}, {len(self.t)} states saved",
+            f"  {dof} of freedom, {saved}, {steps}, {len(self.t)} states saved",
             f"  {self.n_rhs} evaluations{f', {self.n_iterations} iterations' * (self.n_iterations > 0)}, "
             f"{self.kernel_seconds:.3g} s in the kernel ({per_step:.3g} ns a step)",
         ]

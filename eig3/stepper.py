@@ -147,6 +147,11 @@ class Stepper:
         return False
 
     @property
+    def is_within_step(self) -> bool:
+        """Whether the run ended between the ends of two steps."""
+        return False
+
+    @property
     def t(self) -> float:
         """The time reached, t0 + index h."""
         return self.t0 + self.index * self.h
@@ -493,3 +498,4 @@ class _Position:
     changed_at: float | None
     state: np.ndarray
     tally: np.ndarray
+    work: np.ndarray | None = None  # of a stepper with events, within a step

@@ -10,7 +10,7 @@ import numpy as np
 
 from .checks import check_time
 from .growing import GrowingHistory, Rows
-from .kernels.events import APPLIED_NAN, NOT_A_NUMBER, TERMINAL, ZENO
+from .kernels.events import NOT_A_NUMBER, NOT_FINITE, RESTING, TERMINAL, ZENO
 from .kernels.variable import AT_END, BEFORE_END, FULL, GOING, TOO_SMALL
 from .observers.progress import Progress, check_progress
 from .quantities import Functions, Quantity, as_extremes
@@ -296,9 +296,10 @@ class VariableRun:
         elif ended == BEFORE_END:
             self._mark = self._marked()
             stepper.shorten()
-        elif ended in (TERMINAL, ZENO):
+        elif ended in (TERMINAL, ZENO, RESTING):
+            stepper.finish()
             self._end(*ended_by_event(stepper))
-        elif ended in (NOT_A_NUMBER, APPLIED_NAN):
+        elif ended in (NOT_A_NUMBER, NOT_FINITE):
             raise not_a_number(stepper, t)
         elif ended == TOO_SMALL:
             self._end(

@@ -19,7 +19,19 @@ from .guard import first_acceleration, guarded
 from .inlining import inlined
 from .kernels.fixed import STACKED_DEGREES
 from .kernels.pair import A, U, V
-from .kernels.protocol import ENDED_BY, ERROR, EVALUATIONS, EVENTS, REJECTED, SCALAR, STEP, STEP_BEFORE, TIME, Span
+from .kernels.protocol import (
+    ENDED_BY,
+    ERROR,
+    EVALUATIONS,
+    EVENT_VALUES,
+    EVENTS,
+    REJECTED,
+    SCALAR,
+    STEP,
+    STEP_BEFORE,
+    TIME,
+    Span,
+)
 from .kernels.variable import FULL, GOING, WORK, inline_variable_kernel, variable_kernel
 from .memory import aligned
 from .methods import Method
@@ -68,7 +80,7 @@ class VariableStepper:
         formulas = importlib.import_module(f"eig3.kernels.{method.variable}").variable
         self._state = aligned((formulas.rows, n))
         self._state[U], self._state[V], self._state[A] = u, v, a
-        self._tally = np.zeros(EVENTS + 2 * len(self.watching.events))
+        self._tally = np.zeros(EVENTS + EVENT_VALUES * len(self.watching.events))
         self._tally[TIME], self._tally[ERROR], self._tally[STEP] = (
             self.t0,
             1.0,
@@ -121,6 +133,10 @@ class VariableStepper:
     def h_before(self) -> float:
         """The length of the last step."""
         return float(self._tally[STEP_BEFORE])
+
+    def finish(self) -> None:
+        """Write the state at the event that ended the run at the wanted times that differ from it by round-off only."""
+        self.watching.finish(self._tally, self.t, self.h_before, self.u, self.v)
 
     def wanted_rows(self) -> Rows | None:
         """Return the states at the wanted times so far; None if no times were given."""

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from .growing import Rows
 from .inlining import inlined
-from .kernels.events import APPLIED_NAN, NOT_A_NUMBER, RESET, ZENO
-from .kernels.protocol import ENDED_BY, EVENTS, TIME, Run
+from .kernels.events import NOT_A_NUMBER, NOT_FINITE, RESET, RESTING
+from .kernels.protocol import ENDED_BY, EVENT_VALUES, EVENTS, TIME, WITHIN, Run
 from .kernels.variable import GOING
 from .kernels.watched import FAILED, inline_watched_kernel, watched_kernel, work_rows
 from .methods import Method
@@ -53,7 +53,7 @@ class WatchedStepper(Stepper):
         super().__init__(rhs, u0, v0, **options)
         span = self.t0, t_end
         self.watching = Watching(events, t_eval, self.form, self.start, span, self.params, work_rows(self.method.order))
-        self._tally = np.zeros(EVENTS + 2 * len(self.watching.events))
+        self._tally = np.zeros(EVENTS + EVENT_VALUES * len(self.watching.events))
         self.watching.begin(self._tally, self.t0, *self.start)
         self._before = self._position()
         self._n_found = 0
@@ -61,7 +61,11 @@ class WatchedStepper(Stepper):
     @property
     def is_over(self) -> bool:
         """Whether an event ended the run."""
-        return RESET < self.ended <= ZENO
+        return RESET < self.ended <= RESTING
+
+    @property
+    def is_within_step(self) -> bool:
+        return self.is_over and self.t > super().t
 
     @property
     def t(self) -> float:
@@ -78,8 +82,11 @@ class WatchedStepper(Stepper):
         return self.watching.rows(self._tally)
 
     def finish(self) -> None:
-        """Write the state at the end of the span, if it is wanted: t0 + n h may differ from the end by round-off."""
-        self.watching.finish(self._tally, self._t_end, self.u, self.v)
+        """Write the state at the end of the run at the wanted times that differ from it by round-off only.
+
+        The run has reached the end of its span, from which t0 + n h may differ by round-off, or an event ended it.
+        """
+        self.watching.finish(self._tally, self.t if self.is_over else self._t_end, self.h, self.u, self.v)
 
     def restarted(self, h: float) -> WatchedStepper:
         """Return a new stepper at t0, u0 and v0, with the step h and the same events."""
@@ -112,15 +119,28 @@ class WatchedStepper(Stepper):
         watch = self.watching.watch
         done, self.ended = self._kernel(self._callbacks, self._state, self._settings, self._tally, run, watch)
         self.watching.collect(self._tally)
-        if self.ended in (NOT_A_NUMBER, APPLIED_NAN):
+        if self.ended in (NOT_A_NUMBER, NOT_FINITE):
             raise not_a_number(self, float(self._tally[TIME]))
         return done, self.ended == FAILED
 
     def _save(self) -> None:
         super()._save()
+        self._before.work = self._work()
         self._n_found = self.watching.n_found
+
+    def _position(self) -> Any:
+        position = super()._position()
+        position.work = self._work()
+        return position
+
+    def _work(self) -> np.ndarray | None:
+        """Return a copy of the rows that the next call of the kernel needs, if the last one ended within a step."""
+        is_within = self.watching is not None and self._tally[WITHIN] == 1
+        return self.watching.watch.work.copy() if is_within else None
 
     def _go_back(self) -> None:
         super()._go_back()
+        if self._before.work is not None:
+            np.copyto(self.watching.watch.work, self._before.work)
         self.watching.forget_from(self._n_found)
         self.ended = GOING

@@ -15,8 +15,8 @@ from .checks import reals
 from .events import Event, Occurrences
 from .growing import Rows
 from .guard import beyond, guarded
-from .kernels.events import APPLIED_NAN, TERMINAL
-from .kernels.protocol import EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
+from .kernels.events import NOT_FINITE, RESTING, TERMINAL
+from .kernels.protocol import EVENT_VALUES, EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
 from .solution import Status
 
 _LOG_ROWS = 32  # occurrences of each event in the log, at least
@@ -24,6 +24,7 @@ _LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel 
 # Resets that follow each other within this part of the span, and so many spacings of t, do not end. The time of a reset
 # has an error of a few spacings: with flights hardly longer, a body would pass through the floor.
 _ZENO, _ZENO_SPACINGS = 1e-12, 1024
+_ROUND_OFF = 16  # spacings of t by which the computed time of an event, or t0 + n h, may be wrong
 
 
 def check_events(events: Any) -> Mapping[str, Event]:
@@ -68,6 +69,7 @@ class Watching:
         work_rows: int,
     ) -> None:
         t0, t1 = t_span
+        self._t0 = t0
         self.events = check_events(events)
         self.times = check_times(t_eval, t0, t1)
         self._is_scalar = form is SCALAR
@@ -88,7 +90,8 @@ class Watching:
             np.empty(rows),
             np.empty((rows, n)),
             np.empty((rows, n)),
-            np.empty((work_rows, max(n, count))),
+            np.empty((work_rows, n)),
+            np.empty((4, count)),
         )
         self._found: list[np.ndarray] = []
         for (_, apply), name in zip(self._callbacks, self.events, strict=True):
@@ -98,7 +101,8 @@ class Watching:
 
     def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any) -> None:
         """Write the signs of g at the start, and that there was no reset before; and the state, if it is wanted."""
-        tally[EVENTS::2], tally[EVENTS + 1 :: 2] = self._signs, -np.inf
+        values = tally[EVENTS:].reshape(-1, EVENT_VALUES)
+        values[:, 0], values[:, 1], values[:, 2] = self._signs, -np.inf, 0.0
         if self.times is not None and self.times[0] == t0:
             self.watch.u_rows[0], self.watch.v_rows[0], self.watch.h_rows[0] = u, v, 0.0
             tally[NEXT] = 1
@@ -107,7 +111,7 @@ class Watching:
         """Return a copy whose occurrences and rows are independent."""
         other = copy.copy(self)
         watch = self.watch
-        rows = {name: getattr(watch, name).copy() for name in ("log", "h_rows", "u_rows", "v_rows", "work")}
+        rows = {name: getattr(watch, name).copy() for name in ("log", "h_rows", "u_rows", "v_rows", "work", "search")}
         other.watch, other._found = watch._replace(**rows), list(self._found)
         return other
 
@@ -145,11 +149,21 @@ class Watching:
         """Forget the occurrences since there were `n_found` blocks of them."""
         del self._found[n_found:]
 
-    def finish(self, tally: np.ndarray, t_end: float, u: Any, v: Any) -> None:
-        """Write the state at the end of the run, if it is wanted."""
-        if self.times is not None and self.times[-1] == t_end:
-            self.watch.u_rows[-1], self.watch.v_rows[-1] = u, v
-            tally[NEXT] = len(self.times)
+    def finish(self, tally: np.ndarray, t: float, h: float, u: Any, v: Any) -> None:
+        """Write the state at t, the end of the run, at the wanted times that differ from t by round-off only.
+
+        It is the state before the resets at t, if there are any.
+        """
+        if self.times is None:
+            return
+        near = _ROUND_OFF * float(np.spacing(max(abs(self._t0), abs(t))))
+        first, last = np.searchsorted(self.times, [t, t + near], side="left")
+        some = slice(min(first, int(tally[NEXT])), last)
+        for row in (row for block in self._found[-1:] for row in block if row[1] >= t - near):
+            u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]
+            break
+        self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, h
+        tally[NEXT] = max(last, int(tally[NEXT]))
 
     def occurrences(self) -> dict[str, Occurrences]:
         """Return the occurrences of each event so far."""
@@ -201,6 +215,11 @@ def ended_by_event(stepper: Any) -> tuple[Status, str]:
     name, t = stepper.ended_by, stepper.t
     if stepper.ended == TERMINAL:
         return Status.TERMINATED, f"The event {name!r} ended the run at t = {t:g}."
+    if stepper.ended == RESTING:
+        return Status.ZENO, (
+            f"From t = {t:g} on, the state rests on the surface g = 0 of the event {name!r}, and is pushed through it: "
+            "a reset at one moment cannot hold it there; end the run with terminal=True, or carry it by a force."
+        )
     return Status.ZENO, (
         f"The resets of the event {name!r} follow each other at t = {t:g} in ever shorter times, as the impacts of a "
         "ball that comes to rest do; end the run before with a terminal event, or carry the motion at rest by a force."
@@ -208,9 +227,11 @@ def ended_by_event(stepper: Any) -> tuple[Status, str]:
 
 
 def not_a_number(stepper: Any, t: float) -> ValueError:
-    """Return the error for an event whose g is NaN, or whose apply gives NaN."""
-    if stepper.ended == APPLIED_NAN:
-        return ValueError(f"apply of events[{stepper.ended_by!r}] gives NaN at t = {t:g}; it must give a finite state.")
+    """Return the error for an event whose g is NaN, or whose apply gives a state that is not finite."""
+    if stepper.ended == NOT_FINITE:
+        return ValueError(
+            f"apply of events[{stepper.ended_by!r}] gives infinity or NaN at t = {t:g}; it must give a finite state."
+        )
     return ValueError(
         f"g of events[{stepper.ended_by!r}] is NaN in the step after t = {t:g}; it must be a number in every state."
     )

@@ -7,28 +7,36 @@ The names in capitals stand for functions that depend on the form of the right-h
 from __future__ import annotations
 
 import functools
+import math
 from types import SimpleNamespace
 from typing import Any
 
 from .dense import evaluate
 from .jit import bound, element, outlined
-from .protocol import ENDED_BY, EVENTS, GAP, LOGGED, NEXT, SCALAR, Form, function_at
+from .protocol import ENDED_BY, EVENT_VALUES, EVENTS, GAP, LOGGED, NEXT, SCALAR, Form, function_at
 
-#: What became of a step with events. A later one of these outcomes takes precedence.
-PASSED, RESET, TERMINAL, ZENO, NOT_A_NUMBER, APPLIED_NAN = range(6)
+#: What became of a step with events. A later one of these outcomes takes precedence. A step that is RESTING or
+#: NOT_A_NUMBER is not taken: the state stays at its start.
+PASSED, RESET, TERMINAL, ZENO, RESTING, NOT_A_NUMBER, NOT_FINITE = range(7)
 
 EPSILON = 2.0**-52
 _G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
-_NEVER = 2.0  # stands for the fraction of the step at which an event occurs, if it does not
+_SIDE, _LAST, _FREE = range(EVENT_VALUES)  # the values of an event in the tally, from `EVENTS` on
+_DUE, _CROSSING, _END, _HERE = range(4)  # the rows of `Watch.search`
+_NEVER = math.inf  # stands for the fraction of the step at which g changes its sign, if it does not
 _JUST_AFTER = 2.0**-20  # the fraction of a step after which g has left a zero at the start of the step
+_LATER = 8.0  # g is compared with that at this multiple of the time,
+_GROWTH = 4.0  # at which it has moved by this multiple at least, if what is seen is more than round-off,
+_FROM_REST = 8.0**1.5  # and by more than this one if it left with the rate 0: by 64 then, and by 8 with another rate
+_RESOLVED = 2.0**-10  # a step is much longer than the spacing of t if the tolerance of a root is below this part of it
 _TOGETHER = 4  # events within this multiple of the tolerance of a root occur at the same time
 _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
 
 
 def is_quiet(watch, tally, t, u, v, p):
     """Return whether every g still has its sign. A product is used, because it is false for zero and for NaN."""
-    for k in range(len(watch.events)):  # noqa: SIM110  Numba compiles no generator
-        if not EVENT(watch.events[k, _G], t, u, v, p) * tally[EVENTS + 2 * k] > 0:
+    for k in range(len(watch.events)):
+        if not EVENT(watch.events[k, _G], t, u, v, p) * tally[EVENTS + EVENT_VALUES * k + _SIDE] > 0:
             return False
     return True
 
@@ -37,20 +45,23 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
     """Process the events of a step in their order, up to the first that resets the state or ends the run.
 
     `coefficients` are the dense output of the step from t to t_end, and u_end and v_end the state at its end. Return
-    the outcome and the fraction s of the step at which it ends. If the outcome is not PASSED, u and v are changed to
-    the state there. They are scratch otherwise.
+    the outcome, and the fraction s of the step and the time at which it ends: the compiler may round t + s h in two
+    ways if it is computed twice. If the outcome is not PASSED, u and v are changed to the state there. They are scratch
+    otherwise.
     """
-    count = len(watch.events)
-    roots, ends = watch.work[0], watch.work[1]
-    roots[0] = _NEVER  # if there are no events, but only wanted times
+    count, search = len(watch.events), watch.search
     tolerance = 2 * EPSILON * max(abs(t), abs(t_end)) / h
     for k in range(count):
-        ends[k] = EVENT(watch.events[k, _G], t_end, u_end, v_end, p)
-        roots[k], before = ROOT(
+        mine = EVENTS + EVENT_VALUES * k
+        g_end = EVENT(watch.events[k, _G], t_end, u_end, v_end, p)
+        if g_end != g_end:
+            tally[ENDED_BY] = k
+            return NOT_A_NUMBER, 0.0, t
+        crossing, side = CROSSING(
             watch.events[k, _G],
-            watch.events[k, _DIRECTION],
-            tally[EVENTS + 2 * k],
-            ends[k],
+            tally[mine + _SIDE],
+            tally[mine + _FREE],
+            g_end,
             t,
             h,
             n,
@@ -60,80 +71,110 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
             p,
             tolerance,
         )
-        if ends[k] != ends[k]:
+        if crossing < 0:
             tally[ENDED_BY] = k
-            return NOT_A_NUMBER, 1.0
-        tally[EVENTS + 2 * k] = before
-    outcome, s = PASSED, 1.0
+            return RESTING, 0.0, t
+        is_wanted = watch.events[k, _DIRECTION] != (1 if side > 0 else -1)
+        search[_CROSSING, k], search[_DUE, k] = crossing, crossing if is_wanted else _NEVER
+        search[_END, k], tally[mine + _SIDE] = g_end, side
+        if side != 0:
+            tally[mine + _FREE] = 0.0
+    outcome, s, stop = PASSED, 1.0, t_end
     while True:
-        k = _earliest(roots, count)
-        if roots[k] > (1.0 if outcome == PASSED else s + _TOGETHER * tolerance):
+        k = _earliest(search[_DUE], count)
+        if k < 0 or search[_DUE, k] > (1.0 if outcome == PASSED else s + _TOGETHER * tolerance):
             break
         if outcome == PASSED:
-            s = roots[k]
+            s = search[_DUE, k]
             if s < 1.0:
+                stop = t + s * h
                 evaluate(coefficients, s, n, u, v)
             else:
+                stop = t_end
                 for j in range(n):
                     u[j], v[j] = u_end[j], v_end[j]
-        outcome = max(outcome, TAKE(watch, tally, k, t + s * h if s < 1.0 else t_end, n, ends, u, v, p))
-        roots[k] += _NEVER
+            for other in range(count):
+                search[_HERE, other] = EVENT(watch.events[other, _G], stop, u, v, p)
+        outcome = max(outcome, TAKE(watch, tally, k, stop, n, u, v, p))
+        search[_DUE, k] = _NEVER
     if outcome == PASSED:
-        s = 1.0
+        for k in range(count):
+            mine = EVENTS + EVENT_VALUES * k
+            if search[_END, k] != 0 and tally[mine + _FREE] == 0:
+                tally[mine + _SIDE] = search[_END, k]
+        return outcome, 1.0, t_end
     for k in range(count):
-        if outcome == PASSED:
-            tally[EVENTS + 2 * k] = ends[k] if ends[k] != 0 else tally[EVENTS + 2 * k]
-        elif roots[k] - _NEVER >= s - _TOGETHER * tolerance:  # it has just occurred
-            tally[EVENTS + 2 * k] = ends[k] if watch.events[k, _APPLY] != 0 else 0.0
-        else:
-            tally[EVENTS + 2 * k] = EVENT(watch.events[k, _G], t + s * h, u, v, p)
-    return outcome, s
+        _note_side(
+            search,
+            tally,
+            k,
+            abs(search[_CROSSING, k] - s) <= _TOGETHER * tolerance,
+            EVENT(watch.events[k, _G], stop, u, v, p),
+        )
+    return outcome, s, stop
 
 
 @element
-def _earliest(roots, count):
-    earliest = 0
-    for k in range(1, count):
-        if roots[k] < roots[earliest]:
-            earliest = k
+def _earliest(due, count):
+    """Return the event that is due first, or -1."""
+    earliest, least = -1, _NEVER
+    for k in range(count):
+        if due[k] < least:
+            earliest, least = k, due[k]
     return earliest
 
 
-def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, p, tolerance):
-    """Return the fraction of the step at which g changes its sign in the wanted direction, or `_NEVER`.
+@element
+def _note_side(search, tally, k, is_crossing, g):
+    """Note the sign of `g`, which is the g of the event k after the resets.
 
-    `before` has the sign of g at the start. If it is zero, it gets the sign just after the start. It is returned too.
+    An event that `is_crossing` is at its zero, on whichever side round-off puts it, unless a reset moved it away: the
+    next step then shows its sign. So it does if a reset moved g to zero. If g is zero by itself, it keeps its sign.
+    """
+    mine = EVENTS + EVENT_VALUES * k
+    here = search[_HERE, k]
+    if abs(g) > (2 * abs(here) if is_crossing else 0.0):
+        tally[mine + _SIDE] = g
+    elif is_crossing or here != 0:
+        tally[mine + _SIDE] = 0.0
+    if not is_crossing or tally[mine + _SIDE] != 0:
+        tally[mine + _FREE] = 0.0
+
+
+def crossing_within(address, side, free, g_end, t, h, n, coefficients, u, v, p, tolerance):
+    """Return the fraction of the step at which g changes its sign, or `_NEVER`, and the sign of g before.
+
+    `side` has the sign of g at the start. If it is zero, the sign is that just after the start. `free` has the sign
+    from which the last reset of the event came, if it left g at zero, and is zero otherwise. If g then leaves to the
+    other side with the rate 0, it rests on its zero: -1 is returned as the fraction.
 
     The ITP method takes at most one more evaluation than bisection, and as few as the secant method if g is smooth:
     I. F. D. Oliveira and R. H. C. Takahashi, ACM Transactions on Mathematical Software 47 (2020), 5.
     """
     low, high = 0.0, 1.0
-    evaluate(coefficients, low, n, u, v)
-    g_low, g_high = EVENT(address, t, u, v, p), g_end
-    if before == 0:
-        g_start, low = g_low, _JUST_AFTER
+    if not abs(side) > 0:
+        low, g_low, side = DEPARTURE(address, free, g_end, t, h, n, coefficients, u, v, p, tolerance)
+    else:
         evaluate(coefficients, low, n, u, v)
-        g_low = EVENT(address, t + low * h, u, v, p)
-        before = g_low - g_start  # g_start may be on either side of zero, by round-off
-        while low < 0.5 and not g_low * before > 0:
-            low *= 2
-            evaluate(coefficients, low, n, u, v)
-            g_low = EVENT(address, t + low * h, u, v, p)
-    is_rising = before < 0
+        g_low = EVENT(address, t, u, v, p)
+    g_high = g_end
+    is_rising = side < 0
     has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
-    if before == 0 or not has_changed or direction == (-1 if is_rising else 1):
-        return _NEVER, before
+    if low < 0:
+        return low, side
+    if side == 0 or not has_changed:
+        return _NEVER, side
     if g_low == 0 or (g_low < 0) != is_rising:  # zero, up to round-off
-        return low, before
+        return low, side
     spread, radius = _SPREAD / (high - low), high - low
     while high - low > 2 * tolerance:
         middle, half = (low + high) / 2, (high - low) / 2
         secant = (g_high * low - g_low * high) / (g_high - g_low)
-        side = 1.0 if middle > secant else -1.0
+        side_of_root = 1.0 if middle > secant else -1.0
         shift = spread * (high - low) * (high - low)
-        x = secant + side * shift if shift <= abs(middle - secant) else middle
+        x = secant + side_of_root * shift if shift <= abs(middle - secant) else middle
         if abs(x - middle) > radius - half:
-            x = middle - side * (radius - half)
+            x = middle - side_of_root * (radius - half)
         radius /= 2
         if not low < x < high:
             x = middle
@@ -145,31 +186,67 @@ def root_within(address, direction, before, g_end, t, h, n, coefficients, u, v, 
             low, g_low = x, g
         else:
             high, g_high = x, g
-    return high, before
+    return high, side
 
 
-def take(watch, tally, k, t, n, ends, u, v, p):
-    """Write an occurrence of the event k to the log, apply its reset to u and v, and return the outcome.
+def departure(address, free, g_end, t, h, n, coefficients, u, v, p, tolerance):
+    """Return a fraction of the step at which g has left its zero at the start, g there, and the sign that it got.
 
-    The value of g after a reset that moves it away from zero is written to `ends`. If g stays where it is, which is
-    zero up to round-off, zero is written: the next step then shows the sign that it gets.
+    The sign is zero if g does not leave it. The fraction is -1 if g rests on its zero: see `crossing_within`.
     """
+    evaluate(coefficients, 0.0, n, u, v)
+    g_start = EVENT(address, t, u, v, p)  # on either side of zero, by round-off
+    s, sign = _JUST_AFTER, 0.0
+    while True:
+        is_last = _LATER * s == 1.0
+        evaluate(coefficients, s, n, u, v)
+        g = EVENT(address, t + s * h, u, v, p)
+        g_later = g_end
+        if not is_last:
+            evaluate(coefficients, _LATER * s, n, u, v)
+            g_later = EVENT(address, t + _LATER * s * h, u, v, p)
+        moved, moved_later = g - g_start, g_later - g_start
+        has_left = g * moved > 0 and moved * moved_later > 0
+        if is_last and moved == 0:  # a force begins to push in the rest of the step, if g leaves zero there
+            has_left = moved_later != 0 and tolerance < _RESOLVED
+        if has_left and abs(moved_later) >= _GROWTH * abs(moved):
+            sign = moved_later
+            break
+        if is_last:
+            break
+        s *= 2
+    if not sign * free < 0 or abs(moved_later) <= _FROM_REST * abs(moved):
+        return s, g, sign
+    while s > tolerance:
+        s /= 2
+        evaluate(coefficients, s, n, u, v)
+        g = EVENT(address, t + s * h, u, v, p)
+        if g * free > 0 and (g - g_start) * free > 0:  # it has risen, and fallen back
+            return s, g, free
+    return -1.0, g, free
+
+
+def take(watch, tally, k, t, n, u, v, p):
+    """Write an occurrence of the event k to the log, apply its reset to u and v, and return the outcome."""
     row, address = watch.log[int(tally[LOGGED])], watch.events[k, _APPLY]
+    mine = EVENTS + EVENT_VALUES * k
     tally[LOGGED] += 1
     row[0], row[1] = k, t
     outcome = PASSED
     for j in range(n):
         row[2 + j], row[2 + n + j] = u[j], v[j]
     if address != 0:
-        g = EVENT(watch.events[k, _G], t, u, v, p)
         APPLY(address, t, u, v, p)
-        g_after = EVENT(watch.events[k, _G], t, u, v, p)
+        tally[mine + _FREE] = 0.0
         for j in range(n):
-            if u[j] != u[j] or v[j] != v[j]:
-                outcome = APPLIED_NAN
-        ends[k] = g_after if abs(g_after) > 2 * abs(g) else 0.0
-        tally[GAP] = t - tally[EVENTS + 2 * k + 1]
-        tally[EVENTS + 2 * k + 1] = t
+            if u[j] != row[2 + j] or v[j] != row[2 + n + j]:
+                tally[mine + _FREE] = tally[mine + _SIDE]
+            if (u[j] - u[j] != 0 and row[2 + j] - row[2 + j] == 0) or (
+                v[j] - v[j] != 0 and row[2 + n + j] - row[2 + n + j] == 0
+            ):
+                outcome = NOT_FINITE
+        tally[GAP] = t - tally[mine + _LAST]
+        tally[mine + _LAST] = t
         outcome = max(outcome, RESET if tally[GAP] > watch.zeno else ZENO)
     for j in range(n):
         row[2 + 2 * n + j], row[2 + 3 * n + j] = u[j], v[j]
@@ -207,7 +284,8 @@ def functions(form: Form) -> SimpleNamespace:
     event = event_of_row if form is SCALAR else event_now
     apply = element(bound(_apply_scalar if form is SCALAR else _apply_vector, {"APPLY_AT": apply_at}))
     names: dict[str, Any] = {"EVENT": event, "APPLY": apply}
-    names["ROOT"] = outlined(bound(root_within, names))
+    names["DEPARTURE"] = outlined(bound(departure, names))
+    names["CROSSING"] = outlined(bound(crossing_within, names))
     names["TAKE"] = outlined(bound(take, names))
     return SimpleNamespace(
         accelerate=element(_accelerate_scalar if form is SCALAR else _accelerate_vector),

@@ -20,9 +20,9 @@ EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 TIME, STEP, STEP_BEFORE, ERROR, REJECTED, U_SIZE, V_SIZE = range(4, 11)
 NEXT, LOGGED, ANEW, GAP, ENDED_BY, WITHIN = range(11, 17)
 
-#: Two values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the next
-#: step, and the time of its last reset.
-EVENTS = 17
+#: Three values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the
+#: next step; the time of its last reset; and, if this reset left g at zero, the sign of g before it, or else 0.
+EVENTS, EVENT_VALUES = 17, 3
 
 
 class Run(NamedTuple):
@@ -71,7 +71,7 @@ class Watch(NamedTuple):
     A row of `events` contains the address of g, the address of apply or 0, the direction, and 1 for a terminal event.
     A row of `log` is for an occurrence: the event, the time, and u and v before and after apply. Resets that follow
     each other within `zeno` end the run. `times` are the times at which to write u, v and the step. `work` has rows of
-    n values for the search.
+    n values, which callbacks may get, and `search` has four rows with a value for each event.
     """
 
     events: Any
@@ -82,6 +82,7 @@ class Watch(NamedTuple):
     u_rows: Any
     v_rows: Any
     work: Any
+    search: Any
 
 
 class At(NamedTuple):
@@ -109,9 +110,7 @@ _given = Array(float64, 1, "C", readonly=True)  # a callback that writes to such
 _integers = Array(int64, 2, "C")
 
 #: The types of `Watch` and `Span`. Both hold matrices in each form; for one degree of freedom, these have one column.
-WATCH = types.NamedTuple(
-    (_integers, matrix_type, float64, vector_type, vector_type, matrix_type, matrix_type, matrix_type), Watch
-)
+WATCH = types.NamedTuple((_integers, matrix_type, float64, *(vector_type,) * 2, *(matrix_type,) * 4), Watch)
 SPAN = types.NamedTuple(
     (
         *(float64, float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64),

@@ -16,7 +16,7 @@ from numba.types import Tuple, UniTuple, int64
 
 from .controller import exponent, growth, shrinkage
 from .dense import COEFFICIENTS, evaluate
-from .events import EPSILON, NOT_A_NUMBER, PASSED, RESET, TERMINAL, functions, write_time
+from .events import EPSILON, NOT_A_NUMBER, PASSED, RESET, RESTING, TERMINAL, functions, write_time
 from .jit import bound, compile_kernel, element, outlined
 from .pair import A_END, U_END, V_END, A, U, V
 from .protocol import (
@@ -46,8 +46,8 @@ from .protocol import (
 #: have to be shortened to reach it, the step is below the resolution of t, or there is no room for rows or occurrences.
 GOING, AT_END, BEFORE_END, TOO_SMALL, FULL = range(10, 15)
 
-#: The rows of `Watch.work` for n degrees of freedom: two for the search of roots, u and v there, and the dense output.
-WORK = 4 + COEFFICIENTS
+#: The rows of `Watch.work`: u and v within a step, and the dense output.
+WORK = 2 + COEFFICIENTS
 
 TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
 
@@ -67,7 +67,7 @@ def variable(callbacks, state, tally, span, watch):
         y = stack_rows(N, ROWS)
         copy_rows(y, kept, N)
     u, v, u_end, v_end = y[U], y[V], y[U_END], y[V_END]
-    u_there, v_there, coefficients = watch.work[2], watch.work[3], watch.work[4:]
+    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
     has_events, has_times, has_rows = len(watch.events) > 0, len(watch.times) > 0, len(span.t_rows) > 0
     t, h, was_rejected = tally[TIME], tally[STEP], False
     taken, row, ended = 0, 0, GOING
@@ -110,16 +110,17 @@ def variable(callbacks, state, tally, span, watch):
         grown = growth(error, tally[ERROR], ORDER)
         h = min(step * (min(grown, 1.0) if was_rejected else grown), span.h_max)
         was_rejected = False
-        tally[ERROR], tally[STEP_BEFORE] = max(error, _LEAST_ERROR), step
-        outcome, s, is_known = PASSED, 1.0, False
+        outcome, s, t_stop, is_known = PASSED, 1.0, t_end, False
         if has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p):
             DENSE(f, t, step, p, n, y, coefficients)
             is_known = True
-            outcome, s = LOOK_WITHIN(watch, tally, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
-            if outcome == NOT_A_NUMBER:
+            outcome, s, t_stop = LOOK_WITHIN(
+                watch, tally, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
+            )
+            if outcome in (NOT_A_NUMBER, RESTING):
                 taken, ended = taken - 1, outcome
                 break
-        t_stop = t + s * step if s < 1.0 else t_end
+        tally[ERROR], tally[STEP_BEFORE] = max(error, _LEAST_ERROR), step
         if has_times:
             while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
                 if not is_known:
@@ -135,7 +136,7 @@ def variable(callbacks, state, tally, span, watch):
         else:
             if s < 1.0:
                 evaluate(coefficients, s, n, u_end, v_end)
-            if has_rows and span.every == 1:
+            if has_rows and span.every == 1 and s > 0:  # the state at the start is a row already
                 row = write_row(span, row, t_stop, s * step, n, u_end, v_end)
             for j in range(n):
                 u[j], v[j] = u_there[j], v_there[j]

@@ -16,7 +16,7 @@ from typing import Any
 from numba.types import UniTuple, int64
 
 from .dense import quintic
-from .events import NOT_A_NUMBER, PASSED, RESET, functions, write_time
+from .events import NOT_A_NUMBER, PASSED, RESET, RESTING, functions, write_time
 from .fixed import Formulas, inline_callbacks, nothing, pointer_callbacks
 from .jit import bound, compile_kernel, element, outlined
 from .march import settle
@@ -198,7 +198,7 @@ def search(f, watch, tally, t, t_grid, n, p):
     """
     y = rows(watch.work[WORK:], PAIR_ROWS)
     u, v, a, u_end, v_end = y[U], y[V], y[A], y[U_END], y[V_END]
-    u_there, v_there, coefficients = watch.work[2], watch.work[3], watch.work[4:]
+    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
     t_end, reach, result = t_grid, 0.0, PASSED
     if tally[WITHIN] == 0:
         ACCELERATE(f, t, u, v, p, a)
@@ -216,12 +216,11 @@ def search(f, watch, tally, t, t_grid, n, p):
             copy_two(u_end, v_end, u, v, n)
             tally[TIME], tally[WITHIN] = t, 1
             return FULL
-        outcome, s = LOOK_WITHIN(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
-        if outcome == NOT_A_NUMBER:
+        outcome, _, stop = LOOK_WITHIN(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
+        if outcome in (NOT_A_NUMBER, RESTING):
             copy_two(u_end, v_end, u, v, n)
             tally[TIME] = t
             return outcome
-        stop = t + s * h if s < 1.0 else t_end
         while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= stop:
             write_time(watch, tally, t, h, t_end, n, coefficients, u_end, v_end)
         if outcome > RESET or (outcome == RESET and stop >= t_grid):

@@ -358,7 +358,7 @@ def test_a_run_that_failed_at_its_first_step_has_no_motion_to_show(tmp_path):
     problem = problems.single_dof()
     solution = problem.integrate(h=1e200, t_end=1e201)  # its square overflows
     assert len(solution.t) == 1
-    with pytest.raises(ValueError, match=r"^solution has no motion to show, because it has only one state"):
+    with pytest.raises(ValueError, match=r"^solution has no motion to show, because it has fewer than two states"):
         problem.animate(solution, tmp_path / "film.gif")
 
 

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 import eig3
 from eig3 import Event, Status
 from eig3.problems.bouncing_ball import bouncing_ball, impact_times
+from eig3.watched_stepper import WatchedStepper
 
 from .conftest import spring
 
@@ -417,6 +418,310 @@ def test_many_impacts_of_a_large_system():
     fall_time = math.sqrt(2e-4 / 9.81)
     times = fall_time * np.arange(1, 1 / fall_time, 2)
     np.testing.assert_allclose(solution.events["impact"].t, times, rtol=0, atol=1e-10)
+
+
+@eig3.jit
+def size_of_u(t, u, v, p, a):
+    a[0] = -float(u.size) * u[0]
+    a[1] = -float(v.size) * u[-1]
+
+
+@eig3.jit
+def last_of_all(t, u, v, p):
+    return u[-1] + 0.0 * v[-1] + 1e3 * (u.size - 2) + 1e3 * (v.size - 2)
+
+
+@eig3.jit
+def turn_all_back(t, u, v, p):
+    v[:] = -v * (u.size == 2)
+
+
+@eig3.jit
+def both(t, u, v, p, out):
+    out[0], out[1] = u.size, v.size
+
+
+@pytest.mark.parametrize(
+    "options",
+    [FIXED, {**FIXED, "inline": True}, {"h": 0.01, "method": "eig9"}, ADAPTIVE],
+    ids=["eig3", "inline", "eig9", "rk5"],
+)
+def test_callbacks_get_arrays_of_n_values_however_many_events_there_are(options):
+    """With more events than degrees of freedom too. Each of two oscillators with omega^2 = 2 turns back at zero."""
+    events = {f"{k}": Event(last_of_all, terminal=k == 5) for k in range(4)}
+    events["reset"] = Event(last_of_all, apply=turn_all_back)
+    solution = eig3.integrate(
+        size_of_u,
+        (0, 3),
+        [1.0, 1.0],
+        [0.0, 0.0],
+        events=events,
+        outputs={"sizes": (both, 2)},
+        t_eval=np.linspace(0, 3, 31),
+        **options,
+    )
+    assert (solution.outputs["sizes"] == 2).all()
+    np.testing.assert_allclose(solution.u[:, 0], solution.u[:, 1], rtol=0, atol=1e-12)
+    # errors of a second-order method: (omega h)^2 / 24 of the phase, 2 in all
+    np.testing.assert_allclose(solution.u[:, 1], np.abs(np.cos(math.sqrt(2) * solution.t)), rtol=0, atol=1e-4)
+    for k in range(4):
+        np.testing.assert_allclose(solution.events[f"{k}"].t, [math.pi / math.sqrt(8)], rtol=0, atol=1e-4)
+
+
+@eig3.jit
+def at_one(t, u, v, p):
+    return t - 1.0
+
+
+@eig3.jit
+def push(t, u, v, p):
+    return u, v - 0.001
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE, {"h": 0.25, "method": "ab3"}], ids=["fixed", "adaptive", "ab3"])
+def test_a_reset_at_the_end_of_a_step_makes_no_other_event_occur(options):
+    """A body falls from 20 m, and is pushed at t = 1, the end of a step of 0.01 or 0.25."""
+    events = {
+        "push": Event(at_one, apply=push),
+        "floor": Event(height, terminal=True),
+        "passed": Event(height, apply=swap),
+    }
+    solution = eig3.integrate(fall, (0, 5), 20.0, 0.0, params=(9.81,), events=events, **options)
+    v = -9.81 - 0.001  # after the push
+    t = 1 + (v + math.sqrt(v * v + 2 * 9.81 * (20 - 9.81 / 2))) / 9.81
+    assert solution.events["push"].t.tolist() == pytest.approx([1.0], abs=1e-14)
+    assert solution.events["floor"].t.tolist() == pytest.approx([t], abs=1e-11)
+    assert solution.events["passed"].t.tolist() == solution.events["floor"].t.tolist()
+
+
+# Rest ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("direction", [-1, 0])
+@pytest.mark.parametrize("restitution", [0.0, 1e-17, 1e-8, 1e-4])
+@pytest.mark.parametrize(
+    "options",
+    [FIXED, {"h": 0.7, "method": "ab3"}, ADAPTIVE, {"rtol": 1e-9}, {"rtol": 1e-4, "method": "eig3"}],
+    ids=["eig3", "ab3", "rk5", "rk8", "eig3-adaptive"],
+)
+def test_a_body_that_does_not_rebound_does_not_pass_through_the_floor(restitution, direction, options):
+    for floor in (0.0, 1000.0):
+        events = {"impact": Event(above_floor, direction, apply=land)}
+        params = (9.81, restitution, floor)
+        solution = eig3.integrate(fall, (0, 10), floor + 1.0, 0.0, params=params, events=events, **options)
+        assert solution.status is Status.ZENO
+        assert "'impact'" in solution.message
+        assert "force" in solution.message
+        fall_time = math.sqrt(2 / 9.81)
+        # all flights last 2 e + 2 e^2 + ... falls; 1e-13 m is the spacing of u on the floor at 1000 m
+        end = fall_time * (1 + 2 * restitution / (1 - restitution))
+        assert solution.t[-1] == pytest.approx(end, abs=1e-8)
+        assert solution.u[-1] == pytest.approx(floor, abs=1e-12)
+        assert solution.u.min() > floor - 1e-12
+        assert abs(solution.v[-1]) <= 4.5 * restitution
+        assert np.array_equal(np.unique(solution.t), solution.t[np.append(True, np.diff(solution.t) > 0)])
+
+
+@eig3.jit
+def above_floor(t, u, v, p):
+    return u - p[2]
+
+
+@eig3.jit
+def land(t, u, v, p):
+    return p[2], -p[1] * v
+
+
+@eig3.jit
+def pressed_after_2(t, u, v, p):
+    return -1.0 if t > 2.05 else 0.0
+
+
+@eig3.jit
+def lifted_after_2(t, u, v, p):
+    return 1.0 if t > 2.05 else 0.0
+
+
+@pytest.mark.parametrize("options", [FIXED, {**ADAPTIVE, "h_max": 0.1}], ids=["fixed", "adaptive"])
+def test_a_body_at_rest_on_a_stop_that_is_pressed_later(options):
+    """It lands without weight at t = 1, and a force begins at t = 2.05, within a step or at its end."""
+    events = {"impact": Event(above_floor, -1, apply=land)}
+    pressed = eig3.integrate(pressed_after_2, (0, 4), 1.0, -1.0, params=(0.0, 0.0, 0.0), events=events, **options)
+    assert pressed.status is Status.ZENO
+    assert 2 - 0.1 < pressed.t[-1] < 2.05 + 0.1
+    assert abs(pressed.u[-1]) < 1e-12
+    lifted = eig3.integrate(lifted_after_2, (0, 4), 1.0, -1.0, params=(0.0, 0.0, 0.0), events=events, **options)
+    assert lifted.status is Status.COMPLETED
+    assert len(lifted.events["impact"]) == 1
+    # a step over the begin of the force has an error of h^2 / 2 in u at most, and of h in v
+    assert lifted.u[-1] == pytest.approx(1.95**2 / 2, abs=0.03)
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+@pytest.mark.parametrize("factor", [3.0, 1.0, 1e-3])
+@pytest.mark.parametrize("direction", [-1, 0, 1])
+def test_a_reset_may_let_the_state_pass(factor, direction, options):
+    """A gate changes the speed of a body that goes through it: a kick, a relay that changes nothing, a brake."""
+    events = {"gate": Event(height, direction, apply=through)}
+    solution = eig3.integrate(fall, (0, 3), 1.0, 0.0, params=(1.0, factor), events=events, **options)
+    assert solution.status is Status.COMPLETED
+    first = math.sqrt(2)
+    if direction == 1:
+        assert len(solution.events["gate"]) == 0
+        factor = 1.0
+    else:
+        np.testing.assert_allclose(solution.events["gate"].t, [first], rtol=0, atol=1e-12)
+    x = 3 - first
+    assert solution.u[-1] == pytest.approx(-factor * first * x - x * x / 2, abs=1e-11)
+
+
+@eig3.jit
+def through(t, u, v, p):
+    return u, p[1] * v
+
+
+@eig3.jit
+def held_or_sliding(t, u, v, p, a):
+    """A block on the ground with the friction 0.8, pulled by the force sin t. u[1] is 1 while it sticks."""
+    a[0] = 0.0 if u[1] == 1 else np.sin(t) - 0.8 * (1.0 if u[2] > 0 else -1.0)
+    a[1] = a[2] = 0.0
+
+
+@eig3.jit
+def stops(t, u, v, p):
+    return v[0] if u[1] == 0 else 1.0
+
+
+@eig3.jit
+def sticks(t, u, v, p):
+    v[0], u[1] = 0.0, 1.0
+
+
+@eig3.jit
+def pull_beyond_friction(t, u, v, p):
+    return abs(np.sin(t)) - 0.8 if u[1] == 1 else -1.0
+
+
+@eig3.jit
+def slips(t, u, v, p):
+    u[1], u[2] = 0.0, np.sign(np.sin(t))
+
+
+@pytest.mark.parametrize(
+    "options", [{"h": 0.003, "method": "rk4"}, {**ADAPTIVE, "rtol": 1e-9, "h_max": 0.1}], ids=["fixed", "adaptive"]
+)
+def test_a_block_that_sticks_and_slips(options):
+    """It leaves the state of rest at a zero of g, in both directions in turn, with the rate 0 of the velocity."""
+    events = {"stick": Event(stops, apply=sticks), "slip": Event(pull_beyond_friction, 1, apply=slips)}
+    solution = eig3.integrate(held_or_sliding, (0, 19), [0.0, 1.0, 1.0], [0.0] * 3, events=events, **options)
+    assert solution.status is Status.COMPLETED
+    slips_at, sticks_at = solution.events["slip"].t, solution.events["stick"].t
+    starts = math.asin(0.8) + math.pi * np.arange(6)
+    np.testing.assert_allclose(slips_at, starts, rtol=0, atol=1e-8)
+    # after the time x of sliding the speed is 0.6 - cos(starts[0] + x) - 0.8 x = 0
+    gaps = sticks_at - slips_at
+    np.testing.assert_allclose(0.6 - np.cos(starts[0] + gaps) - 0.8 * gaps, 0, atol=1e-8)
+    assert (gaps > 1).all()
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+@pytest.mark.parametrize("save_every", [1, 7, None])
+def test_the_last_state_of_a_run_that_ends_with_a_step(save_every, terminal, tmp_path):
+    """u = 1/2 - t^2 / 2 is zero at t = 1, the end of a step: the state after the reset is saved once."""
+    events = {"impact": Event(height, -1, terminal, land_on_zero)}
+    for options in ({"h": 1 / 64}, {"h": 1 / 64, "save_to": tmp_path / "run"}, {"rtol": 1e-6, "h_max": 1 / 64}):
+        solution = eig3.integrate(
+            fall, (0, 2), 0.5, 0.0, params=1.0, events=events, save_every=save_every, outputs={"v": speed}, **options
+        )
+        assert solution.status is (Status.TERMINATED if terminal else Status.ZENO)
+        assert solution.t[-1] == pytest.approx(1.0, abs=1e-14)
+        assert (solution.u[-1], solution.v[-1]) == (0.0, 0.0)
+        assert np.array_equal(solution.outputs["v"], solution.v)
+        assert solution.extremes["v"].low == pytest.approx(-1, abs=1e-14)
+        if "h" in options:
+            assert (np.diff(solution.t) > 0).all()
+
+
+@eig3.jit
+def land_on_zero(t, u, v, p):
+    return 0.0, 0.0
+
+
+# Two events ----------------------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def lift_to_three(t, u, v, p):
+    return 3.0, 0.0
+
+
+@eig3.jit
+def above_two(t, u, v, p):
+    return u - 2.0
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+def test_a_change_of_sign_by_another_reset_is_no_occurrence(options):
+    """A body that reaches the floor is put at 3 m: it did not rise through 2 m, but it falls through it."""
+    events = {
+        "floor": Event(height, -1, apply=lift_to_three),
+        "level": Event(above_two),
+        "seen": Event(height),
+    }
+    solution = eig3.integrate(fall, (0, 3), 1.0, 0.0, params=(2.0,), events=events, **options)
+    np.testing.assert_allclose(solution.events["floor"].t, [1.0, 1 + math.sqrt(3)], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(solution.events["seen"].t, solution.events["floor"].t, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(solution.events["level"].t, [2.0], rtol=0, atol=1e-11)
+
+
+@eig3.jit
+def infinite(t, u, v, p):
+    return u, np.inf
+
+
+@eig3.jit
+def second_infinite(t, u, v, p):
+    v[1] = -np.inf
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+def test_apply_must_give_a_finite_state(options):
+    message = r"^apply of events\['bad'\] gives infinity or NaN at t = 1\.57\d*; it must give a finite state\.$"
+    with pytest.raises(ValueError, match=message) as raised:
+        swing({"bad": Event(height, apply=infinite)}, **options)
+    assert np.isfinite(raised.value.solution.u).all()
+    events = {"bad": Event(first_height, apply=second_infinite)}
+    with pytest.raises(ValueError, match=r"^apply of events\['bad'\] gives infinity or NaN at t = "):
+        eig3.integrate(vector_fall, (0, 3), [1.0, 1.0], [0.0, 0.0], params=(1.0,), events=events, **options)
+
+
+class _Set:
+    """A `cancel` that is always set."""
+
+    def is_set(self):
+        return True
+
+
+def test_a_step_with_a_full_log_can_be_taken_back():
+    """The log is full after some thousand impacts, within a step: `back` leads to the state there."""
+    events = {"impact": Event(height, -1, apply=bounce)}
+    stepper = WatchedStepper(
+        fall, 1e-10, 0.0, h=0.25, t0=0.0, t_end=0.5, params=(9.81, 1.0), method="eig3", events=events, t_eval=None
+    )
+    stepper.advance(1, cancel=_Set())
+    assert stepper.index == 0  # it is within the first step
+    whole = stepper.fork()
+    whole.advance(1)
+    stepper.advance(1, cancel=_Set())
+    assert stepper.index == 0
+    stepper.back()
+    before = stepper.before()
+    for each in (stepper, before):
+        each.advance(1)
+        assert each.index == 1
+        assert (each.u, each.v) == (whole.u, whole.v)
+        times = each.watching.occurrences()["impact"].t
+        assert np.array_equal(times, whole.watching.occurrences()["impact"].t)
 
 
 # Long runs and failures ----------------------------------------------------------------------------------------------

@@ -258,3 +258,98 @@ def test_a_run_that_diverges_keeps_its_finite_times():
     assert solution.status is Status.DIVERGED
     assert len(solution.t) < 2001
     assert np.isfinite(solution.u).all()
+
+
+@eig3.jit
+def falling(t, u, v, p):
+    return -1.0
+
+
+@eig3.jit
+def falling_bodies(t, u, v, p, a):
+    a[0] = a[1] = -1.0
+
+
+@eig3.jit
+def first_height(t, u, v, p):
+    return u[0]
+
+
+@eig3.jit
+def rises(t, u, v, p):
+    return 0.0, 1.0
+
+
+@BOTH
+def test_no_time_is_lost_to_round_off_at_the_end(options):
+    """t0 + n h is below the end of some of these spans by a few spacings."""
+    rng = np.random.default_rng(4)
+    for _ in range(60):
+        t0 = rng.uniform(-5, 5)
+        t1 = t0 + rng.uniform(0.5, 3)
+        times = [t0 + (t1 - t0) / 3]
+        for count in (1, 3):
+            near = t1
+            for _ in range(count):
+                near = np.nextafter(near, -np.inf)
+            times.append(near)
+        times = sorted({*times, t1})
+        for wanted in (times, times[:-1]):
+            solution = run(wanted, span=(t0, t1), **options)
+            assert solution.status is Status.COMPLETED
+            assert solution.t.tolist() == wanted
+            # the state changes by some 1e-15 in some spacings of t
+            np.testing.assert_allclose(solution.u[1:], solution.u[-1], rtol=0, atol=1e-14)
+
+
+@BOTH
+def test_the_time_of_a_terminal_event_is_there(options):
+    """u = 1/2 - t^2 / 2 is zero at t = 1; the computed time may be wrong by some spacings."""
+    after = [1.0]
+    while len(after) < 4:
+        after.append(np.nextafter(after[-1], np.inf))
+    events = {"floor": Event(height, -1, terminal=True), "rise": Event(height, -1, apply=rises)}
+    for names in (["floor"], ["rise", "floor"]):
+        chosen = {name: events[name] for name in names}
+        for h in (0.0625, 0.1, 0.3):
+            steps = {"h": h, "method": "eig3"} if "h" in options else {**options, "h_max": h}
+            solution = run([0.25, *after, 1.5], falling, (0, 2), 0.5, events=chosen, **steps)
+            assert solution.status is Status.TERMINATED
+            assert solution.t.tolist() == [0.25, *after]
+            np.testing.assert_allclose(solution.v[1:], -1, rtol=0, atol=1e-12)  # before the reset
+            np.testing.assert_allclose(solution.u[1:], 0, rtol=0, atol=1e-12)
+
+
+@BOTH
+@pytest.mark.parametrize("is_vector", [False, True], ids=["scalar", "vector"])
+def test_a_solution_without_states(options, is_vector, tmp_path):
+    """The run ends before the first of the wanted times."""
+    event = {"floor": Event(first_height if is_vector else height, -1, terminal=True)}
+    start = {"u0": [0.5, 1.0], "v0": [0.0, 0.0]} if is_vector else {"u0": 0.5}
+    rhs = falling_bodies if is_vector else falling
+    name = first_height if is_vector else height
+    solution = run([1.5], rhs, (0, 2), **start, events=event, outputs={"height": name}, **options)
+    assert solution.status is Status.TERMINATED
+    assert len(solution.t) == 0
+    loaded = eig3.load(solution.save(tmp_path / "run"))
+    for each in (solution, loaded):
+        assert "the run ended before the first time of t_eval" in repr(each)
+        assert each.u.shape == each.v.shape == each.a.shape == ((0, 2) if is_vector else (0,))
+        with pytest.raises(ValueError, match=r"^the solution has no states: the run ended before the first time") as e:
+            each.at(0.5)
+        assert len(str(e.value).splitlines()) == 1
+        frame = each.to_pandas()
+        assert list(frame.columns) == (["u0", "u1", "v0", "v1"] if is_vector else ["u0", "v0"]) + ["height"]
+        assert len(frame) == 0
+        assert dict(each.to_xarray().sizes) == ({"t": 0, "dof": 2} if is_vector else {"t": 0})
+    assert loaded.events["floor"].t.tolist() == solution.events["floor"].t.tolist()
+
+
+def test_a_solution_without_states_of_a_problem(tmp_path):
+    problem = bouncing_ball(t_end=3.0)
+    problem = problem.with_(events={"floor": Event(height, -1, terminal=True)})
+    solution = problem.integrate(h=0.01, t_eval=[2.5])
+    assert len(solution.to_pandas()) == 0
+    assert len(solution.to_xarray().t) == 0
+    with pytest.raises(ValueError, match=r"^solution has no motion to show"):
+        problem.animate(solution, tmp_path / "x.html")

@@ -60,8 +60,8 @@ class Film:
         """
         if len(solution.t) < 2:
             raise ValueError(
-                "solution has no motion to show, because it has only one state: integrate to a later t_end, or with a "
-                "smaller step if the run failed."
+                "solution has no motion to show, because it has fewer than two states: integrate to a later t_end, or "
+                "with a smaller step if the run failed."
             )
         if not is_resolved(solution):
             raise ValueError(

@@ -117,7 +117,7 @@ class History:
     def close(self, stepper: Stepper) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return t, u and v of the saved states. The last one is the state of `stepper`."""
         if self._closed is None:
-            rows = n_rows(stepper.index + stepper.is_over, self.every)
+            rows = n_rows(stepper.index + stepper.is_within_step, self.every)
             self.t[rows - 1] = self._t_end if stepper.index == self._n_steps else stepper.t
             self.u[rows - 1], self.v[rows - 1] = stepper.u, stepper.v
             if self._files:
