@@ -17,7 +17,8 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)  
 def count(text: str) -> int:
     """Convert the text of an option to a whole number of at least 1."""
     if not text.isdecimal() or len(text) > _MOST_DIGITS or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 10^{_MOST_DIGITS}, not {text[:40]!r}")
+        words = f"must be a whole number of at least 1, of {_MOST_DIGITS} digits at most, not {text[:40]!r}"
+        raise argparse.ArgumentTypeError(words)
     return int(text)
 
 

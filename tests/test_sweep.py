@@ -308,7 +308,7 @@ def test_a_count_of_thousands_of_digits_is_refused_in_a_sentence(capsys):
     with pytest.raises(SystemExit):
         main(arguments(f"duffing --set omega=1:2 --random {NINES}", "max:u0"))
     last = capsys.readouterr().err.splitlines()[-1]
-    assert "argument --random: must be a whole number from 1 to 10^15, not '999" in last
+    assert "argument --random: must be a whole number of at least 1, of 15 digits at most, not '999" in last
     assert len(last) < 200
 
 
