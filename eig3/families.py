@@ -19,7 +19,7 @@ from .kernels.protocol import Form
 class Family:
     """The members of a function ``f(k, t, u, v, p)``: for each k a callback ``f_k(t, u, v, p)``.
 
-    A kernel calls f itself with the number k of the member, so that a family of any size takes one compilation.
+    A kernel calls f itself with the number k of the member, a float, so that a family of any size takes one compilation.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Family:
 
         @functools.wraps(function.py_func)
         def member(t, u, v, p):  # type: ignore[no-untyped-def]
-            return function(k, t, u, v, p)
+            return function(float(k), t, u, v, p)
 
         whole = inspect.signature(function.py_func)
         member.__signature__ = whole.replace(parameters=list(whole.parameters.values())[1:])  # type: ignore[attr-defined]
@@ -62,7 +62,7 @@ class Family:
         return self._callbacks[key][k]
 
     def _compiled(self, kind: str, form: Form, name: str) -> list[Callback]:
-        function, arguments = self._function, (numba.int64, *getattr(form, kind).args)
+        function, arguments = self._function, (numba.float64, *getattr(form, kind).args)
         result = compile_present(function, arguments, kind, name, "(k, t, u, v, p)")
         addresses, library = addresses_of_members(result, len(self.members))
         self._libraries.append(library)
@@ -70,7 +70,7 @@ class Family:
         return [
             Callback(
                 address,
-                functools.partial(result.entry_point, k),
+                functools.partial(result.entry_point, float(k)),
                 result,
                 member.py_func,
                 reads_velocity(member),

@@ -50,10 +50,13 @@ class Resolution:
     ) -> None:
         self._knots, self._count = knots, count
         self._evaluate, self._steps = evaluate, steps
-        u = knots.u.reshape(len(knots.t), -1)
+
+    @cached_property
+    def _range(self) -> np.ndarray:
+        """The range of the motion of each degree of freedom, as far as some saved states tell it."""
+        u = self._knots.u.reshape(len(self._knots.t), -1)
         rows = u[:: max(1, len(u) // _STATES)]
-        with np.errstate(invalid="ignore", over="ignore"):
-            self._range = np.maximum(np.ptp(rows, axis=0), _ROUND_OFF * np.abs(rows).max(axis=0))
+        return np.maximum(np.ptp(rows, axis=0), _ROUND_OFF * np.abs(rows).max(axis=0))
 
     def errors(self, times: np.ndarray) -> np.ndarray:
         """Return the relative errors around these times, shape (2, times).
@@ -78,10 +81,10 @@ class Resolution:
 
     def _of_intervals(self, left: np.ndarray) -> np.ndarray:
         unknown = np.unique(left[np.isnan(self._found[0, left])])
-        size = max(1, _CHUNK_VALUES // (len(_POINTS) * self._range.size * 3 * self._count))
-        for first in range(0, len(unknown), size):
-            some = unknown[first : first + size]
-            with np.errstate(all="ignore"):  # the last states of a run that blew up
+        size = max(1, _CHUNK_VALUES // (len(_POINTS) * self._knots.u[:1].size * 3 * self._count))
+        with np.errstate(all="ignore"):  # the last states of a run that blew up
+            for first in range(0, len(unknown), size):
+                some = unknown[first : first + size]
                 self._found[:, some] = self._relative(some)
         return self._found[:, left]
 

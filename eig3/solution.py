@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import functools
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -144,8 +145,7 @@ class Solution:
     _explanation: str = ""
     _a: np.ndarray | None = field(default=None, init=False)
     _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
-    _knots: Knots | None = field(default=None, init=False)
-    _resolution: Resolution | None = field(default=None, init=False)
+    _knots: tuple[Knots, Resolution] | None = field(default=None, init=False)
 
     def explain(self) -> str:
         """Find out why a run diverged.
@@ -241,9 +241,17 @@ class Solution:
         if self._between is not None and len(self.t) > 1:
             u, v = self._between(self.t, self.u, self.v, times.ravel())
             return u.reshape(times.shape + self.u.shape[1:])[()], v.reshape(times.shape + self.v.shape[1:])[()]
+        return self._interpolation[0].at(times, self._knots_of_a_polynomial)
+
+    @property
+    def _interpolation(self) -> tuple[Knots, Resolution]:
+        """The states to interpolate between, and the errors of this."""
         if self._knots is None:
-            self._knots = self._all_knots()
-        return self._knots.at(times, self._knots_of_a_polynomial)
+            knots = self._all_knots()
+            # no method of this object: with a circle of references, its arrays would stay until Python looks for them
+            steps = functools.partial(_steps_to, self.t, self.h, self.steps)
+            self._knots = knots, Resolution(knots, self._knots_of_a_polynomial, self._accelerations, steps)
+        return self._knots
 
     @property
     def _knots_of_a_polynomial(self) -> int:
@@ -254,18 +262,7 @@ class Solution:
         """Return the errors of the interpolation around these times, see `Resolution.errors`."""
         if len(self.t) < 2 or self._between is not None:
             return np.zeros((2, len(times)))
-        if self._knots is None:
-            self._knots = self._all_knots()
-        if self._resolution is None:
-            evaluate, count = self._accelerations, self._knots_of_a_polynomial
-            self._resolution = Resolution(self._knots, count, evaluate, self._steps_to)
-        return self._resolution.errors(times)
-
-    def _steps_to(self, t: np.ndarray) -> np.ndarray:
-        """Return the length of the step that led to each of these times."""
-        if self.steps is None:
-            return np.full(len(t), self.h)
-        return self.steps[np.minimum(np.searchsorted(self.t, t), len(self.t) - 1)]
+        return self._interpolation[1].errors(times)
 
     def _warn_of_coarse_states(self, times: np.ndarray) -> None:
         error = self._errors(times)[0]
@@ -452,7 +449,6 @@ class Solution:
             "_extend": None,
             "_between": None,
             "_knots": None,
-            "_resolution": None,
         }
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
             state |= {"_a": self.a, "_a_jumps": self._a_jumps}
@@ -474,3 +470,10 @@ class Solution:
         lines += [f"  {self.message}"] * (not self.success)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)
+
+
+def _steps_to(saved: np.ndarray, h: float, steps: np.ndarray | None, t: np.ndarray) -> np.ndarray:
+    """Return the length of the step that led to each of the times t, from the steps to the saved times."""
+    if steps is None:
+        return np.full(len(t), h)
+    return steps[np.minimum(np.searchsorted(saved, t), len(saved) - 1)]

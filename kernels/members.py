@@ -1,8 +1,9 @@
 """The members of a family of functions: one function that takes the number of the member first, compiled once.
 
 A kernel calls a function at an address, with fixed arguments. Each member thus needs an address of its own. There is a
-function of a few instructions, which adds the number and calls the function of the family. These are written as code of
-LLVM: Numba would take some tenths of a second for each.
+function of a few instructions, which adds the number and jumps to the function of the family. These are written as code of
+LLVM: Numba would take some tenths of a second for each. The number is a float, for which there is a free register on most
+processors: an integer would displace the other arguments, and each of them would have to be moved.
 """
 
 import itertools
@@ -21,7 +22,7 @@ def addresses_of_members(result: Any, count: int) -> tuple[list[int], Any]:
     Parameters
     ----------
     result : Numba's compile result
-        The function of the family. Its first argument is of the type int64.
+        The function of the family. Its first argument is of the type float64.
     count : int
 
     Returns
@@ -42,7 +43,7 @@ def addresses_of_members(result: Any, count: int) -> tuple[list[int], Any]:
         function = ir.Function(module, ir.FunctionType(family.return_type, [*results, *others]), member)
         builder = ir.IRBuilder(function.append_basic_block())
         given, target = list(function.args), builder.inttoptr(address, family.as_pointer())
-        builder.ret(builder.call(target, [*given[:2], ir.Constant(number, k), *given[2:]]))
+        builder.ret(builder.call(target, [*given[:2], ir.Constant(number, float(k)), *given[2:]], tail=True))
     library.add_ir_module(module)
     library.finalize()
     return [library.get_pointer_to_function(member) for member in names], library

@@ -44,6 +44,7 @@ def assert_same(one, other):
             np.testing.assert_array_equal(values, getattr(other, each)[name])
 
 
+@pytest.mark.filterwarnings("ignore:the saved states around")  # two states are too few for `at`
 @pytest.mark.parametrize("save_every", [1, 7, None])
 @pytest.mark.parametrize(("system", "watched"), [(SCALAR, False), (SCALAR, True), (VECTOR, False)])
 def test_a_history_in_files_is_that_in_memory(system, watched, save_every, tmp_path):

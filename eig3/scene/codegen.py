@@ -9,7 +9,7 @@ is the vector between the ends of a link, ex, ey, ez its rate, and r its length;
 its first end, divided by the mass if all masses are equal.
 
 The events of a group are two functions: where they occur, and what happens to the state there. Their first argument is
-the member s.
+the number of the member, as a float.
 """
 
 from __future__ import annotations
@@ -328,7 +328,8 @@ class _Source:
     @contextmanager
     def _of_member(self, name: str, block: Block) -> Iterator[tuple[str, str, str]]:
         """Write a function for one member of a block; give the names of the indices of the member and its masses."""
-        with self._function(f"{name}(s, t, u, v, p)", [block]):
+        with self._function(f"{name}(member, t, u, v, p)", [block]):
+            self._write("s = index(member)")
             for letter, end in zip("ij", block.ends, strict=False):
                 self._write(f"{letter} = index({end.of('s')})")
             yield "s", "i", "j"
