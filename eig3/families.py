@@ -19,7 +19,7 @@ from .kernels.protocol import Form
 class Family:
     """The members of a function ``f(k, t, u, v, p)``: for each k a callback ``f_k(t, u, v, p)``.
 
-    A kernel calls f itself with the number k of the member, a float, so that a family of any size takes one compilation.
+    A kernel calls f itself with the number k of the member, a float: a family of any size takes one compilation.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """The members of a family of functions: one function that takes the number of the member first, compiled once.
 
-A kernel calls a function at an address, with fixed arguments. Each member thus needs an address of its own. There is a
-function of a few instructions, which adds the number and jumps to the function of the family. These are written as code of
-LLVM: Numba would take some tenths of a second for each. The number is a float, for which there is a free register on most
-processors: an integer would displace the other arguments, and each of them would have to be moved.
+A kernel calls a function at an address, with fixed arguments. Each member thus needs an address of its own: that of a
+function of a few instructions, which adds the number and jumps to the function of the family. These are written as code
+of LLVM, because Numba would take some tenths of a second for each. The number is a float, for which there is a free
+register on most processors: an integer would displace the other arguments, and each of them would have to be moved.
 """
 
 import itertools
