@@ -58,7 +58,7 @@ def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
         If rhs writes beyond the end of a.
     """
     a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
-    if math.isfinite(a) if form is SCALAR else np.isfinite(a).all():
+    if _is_finite(a, form):
         return a
     beyond = _read_beyond(rhs, form, t, u, v, p)
     if beyond:
@@ -68,6 +68,15 @@ def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
             f"{_not_finite(a)}, because it reads beyond the end of {sizes}; give {remedy} all the values it reads."
         )
     raise NotFiniteAtStartError(not_finite_at_start(a))
+
+
+def is_finite_at_start(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> bool:
+    """Return whether f(t, u, v) is finite; `p` need not come from `guarded`."""
+    return _is_finite(_evaluate(rhs, form, t, {"p": guarded(p), "u": u, "v": v}), form)
+
+
+def _is_finite(a: Any, form: Form) -> bool:
+    return math.isfinite(a) if form is SCALAR else bool(np.isfinite(a).all())
 
 
 def not_finite_at_start(a: Any) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..callbacks import check_callback, gist
 from ..checks import check_count, check_method
-from ..guard import NotFiniteAtStartError, ReadsBeyondError
+from ..guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
 from ..kernels.fixed import wide_kernel
 from ..kernels.interrupt import DeferredInterrupt
 from ..kernels.lanes import compile_quantity, compile_rhs
@@ -224,20 +224,19 @@ class Run:
         The member that serves for this is the first whose rhs is finite at the start. If there is none, each member
         will end at its start.
         """
-        out_of_bounds: ReadsBeyondError | None = None
-        for i in range(len(self.members)):
-            try:
+        members, t0 = self.members, self.members.t_span[0]
+        for i in range(len(members)):
+            u, v, p = members.start(i).values()
+            if is_finite_at_start(self._callback, members.form, t0, u, v, p):
                 stepper = self._stepper(i)
-            except ReadsBeyondError as error:
-                out_of_bounds = out_of_bounds or error
-            except NotFiniteAtStartError:
-                pass
-            else:
                 for output in self._quantities[1].values():
-                    output.at_start(stepper.t0, *stepper.start, stepper.params, output.no_extremes())
+                    output.at_start(t0, *stepper.start, stepper.params, output.no_extremes())
                 return
-        if out_of_bounds:
-            raise out_of_bounds
+        try:
+            self._stepper(0)
+        except NotFiniteAtStartError as error:
+            if isinstance(error, ReadsBeyondError):
+                raise
 
     def _stepper(self, i: int) -> Stepper:
         members = self.members
