@@ -11,9 +11,12 @@ from numba.core.dispatcher import Dispatcher
 from .callbacks import check_callback, takes
 from .checks import check_count
 from .extremes import Extremes
+from .growing import Rows
 from .guard import beyond, guarded
 from .kernels.protocol import Form
 from .kernels.quantity import extent_kernel
+from .kernels.within import extent_within_kernel
+from .samples import Samples
 
 _NOTHING = np.array([[np.inf], [-np.inf], [np.nan], [np.nan]])  # the extremes of no value
 
@@ -144,12 +147,46 @@ class Quantity:
         ValueError
             If the function writes beyond its k values.
         """
-        if len(self._values) < len(t):
-            self._values = np.empty((len(t), self.width))
-        values = self._values[: len(t)]
+        values = self._room(len(t))
         self._kernel(self.callback.address, p, t, u, v, self._out, values, extremes)
         self.check_within(self._out)
         return values if self.shape else values[:, 0]
+
+    def evaluate_within(
+        self, rows: Rows, dense: np.ndarray, samples: Samples, p: np.ndarray, extremes: np.ndarray
+    ) -> np.ndarray:
+        """Evaluate the function in rows of states, and widen its extremes by those within the steps that led there.
+
+        Parameters
+        ----------
+        rows : Rows
+        dense : ndarray, shape (rows, COEFFICIENTS, n)
+            The dense output of these steps; see `eig3.kernels.dense`.
+        samples : Samples
+            Where to evaluate the function within a step.
+        p : ndarray
+        extremes : ndarray, shape (4, width)
+
+        Returns
+        -------
+        ndarray, shape (rows,) or (rows, k)
+            The values. The next call overwrites them.
+
+        Raises
+        ------
+        ValueError
+            If the function writes beyond its k values.
+        """
+        values = self._room(len(rows.t))
+        kernel = extent_within_kernel(self.form, bool(self.shape))
+        kernel(self.callback.address, p, *rows, dense, *samples, self._out, values, extremes)
+        self.check_within(self._out)
+        return values if self.shape else values[:, 0]
+
+    def _room(self, count: int) -> np.ndarray:
+        if len(self._values) < count:
+            self._values = np.empty((count, self.width))
+        return self._values[:count]
 
     def at_start(self, t: float, u: Any, v: Any, p: np.ndarray, extremes: np.ndarray) -> Any:
         """Evaluate the function in the first state, check that it writes its values, and widen its extremes.

@@ -10,10 +10,12 @@ import numpy as np
 
 from .checks import check_time
 from .growing import GrowingHistory, Rows
+from .kernels.dense import COEFFICIENTS
 from .kernels.events import NOT_A_NUMBER, NOT_FINITE, RESTING, TERMINAL, ZENO
 from .kernels.variable import AT_END, BEFORE_END, FULL, GOING, TOO_SMALL
 from .observers.progress import Progress, check_progress
 from .quantities import Functions, Quantity, as_extremes
+from .samples import Samples
 from .solution import Solution, Status
 from .storage import Place
 from .variable_stepper import VariableStepper
@@ -48,21 +50,22 @@ class Followed:
         self.quantity, self._params = quantity, stepper.params
         self._extremes = quantity.no_extremes()
         self._start = quantity.at_start(stepper.t, stepper.u, stepper.v, self._params, self._extremes)
+        self._samples = Samples.of(np.atleast_1d(self._start), stepper.n, stepper.order)
 
-    def see(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> None:
-        """Evaluate the function in every state of a chunk."""
-        if len(t):
-            self.quantity.evaluate(t, u, v, self._params, self._extremes)
+    def see(self, rows: Rows, dense: np.ndarray) -> None:
+        """Evaluate the function in every state of a chunk, and within the steps that led there."""
+        self._note(self.quantity.evaluate_within(rows, dense, self._samples, self._params, self._extremes))
+
+    def widen(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> None:
+        """Evaluate the function before and after events."""
+        self._note(self.quantity.evaluate(t, u, v, self._params, self._extremes))
+
+    def _note(self, values: np.ndarray) -> None:
+        """Take note of values at the ends of steps and at events."""
 
     @property
     def extremes(self) -> Any:
         return as_extremes(self._extremes, self.quantity.shape)
-
-    @property
-    def drift(self) -> float:
-        """The maximum of |e_n - e_0| over the steps so far; NaN if e became NaN."""
-        low, high, *_ = self.extremes
-        return float(np.maximum(self._start - low, high - self._start))
 
     def values(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the values in the saved states."""
@@ -76,10 +79,26 @@ class Followed:
                 values[i] = self.values(t[i : i + 1], u[i : i + 1], v[i : i + 1])[0]
         return values
 
-    def copy(self) -> Followed:
-        other = object.__new__(Followed)
-        vars(other).update(vars(self), _extremes=self._extremes.copy())
+    def copy(self) -> Any:
+        other = object.__new__(type(self))
+        vars(other).update(vars(self), _extremes=self._extremes.copy(), _samples=self._samples.copy())
         return other
+
+
+class FollowedInvariant(Followed):
+    """An invariant along a run with tolerances.
+
+    Attributes
+    ----------
+    drift : float
+        The maximum of |e_n - e_0| over the steps so far; NaN if e became NaN. The dense output within the steps has no
+        part in it: its error does not add up, and would hide the drift of an accurate method.
+    """
+
+    drift = 0.0
+
+    def _note(self, values: np.ndarray) -> None:
+        self.drift = float(np.max(np.abs(values - self._start), initial=self.drift))
 
 
 class _Mark(NamedTuple):
@@ -87,7 +106,7 @@ class _Mark(NamedTuple):
 
     stepper: VariableStepper
     rows: int
-    invariants: dict[str, Followed]
+    invariants: dict[str, FollowedInvariant]
     outputs: dict[str, Followed]
 
 
@@ -118,6 +137,8 @@ class VariableRun:
         self._count = max(1, int(_CHUNK_SECONDS / pace)) if pace else _FIRST_STEPS
         self._is_done = False
         self._raised: tuple[int, Exception] | None = None
+        self._n_found = self.stepper.watching.n_found
+        self._dense = np.empty((0, COEFFICIENTS, self.stepper.n))
         self._mark: _Mark | None = None
         self._rows: Rows | None = None
         if place:
@@ -132,10 +153,9 @@ class VariableRun:
         cls, stepper: VariableStepper, every: int, functions: Functions, progress: bool, place: Place | None
     ) -> VariableRun:
         """Return a run at its start."""
-        invariants, outputs = (
-            {name: Followed(quantity, stepper) for name, quantity in quantities.items()}
-            for quantities in functions.quantities(stepper.form)
-        )
+        watched, shown = functions.quantities(stepper.form)
+        invariants = {name: FollowedInvariant(quantity, stepper) for name, quantity in watched.items()}
+        outputs = {name: Followed(quantity, stepper) for name, quantity in shown.items()}
         history = GrowingHistory(stepper.form, stepper.n, place.directory if place else None)
         history.append(stepper.present(0.0))
         history.commit()
@@ -227,16 +247,19 @@ class VariableRun:
         An exception that does not come again, when these steps are taken, came from the handler of a signal.
         """
         stepper = self.stepper
-        needs_all = bool(self.invariants or self.outputs)
-        every = 1 if needs_all else self.every
+        followed = [*self.invariants.values(), *self.outputs.values()]
+        every = 1 if followed else self.every
         is_kept = stepper.watching.times is None
         capacity = 0
-        if needs_all or is_kept:
-            capacity = min(2 * (count // every + 2), max(4, _CHUNK_VALUES // stepper.n))
+        if followed or is_kept:
+            values = stepper.n * (COEFFICIENTS if followed else 1)  # in a row of the largest array
+            capacity = min(2 * (count // every + 2), max(4, _CHUNK_VALUES // values))
+        if followed and len(self._dense) < capacity:
+            self._dense = np.empty((capacity, *self._dense.shape[1:]))
         first, begin = stepper.index, time.perf_counter()
         stop.begin_chunk()
         try:
-            rows = stepper.advance(count, every, Rows.empty(capacity, stepper.n), stop)
+            rows = stepper.advance(count, every, Rows.empty(capacity, stepper.n), self._dense, stop)
         except Exception as error:
             if count == 1 or stepper.raised_before is None:
                 raise
@@ -245,8 +268,12 @@ class VariableRun:
         if is_kept:
             self.history.append(rows if every == self.every else self._chosen(rows, first))
             self.history.commit(**stepper.counts)
-        for followed in (*self.invariants.values(), *self.outputs.values()):
-            followed.see(rows.t, *rows.in_form(stepper.form))
+        for each in followed:
+            each.see(rows, self._dense[: len(rows.t)])
+        if stepper.watching.n_found > self._n_found:
+            for each in followed:
+                each.widen(*stepper.watching.states_from(self._n_found))
+            self._n_found = stepper.watching.n_found
         if self._raised and (stepper.index >= self._raised[0] or stepper.ended not in (GOING, FULL)):
             raise self._raised[1]
         spent, taken = time.perf_counter() - begin, stepper.index - first

@@ -46,6 +46,8 @@ class VariableStepper:
 
     Attributes
     ----------
+    order : int
+        The power of the step with which its estimated error grows.
     index : int
         Number of steps taken.
     ended : int
@@ -78,6 +80,7 @@ class VariableStepper:
         self.watching = Watching(events, t_eval, self.form, (u, v), t_span, self.params, WORK)
         self._prepare(rhs, inline)
         formulas = importlib.import_module(f"eig3.kernels.{method.variable}").variable
+        self.order = formulas.order
         self._state = aligned((formulas.rows, n))
         self._state[U], self._state[V], self._state[A] = u, v, a
         self._tally = np.zeros(EVENTS + EVENT_VALUES * len(self.watching.events))
@@ -167,21 +170,22 @@ class VariableStepper:
         if self.index:
             self._callback.pace[self._pace_key] = self.seconds / self.index
 
-    def advance(self, count: int, every: int, rows: Rows, stop: Cancel) -> Rows:
+    def advance(self, count: int, every: int, rows: Rows, dense: np.ndarray, stop: Cancel) -> Rows:
         """Take at most `count` steps, or less if `stop` is set, and return the rows with every `every`-th state.
 
+        If `dense` has rows, and every state is written, the dense output of each step is written to the row of its end.
         After an exception, the stepper is at its state before the call.
         """
         before = self.index, self._state.copy(), self._tally.copy(), self.watching.n_found
         self.ended, self.raised_before = GOING, None
         try:
-            return rows.at(slice(self._take(count, every, rows, stop)))
+            return rows.at(slice(self._take(count, every, rows, dense, stop)))
         except BaseException:
             self.index, self._state[:], self._tally[:], n_found = before
             self.watching.forget_from(n_found)
             raise
 
-    def _take(self, count: int, every: int, rows: Rows, stop: Cancel) -> int:
+    def _take(self, count: int, every: int, rows: Rows, dense: np.ndarray, stop: Cancel) -> int:
         """Call the kernel for one slice of steps after the other, and return the number of rows that are written."""
         end, written, capacity = self.index + count, 0, len(rows.t)
         while self.index < end and self.ended == GOING:
@@ -189,9 +193,11 @@ class VariableStepper:
                 self.ended = FULL
                 break
             steps, *begun = self._slices.begin(end - self.index)
-            span, watch = self._span(steps, every, rows.at(slice(written, None))), self.watching.watch
+            span = self._span(steps, every, rows.at(slice(written, None)), dense[written:])
             try:
-                taken, new, self.ended = self._kernel(self._callbacks, self._state, self._tally, span, watch)
+                taken, new, self.ended = self._kernel(
+                    self._callbacks, self._state, self._tally, span, self.watching.watch
+                )
             except BaseException:
                 self.raised_before = self.index + steps
                 raise
@@ -202,7 +208,7 @@ class VariableStepper:
                 break
         return written
 
-    def _span(self, count: int, every: int, rows: Rows) -> Span:
+    def _span(self, count: int, every: int, rows: Rows, dense: np.ndarray) -> Span:
         tolerances = self.tolerances
         return Span(
             self.t0,
@@ -217,6 +223,7 @@ class VariableStepper:
             int(tolerances.is_relative),
             int(self._may_shorten),
             *rows,
+            dense,
         )
 
     @property

@@ -36,3 +36,14 @@ def evaluate(coefficients, s, n, u, v):
             u_sum = u_sum * s + coefficients[k, j]
             v_sum = v_sum * s + coefficients[TERMS + k, j]
         u[j], v[j] = u_sum, v_sum
+
+
+@outlined
+def write_up_to(shorter, coefficients, s, n):
+    """Write the polynomials of the part of the step before its fraction s."""
+    for j in range(n):
+        power = 1.0
+        for k in range(TERMS):
+            shorter[k, j] = coefficients[k, j] * power
+            shorter[TERMS + k, j] = coefficients[TERMS + k, j] * power
+            power *= s

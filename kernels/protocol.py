@@ -45,7 +45,8 @@ class Span(NamedTuple):
 
     Every `every`-th state is written to the rows, and `atol` has a row for u and one for v. If `is_relative` is 1,
     `rtol` is relative to the largest value so far of all degrees of freedom whose `atol` is finite. If `may_shorten` is
-    0, a last step that would have to be shortened is not taken.
+    0, a last step that would have to be shortened is not taken. If `dense` has rows, the dense output of each step is
+    written to the row of its end; `every` is 1 then.
     """
 
     t0: Any
@@ -63,6 +64,7 @@ class Span(NamedTuple):
     h_rows: Any
     u_rows: Any
     v_rows: Any
+    dense: Any
 
 
 class Watch(NamedTuple):
@@ -114,7 +116,7 @@ WATCH = types.NamedTuple((_integers, matrix_type, float64, *(vector_type,) * 2, 
 SPAN = types.NamedTuple(
     (
         *(float64, float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64),
-        *(vector_type, vector_type, matrix_type, matrix_type),
+        *(vector_type, vector_type, matrix_type, matrix_type, Array(float64, 3, "C")),
     ),
     Span,
 )

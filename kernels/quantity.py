@@ -49,6 +49,11 @@ def written(function, t, u, v, p, out, values, i):
         values[i, j] = out[j]
 
 
+def evaluation(writes: bool) -> Any:
+    """Return the element that evaluates a function in a state, into the row i of `values`."""
+    return written if writes else returned
+
+
 @functools.cache
 def extent_kernel(form: Form, writes: bool) -> Any:
     """Compile the kernel, or load it from the disk.
@@ -64,6 +69,5 @@ def extent_kernel(form: Form, writes: bool) -> Any:
         Whether the function writes its values. If not, it returns its only value.
     """
     arguments = int64, vector_type, vector_type, form.state, form.state, vector_type, matrix_type, matrix_type
-    names = {"FUNCTION": function_at(form.output if writes else form.invariant)}
-    names["EVALUATE"] = written if writes else returned
+    names = {"FUNCTION": function_at(form.output if writes else form.invariant), "EVALUATE": evaluation(writes)}
     return compile_kernel(extent, names, none(*arguments), f"{form.name}_{'written' if writes else 'returned'}")

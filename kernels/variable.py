@@ -15,7 +15,7 @@ from typing import Any
 from numba.types import Tuple, UniTuple, int64
 
 from .controller import exponent, growth, shrinkage
-from .dense import COEFFICIENTS, evaluate
+from .dense import COEFFICIENTS, evaluate, write_up_to
 from .events import EPSILON, NOT_A_NUMBER, PASSED, RESET, RESTING, TERMINAL, functions, write_time
 from .jit import bound, compile_kernel, element, outlined
 from .pair import A_END, U_END, V_END, A, U, V
@@ -69,6 +69,7 @@ def variable(callbacks, state, tally, span, watch):
     u, v, u_end, v_end = y[U], y[V], y[U_END], y[V_END]
     u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
     has_events, has_times, has_rows = len(watch.events) > 0, len(watch.times) > 0, len(span.t_rows) > 0
+    is_followed = len(span.dense) > 0
     t, h, was_rejected = tally[TIME], tally[STEP], False
     taken, row, ended = 0, 0, GOING
     if span.first == 0:
@@ -127,6 +128,11 @@ def variable(callbacks, state, tally, span, watch):
                     DENSE(f, t, step, p, n, y, coefficients)
                     is_known = True
                 write_time(watch, tally, t, step, t_end, n, coefficients, u_end, v_end)
+        if is_followed:
+            if not is_known:
+                DENSE(f, t, step, p, n, y, coefficients)
+                is_known = True
+            write_up_to(span.dense[row], coefficients, s, n)
         if is_known:
             tally[EVALUATIONS] += DENSE_COST
         if outcome == PASSED:

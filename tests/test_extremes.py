@@ -1,0 +1,275 @@
+"""Extremes of outputs and invariants with tolerances: they are those of the motion, also between the ends of steps."""
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import Event, Status, integrate
+
+XI = 0.05
+END = 20.0
+DAMPED = np.sqrt(1 - XI**2)  # the circular frequency of the damped vibration; the undamped one is 1
+
+
+@eig3.jit
+def oscillator(t, u, v, p):
+    return -u - 2 * p[0] * v
+
+
+@eig3.jit
+def oscillators(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -u[j] - 2 * p[0] * v[j]
+
+
+@eig3.jit
+def displacement(t, u, v, p):
+    return u
+
+
+@eig3.jit
+def velocity(t, u, v, p):
+    return v
+
+
+@eig3.jit
+def quadratic(t, u, v, p, out):
+    out[0] = u
+    out[1] = u * u
+    out[2] = u * v
+    out[3] = t * u
+
+
+@eig3.jit
+def quadratic_of_two(t, u, v, p, out):
+    out[0] = u[0]
+    out[1] = u[0] * u[0]
+    out[2] = u[0] * v[0]
+    out[3] = t * u[0]
+    out[4] = u[1]
+
+
+def u_of(t):
+    return np.exp(-XI * t) * np.sin(DAMPED * t) / DAMPED
+
+
+def v_of(t):
+    return np.exp(-XI * t) * (np.cos(DAMPED * t) - XI / DAMPED * np.sin(DAMPED * t))
+
+
+T = np.linspace(0, END, 400_001)  # its spacing changes an extreme by 1e-9 at most: 6 (5e-5 / 2)^2 / 2
+VALUES = np.stack([u_of(T), u_of(T) ** 2, u_of(T) * v_of(T), T * u_of(T)])
+# The first peak, where v = 0, in closed form.
+PEAK_TIME = np.arctan2(DAMPED, XI) / DAMPED
+PEAK = u_of(PEAK_TIME)
+
+RUNS = [(method, rtol) for method in ("rk5", "rk8") for rtol in (1e-3, 1e-5, 1e-8, 1e-10)]
+RUNS += [("eig3", rtol) for rtol in (1e-3, 1e-5, 1e-7)]
+
+
+def vibration(**options):
+    return integrate(oscillator, (0.0, END), 0.0, 1.0, params=XI, **options)
+
+
+def run_error(run):
+    u, v = (run.u, run.v) if run.u.ndim == 1 else (run.u[:, 0], run.v[:, 0])
+    return max(np.abs(u - u_of(run.t)).max(), np.abs(v - v_of(run.t)).max())
+
+
+@pytest.mark.parametrize(("method", "rtol"), RUNS)
+def test_extremes_are_those_of_the_motion(method, rtol):
+    """The factors are the derivatives of the values by u and v: 2 |u|, |u| + |v| and t. The dense output between the
+    ends of steps has twice their error, or less."""
+    run = vibration(rtol=rtol, method=method, outputs={"u": displacement, "more": (quadratic, 4)})
+    within = 2 * run_error(run) * np.array([1, 2, 2, END]) + 1e-9
+    assert run.extremes["u"].high == pytest.approx(PEAK, abs=2 * run_error(run))
+    # near the peak v = -(t - t_peak) PEAK: the error of v moves it
+    assert run.extremes["u"].t_high == pytest.approx(PEAK_TIME, abs=4 * run_error(run))
+    low, high, t_low, t_high = run.extremes["more"]
+    assert (np.abs(low - VALUES.min(axis=1)) < within).all()
+    assert (np.abs(high - VALUES.max(axis=1)) < within).all()
+    for times, places in ((t_low, VALUES.argmin(axis=1)), (t_high, VALUES.argmax(axis=1))):
+        # the values have their extremes at these times: they are smooth, with second derivatives of 0.3 to 20
+        assert (np.abs(times - T[places])[1:] < np.sqrt(8 * within[1:]) + 1e-4).all()
+        assert times[0] == pytest.approx(T[places[0]], abs=8 * run_error(run) + 1e-4)
+
+
+@pytest.mark.parametrize("method", ["rk5", "rk8", "eig3"])
+def test_vector_form(method):
+    options = {"rtol": 1e-6, "method": method, "params": XI}
+    run = integrate(
+        oscillators, (0.0, END), [0.0, 0.5], [1.0, 0.0], outputs={"all": (quadratic_of_two, 5)}, **options
+    )  # fmt: skip
+    low, high, _, t_high = run.extremes["all"]
+    within = 2 * run_error(run) * np.array([1, 2, 2, END]) + 1e-9
+    assert (np.abs(high[:4] - VALUES.max(axis=1)) < within).all()
+    assert (np.abs(low[:4] - VALUES.min(axis=1)) < within).all()
+    assert t_high[0] == pytest.approx(PEAK_TIME, abs=4 * run_error(run))
+    assert (high[4], t_high[4]) == (0.5, 0.0)
+
+
+def assert_same(one, other):
+    assert one.extremes.keys() == other.extremes.keys()
+    for name, extremes in one.extremes.items():
+        for x, y in zip(extremes, other.extremes[name], strict=True):
+            np.testing.assert_array_equal(x, y)
+    assert one.drift == other.drift
+
+
+@pytest.mark.parametrize("method", ["rk5", "rk8", "eig3"])
+def test_they_do_not_depend_on_what_is_saved_nor_on_the_calls(method, monkeypatch):
+    options = {"rtol": 1e-5, "method": method, "outputs": {"more": (quadratic, 4)}, "invariants": {"v": velocity}}
+    run = vibration(**options)
+    assert_same(run, vibration(save_every=7, **options))
+    assert_same(run, vibration(save_every=None, **options))
+    assert_same(run, vibration(t_eval=[1.0, END], **options))
+    first = integrate(oscillator, (0.0, 7.0), 0.0, 1.0, params=XI, **options)
+    assert_same(run, first.extend(END))
+    monkeypatch.setattr("eig3.variable_run._CHUNK_VALUES", 1)  # rows for three steps in each call
+    assert_same(run, vibration(**options))
+
+
+def test_inlined_run_has_the_same_extremes():
+    """Up to round-off: the compiler may fuse other products and sums."""
+    options = {"rtol": 1e-8, "outputs": {"u": displacement}}
+    run, inlined = vibration(**options).extremes["u"], vibration(inline=True, **options).extremes["u"]
+    assert inlined == pytest.approx(run, abs=1e-12)
+
+
+def test_what_is_followed_leaves_the_motion_alone():
+    """It only adds the evaluations of the dense output to the count: three in each step of RK8."""
+    options = {"rtol": 1e-6, "method": "rk8"}
+    run, alone = vibration(outputs={"u": displacement}, **options), vibration(**options)
+    np.testing.assert_array_equal(run.u, alone.u)
+    np.testing.assert_array_equal(run.steps, alone.steps)
+    assert run.n_rhs == alone.n_rhs + 3 * run.n_steps
+
+
+@eig3.jit
+def undefined_later(t, u, v, p):
+    return np.nan if t > 3.0 else u
+
+
+@eig3.jit
+def first_undefined_later(t, u, v, p, out):
+    out[0] = np.nan if t > 3.0 else u
+    out[1] = u
+
+
+def test_the_first_nan_stays_with_its_time():
+    run = vibration(rtol=1e-8, outputs={"one": undefined_later, "two": (first_undefined_later, 2)})
+    alone = vibration(rtol=1e-8, outputs={"u": displacement})
+    step = run.steps[np.searchsorted(run.t, 3.0)]
+    low, high, t_low, t_high = run.extremes["one"]
+    assert np.isnan([low, high]).all()
+    assert 3.0 < t_low == t_high < 3.0 + step / 2
+    both = run.extremes["two"]
+    assert (both.t_low[0], both.t_high[0]) == (t_low, t_high)
+    assert np.isnan([both.low[0], both.high[0]]).all()
+    for x, y in zip(both, alone.extremes["u"], strict=True):
+        assert x[1] == y
+
+
+@eig3.jit
+def saw(t, u, v, p):
+    return abs(u)
+
+
+def test_an_output_with_a_kink_has_values_that_it_takes():
+    """The polynomial through the values of |u| falls below zero."""
+    for rtol in (1e-3, 1e-5, 1e-8):
+        extremes = vibration(rtol=rtol, outputs={"size": saw, "u": displacement}).extremes
+        assert extremes["size"].low == 0.0  # at the start
+        assert extremes["size"].high == extremes["u"].high
+        start = integrate(oscillator, (0.0, END), 0.5, 1.0, params=XI, rtol=rtol, outputs={"size": saw})
+        assert 0 <= start.extremes["size"].low < 0.01
+
+
+def test_an_invariant_drifts_at_the_ends_of_steps():
+    run = vibration(rtol=1e-6, invariants={"v": velocity})
+    assert run.drift["v"] == np.abs(run.v - 1).max()
+    assert run.extremes["v"].low < run.v.min()
+
+
+# Events --------------------------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def falls(t, u, v, p):
+    return -p[0]
+
+
+@eig3.jit
+def height(t, u, v, p):
+    return u
+
+
+@eig3.jit
+def bounces(t, u, v, p):
+    return u, -0.5 * v
+
+
+@eig3.jit
+def speed(t, u, v, p):
+    return abs(v)
+
+
+@pytest.mark.parametrize("method", ["rk5", "rk8", "eig3"])
+@pytest.mark.parametrize("terminal", [False, True])
+def test_the_states_before_and_after_an_impact_count(method, terminal):
+    """A fall from 5 m with 10 m/s^2 ends after 1 s with -10 m/s, from where the ball rises with 5 m/s to 1.25 m."""
+    run = integrate(
+        falls, (0.0, 1.8), 5.0, 0.0, params=10.0, rtol=1e-6, method=method,
+        events={"impact": Event(height, -1, apply=bounces, terminal=terminal)},
+        outputs={"v": velocity, "speed": speed, "u": displacement},
+    )  # fmt: skip
+    assert run.status is (Status.TERMINATED if terminal else Status.COMPLETED)
+    low, high, t_low, t_high = run.extremes["v"]
+    assert (low, high) == pytest.approx((-10, 5), rel=1e-13)  # a polynomial of degree 2 has round-off only
+    assert t_low == t_high == run.events["impact"].t[0]
+    assert run.extremes["speed"].high == pytest.approx(10, rel=1e-13)
+    assert run.extremes["u"].low == pytest.approx(0, abs=1e-13)
+
+
+@eig3.jit
+def returns(t, u, v, p):
+    return u - p[1]
+
+
+@eig3.jit
+def stops(t, u, v, p):
+    return p[1], 0.0
+
+
+@pytest.mark.parametrize("method", ["rk5", "rk8"])
+@pytest.mark.parametrize("level", [0.99, 0.5])
+@pytest.mark.parametrize("apply", [None, stops])
+def test_a_part_of_a_step_up_to_an_event(method, level, apply):
+    """The vibration passes the level on its way back, in the step that has the peak, or in another."""
+    events = {"back": Event(returns, -1, apply=apply, terminal=True)}
+    options = {"rtol": 1e-6, "method": method, "params": (XI, level * PEAK)}
+    run = integrate(oscillator, (0.0, END), 0.0, 1.0, events=events, outputs={"u": displacement}, **options)
+    assert run.extremes["u"].high == pytest.approx(PEAK, abs=1e-5)  # some tolerances
+    assert run.extremes["u"].t_high == pytest.approx(PEAK_TIME, abs=1e-5)
+
+
+def test_a_peak_that_is_not_reached():
+    """The step that would pass the peak ends at the event before it."""
+    run = integrate(
+        oscillator, (0.0, END), 0.0, 1.0, params=(XI, 0.8 * PEAK), rtol=1e-3, method="rk8",
+        events={"up": Event(returns, 1, terminal=True)}, outputs={"u": displacement},
+    )  # fmt: skip
+    assert run.extremes["u"].high == run.u[-1] == pytest.approx(0.8 * PEAK, rel=1e-12)
+    assert run.extremes["u"].t_high == run.t[-1]
+
+
+def test_extended_through_impacts():
+    options = {
+        "params": 10.0, "rtol": 1e-6, "method": "rk8", "outputs": {"v": velocity, "u": displacement},
+        "events": {"impact": Event(height, -1, apply=bounces)}, "invariants": {"speed": speed},
+    }  # fmt: skip
+    whole = integrate(falls, (0.0, 2.6), 5.0, 1.0, **options)
+    assert_same(whole, integrate(falls, (0.0, 1.5), 5.0, 1.0, **options).extend(2.6))
+    assert whole.extremes["u"].high == pytest.approx(5.05, rel=1e-13)  # u0 + v0^2 / (2 g)
+    assert whole.extremes["u"].t_high == pytest.approx(0.1, rel=1e-7)
+    assert whole.drift["speed"] == pytest.approx(np.sqrt(101) - 1, rel=1e-12)
