@@ -8,15 +8,22 @@ import numpy as np
 
 
 class Extremes(NamedTuple):
-    """The extremes of an invariant or an output over every step, saved or not, and when they occurred.
+    """The extremes of an invariant or an output over a run, whatever is saved, and when they occurred.
+
+    With a fixed step, and in an ensemble, they are those over the ends of all steps and the states before and after
+    events. Between these, the peak A of a sine of angular frequency omega is higher by up to A (omega h)^2 / 8.
+
+    With tolerances, they are those of the motion: a value that is smooth within a step has extremes whose error is of
+    the size of the run's. Where it has a kink, such as abs(u) at u = 0, its extreme is that of samples: the start, the
+    end and some points of the step, their number by the order of the method.
 
     Attributes
     ----------
     low, high : float or ndarray
         The minimum and the maximum. For an output with k values they have the shape (k,), and for the m members of an
-        ensemble (m,) or (m, k). Both are NaN if the function gave NaN in any step.
+        ensemble (m,) or (m, k). Both are NaN if the function gave NaN.
     t_low, t_high : float or ndarray
-        The times of the steps at which they first occurred; the time of the first NaN if they are NaN.
+        The times at which they first occurred; the time of the first NaN if they are NaN.
     """
 
     low: Any

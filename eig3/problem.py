@@ -23,6 +23,7 @@ from .events import Event
 from .integration import integrate
 from .labels import Labels
 from .methods import Method
+from .quantities import Balance
 from .solution import Solution
 from .stepper import Stepper
 from .storage import Place
@@ -162,6 +163,7 @@ class Problem:
         start: Any = self.u0, self.v0
         if self.integrals:
             start = [_with_integrals(x, len(self.integrals)) for x in start]
+            options["invariants"] = self._balanced(options["invariants"])
             if options.get("rtol") is not None:
                 options["atol"] = Motion(options.get("atol"), np.size(self.u0))
         return self._run(integrate, self.rhs, span, *start, **options)
@@ -352,6 +354,13 @@ class Problem:
         if new.shape != old:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
         return new
+
+    def _balanced(self, invariants: Any) -> Any:
+        """Return the invariants, with the energy as a balance if the problem follows the work."""
+        if "work" not in self.integrals or not isinstance(invariants, Mapping):
+            return invariants
+        balance = Balance(self.energy, np.size(self.u0) + self.integrals.index("work"))
+        return {name: balance if function is self.energy else function for name, function in invariants.items()}
 
     def _run(self, run: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         """Run with the integrals as further degrees of freedom; separate them from the result, and label it."""

@@ -21,12 +21,22 @@ from .samples import Samples
 _NOTHING = np.array([[np.inf], [-np.inf], [np.nan], [np.nan]])  # the extremes of no value
 
 
+class Balance(NamedTuple):
+    """An energy less the work, among the `invariants` of a problem that follows the work.
+
+    The work is the velocity of the degree of freedom `work`.
+    """
+
+    energy: Any
+    work: int
+
+
 class Functions(NamedTuple):
-    """The functions that are evaluated at every step, by name, as the user passed them.
+    """The functions that are evaluated at every step, by name, as the user or a problem passed them.
 
     Attributes
     ----------
-    invariants : mapping of str to jitted function
+    invariants : mapping of str to jitted function, or to Balance
     outputs : mapping of str to jitted function, or to (jitted function, k)
     """
 
@@ -43,9 +53,17 @@ class Functions(NamedTuple):
         """The number of values of all outputs in a state."""
         return sum(k for shape in self.shapes.values() for k in shape or (1,))
 
+    def work_in(self, name: str) -> int | None:
+        """The degree of freedom whose velocity is the work that an invariant takes away, or None."""
+        invariant = self.invariants[name]
+        return invariant.work if isinstance(invariant, Balance) else None
+
     def quantities(self, form: Form) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
         """Compile the invariants and the outputs."""
-        invariants = {name: Quantity(f"invariants[{name!r}]", e, form=form) for name, e in self.invariants.items()}
+        invariants = {
+            name: Quantity(f"invariants[{name!r}]", e.energy if isinstance(e, Balance) else e, form=form)
+            for name, e in self.invariants.items()
+        }
         outputs = {
             name: Quantity(f"outputs[{name!r}]", *(value if isinstance(value, tuple) else (value,)), form=form)
             for name, value in self.outputs.items()

@@ -89,11 +89,12 @@ class Solution:
     message : str
         A sentence about how the run ended. `explain` finds out more.
     drift : dict of str to float
-        For each invariant e, the maximum of |e_n - e_0| over all steps, not only over the saved states; NaN if e became
-        NaN.
+        For each invariant e, the maximum of |e_n - e_0| over the ends of all steps, not only over the saved states; NaN
+        if e became NaN.
     extremes : dict of str to Extremes
-        For each invariant and each output, its minimum `low` and its maximum `high` over all steps, and their times
-        `t_low` and `t_high`; NaN, and the time of the first NaN, if it became NaN.
+        For each invariant and each output, its minimum `low` and its maximum `high`, and their times `t_low` and
+        `t_high`; NaN, and the time of the first NaN, if it became NaN. With a fixed step, they are those over the ends
+        of all steps; with tolerances, those of the motion, also within the steps. See `eig3.Extremes`.
     kernel_seconds : float
         Time in the kernel, s, without compilation and without the evaluation of invariants and outputs.
     method : Method

@@ -9,7 +9,7 @@ import pytest
 
 import eig3
 from eig3 import integrate, problems
-from eig3.effects import MassContact
+from eig3.effects import HarmonicForce, LinearDamper, LinearSpring, MassContact
 from eig3.scene import Scene
 from eig3.stability import limit, practical_limit, spectral_radius
 
@@ -408,6 +408,41 @@ def test_an_invariant_that_starts_from_nothing_can_grow():
     assert run.drift["late"] == pytest.approx(952)
     (note,) = run.notes
     assert note.startswith("late grows steadily, to 2 times its size over the run")
+
+
+def forced_from_rest(damping):
+    """A mass of 1 kg on a spring of 100 N/m, whose energy is zero at the start, with a force at resonance."""
+    scene = Scene(dimension=1)
+    wall, mass = scene.fixed((0.0,)), scene.mass(1.0, (1.0,))
+    scene.add(LinearSpring(stiffness=100.0, length=1.0), wall, mass)
+    scene.add(HarmonicForce((10.0,), 10.0, -np.pi / 2), mass)
+    if damping:
+        scene.add(LinearDamper(damping=damping), wall, mass)
+    return scene.problem((0.0, 60.0), work=True)
+
+
+@pytest.mark.parametrize(
+    ("damping", "method", "relative"), [(0.5, "rk4", 1e-5), (0.5, "rk2", 0.03), (0.0, "eig3", 0.01)]
+)
+@pytest.mark.parametrize("save_every", [1, None])
+def test_a_small_part_of_the_work_is_no_growth(damping, method, relative, save_every):
+    """The energy less the work is zero at the start, and the errors of the work add up: they are small beside it."""
+    run = forced_from_rest(damping).integrate(h=0.005, method=method, save_every=save_every)
+    assert 0 < run.drift["energy"] < relative * np.abs(run.integrals["work"]).max()
+    assert run.notes == ()
+
+
+def test_energy_that_a_method_adds_to_a_forced_motion_is_noted():
+    """RK2 with omega h = 0.2 grows by Omega^4/8 in each step: its energy doubles in 1700 of the 3000 steps."""
+    run = forced_from_rest(0.5).integrate(h=0.02, method="rk2")
+    assert run.success
+    (note,) = run.notes
+    grown = said(
+        r"energy less the work grows steadily, by ([\d.e+]+) % of the larger of the two over the run: RK2\(\) ", note
+    )
+    assert grown == pytest.approx(100 * run.drift["energy"] / np.abs(run.integrals["work"]).max(), rel=0.1)
+    first = forced_from_rest(0.5).integrate(h=0.02, method="rk2", t_end=30.0)
+    assert first.extend(60.0).notes == run.notes
 
 
 @eig3.jit

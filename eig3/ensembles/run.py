@@ -81,7 +81,8 @@ def ensemble(
         their extremes.
     outputs : dict of str to jitted function, or to (jitted function, k), optional
         Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` that write k values, by name, as for
-        `eig3.integrate`. The result has their values at the saved states, and their extremes over every step.
+        `eig3.integrate`. The result has their values at the saved states, and their extremes over the ends of all
+        steps.
     threads : int, optional
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor, optional

@@ -47,8 +47,9 @@ class EnsembleSolution:
     drift : dict of str to ndarray, shape (m,)
         For each invariant e, the maximum of |e_n - e_0| over all steps; NaN if e became NaN.
     extremes : dict of str to Extremes
-        For each invariant and each output, its minimum `low` and its maximum `high` over all steps, and their times
-        `t_low` and `t_high`: arrays of shape (m,), or (m, k) for an output with k values.
+        For each invariant and each output, its minimum `low` and its maximum `high` over the ends of all steps, and
+        their times `t_low` and `t_high`: arrays of shape (m,), or (m, k) for an output with k values. The peak of a
+        sine of angular frequency omega is up to the part ``(omega * h)**2 / 8`` too low.
     outputs : dict of str to ndarray, shape (m, s) or (m, s, k)
         The values of each output at the saved states.
     params : ndarray, shape (m, k) or (k,)

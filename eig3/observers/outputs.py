@@ -1,4 +1,4 @@
-"""Outputs: compiled functions of the state, with their values at the saved states and their extremes at every step."""
+"""Outputs: compiled functions of the state, with their values at the saved states and their extremes over all steps."""
 
 from __future__ import annotations
 

@@ -32,8 +32,8 @@ class Measure:
     Attributes
     ----------
     kind : str
-        "max", "min" and "peak" are the largest value, the smallest value and the largest size over all steps. "end" is
-        the last value, and "drift" the largest change since the first.
+        "max", "min" and "peak" are the largest value, the smallest value and the largest size over the ends of all
+        steps. "end" is the last value, and "drift" the largest change since the first.
     quantity : str
         "energy", a component such as "u0" or "v1", or a difference of two such as "u1-u0".
     """
