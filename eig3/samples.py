@@ -17,6 +17,8 @@ class Samples(NamedTuple):
         Fractions of the step, from 0 to 1: the extremes of the Chebyshev polynomial of degree m.
     fit : ndarray, shape (m + 1, m + 1)
         The coefficients of the polynomial in 2 s - 1 for a value of 1 at one of the points and 0 at the others.
+    floor : float
+        Changes within a step of at most this part of a value are not looked at.
     before : ndarray, shape (k,)
         The values at the start of the next step.
     values, times : ndarray, shape (m + 2, k) and (m + 2,)
@@ -26,6 +28,7 @@ class Samples(NamedTuple):
 
     points: np.ndarray
     fit: np.ndarray
+    floor: float
     before: np.ndarray
     values: np.ndarray
     times: np.ndarray
@@ -33,20 +36,19 @@ class Samples(NamedTuple):
     state: np.ndarray
 
     @classmethod
-    def of(cls, start: np.ndarray, n: int, order: int) -> Samples:
+    def of(cls, start: np.ndarray, n: int, order: int, floor: float) -> Samples:
         """Return the samples of a quantity with the values `start` at the start, for a method of an order.
 
-        The polynomial has the degree of the order: a smooth quantity then differs from it by a term of the order of the
-        error of the step.
+        The polynomial has the degree of the order, or the next even one: a smooth quantity then differs from it by a
+        term of the order of the error of the step.
         """
-        width = len(start)
-        count = order + 2
-        shapes = (count, width), (count,), (count - 1,), (2, n)
-        return cls(*_fit(order), start.copy(), *(np.empty(shape) for shape in shapes))
+        degree = order + order % 2
+        shapes = (degree + 2, len(start)), (degree + 2,), (degree + 1,), (2, n)
+        return cls(*_fit(degree), floor, start.copy(), *(np.empty(shape) for shape in shapes))
 
     def copy(self) -> Samples:
         """Return independent samples with the same values at the start of the next step."""
-        return Samples(self.points, self.fit, *(x.copy() for x in self[2:]))
+        return Samples(*self[:3], *(x.copy() for x in self[3:]))
 
 
 @functools.cache

@@ -25,6 +25,7 @@ _CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which its states ar
 _FIRST_STEPS = 64  # steps of the first chunk, if nothing is known about the time of a step
 _GROWTH = 8  # largest factor from the steps of one chunk to the steps of the next
 _CHUNK_VALUES = 2**16  # values in the rows of a chunk, so that they stay in the cache
+_DENSE_VALUES = 2**17  # values in the dense output of the steps of one call, if something is followed
 
 
 class Stop(Protocol):
@@ -46,11 +47,16 @@ class Stop(Protocol):
 class Followed:
     """An invariant or an output along a run with tolerances."""
 
+    _floor = (
+        0.0  # what changes within a step by this multiple of rtol at most, relative to itself, has no extreme there
+    )
+
     def __init__(self, quantity: Quantity, stepper: VariableStepper) -> None:
         self.quantity, self._params = quantity, stepper.params
         self._extremes = quantity.no_extremes()
         self._start = quantity.at_start(stepper.t, stepper.u, stepper.v, self._params, self._extremes)
-        self._samples = Samples.of(np.atleast_1d(self._start), stepper.n, stepper.order)
+        floor = self._floor * stepper.tolerances.rtol
+        self._samples = Samples.of(np.atleast_1d(self._start), stepper.n, stepper.order, floor)
 
     def see(self, rows: Rows, dense: np.ndarray) -> None:
         """Evaluate the function in every state of a chunk, and within the steps that led there."""
@@ -96,6 +102,7 @@ class FollowedInvariant(Followed):
     """
 
     drift = 0.0
+    _floor = 1.0  # what is nearly constant needs few evaluations within steps
 
     def _note(self, values: np.ndarray) -> None:
         self.drift = float(np.max(np.abs(values - self._start), initial=self.drift))
@@ -251,9 +258,10 @@ class VariableRun:
         every = 1 if followed else self.every
         is_kept = stepper.watching.times is None
         capacity = 0
-        if followed or is_kept:
-            values = stepper.n * (COEFFICIENTS if followed else 1)  # in a row of the largest array
-            capacity = min(2 * (count // every + 2), max(4, _CHUNK_VALUES // values))
+        if followed:
+            capacity = min(2 * (count + 2), max(4, _DENSE_VALUES // (COEFFICIENTS * stepper.n)))
+        elif is_kept:
+            capacity = min(2 * (count // every + 2), max(4, _CHUNK_VALUES // stepper.n))
         if followed and len(self._dense) < capacity:
             self._dense = np.empty((capacity, *self._dense.shape[1:]))
         first, begin = stepper.index, time.perf_counter()

@@ -31,11 +31,12 @@ def quintic(h, n, u, v, a, u_b, v_b, a_b, coefficients):
 def evaluate(coefficients, s, n, u, v):
     """Write u and v after the fraction s of the step."""
     for j in range(n):
-        u_sum, v_sum = 0.0, 0.0
-        for k in range(TERMS - 1, -1, -1):
-            u_sum = u_sum * s + coefficients[k, j]
-            v_sum = v_sum * s + coefficients[TERMS + k, j]
-        u[j], v[j] = u_sum, v_sum
+        u[j], v[j] = coefficients[TERMS - 1, j], coefficients[COEFFICIENTS - 1, j]
+    for k in range(TERMS - 2, -1, -1):  # this order of the loops can be vectorised
+        for j in range(n):
+            u[j] = u[j] * s + coefficients[k, j]
+        for j in range(n):
+            v[j] = v[j] * s + coefficients[TERMS + k, j]
 
 
 @outlined

@@ -129,10 +129,11 @@ def variable(callbacks, state, tally, span, watch):
                     is_known = True
                 write_time(watch, tally, t, step, t_end, n, coefficients, u_end, v_end)
         if is_followed:
-            if not is_known:
-                DENSE(f, t, step, p, n, y, coefficients)
+            if is_known:
+                write_up_to(span.dense[row], coefficients, s, n)
+            else:
+                DENSE(f, t, step, p, n, y, span.dense[row])
                 is_known = True
-            write_up_to(span.dense[row], coefficients, s, n)
         if is_known:
             tally[EVALUATIONS] += DENSE_COST
         if outcome == PASSED:

@@ -14,8 +14,8 @@ from .chunk import Chunk
 
 _PARTS = 16  # number of parts of a run; a growth is steady if the invariant grows from each part to the next
 _NOTABLE = 1e-6  # least growth over the run that is noted, relative to the invariant
-# The same of an energy less the work, relative to the larger of both. The errors of the work add up in a stable run too:
-# at resonance, EIG-3 with omega h = 0.2 has 2 %.
+# The same of an energy less the work, relative to the larger of both. The errors of the work add up in a stable run
+# too, to 2 % at resonance with EIG-3 and omega h = 0.2.
 _NOTABLE_BALANCE = 0.1
 _VISIBLE = 0.1  # least growth over the run that is noted, relative to the oscillation of the invariant in a part
 _FAST = 1e3  # a growth above this is not called slow
