@@ -101,7 +101,7 @@ def refine(function, t_end, h, dense, j, n, p, fit, floor, out, samples, times, 
         left, slope_left = right, slope_right
         right = 2 * cell / cells - 1
         slope_right = slope(c, count, right)
-        if slope_left * slope_right < 0:
+        if slope_left * slope_right < 0 or slope_right == 0:
             x = root_of_slope(c, count, left, right, slope_left)
             value = c[count - 1]
             for k in range(count - 2, -1, -1):
