@@ -33,7 +33,7 @@ def extent_within(
     for i in range(len(t)):
         EVALUATE(function, t[i], STATE(u_rows[i]), STATE(v_rows[i]), p, out, samples, last)
         times[last] = t[i]
-        is_step = i == 0 or t[i] > t[i - 1]  # if not, the row is the state after a reset
+        is_step = h[i] > 0 and (i == 0 or t[i] > t[i - 1])  # if not, the row is the state after a reset
         if is_step:
             for j in range(out.size):
                 samples[0, j] = before[j]
