@@ -102,7 +102,7 @@ class Watching:
     def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any) -> None:
         """Write the signs of g at the start, and that there was no reset before; and the state, if it is wanted."""
         values = tally[EVENTS:].reshape(-1, EVENT_VALUES)
-        values[:, 0], values[:, 1], values[:, 2] = self._signs, -np.inf, 0.0
+        values[:, 0], values[:, 1], values[:, 2:] = self._signs, -np.inf, 0.0
         if self.times is not None and self.times[0] == t0:
             self.watch.u_rows[0], self.watch.v_rows[0], self.watch.h_rows[0] = u, v, 0.0
             tally[NEXT] = 1

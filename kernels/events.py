@@ -21,14 +21,14 @@ PASSED, RESET, TERMINAL, ZENO, RESTING, NOT_A_NUMBER, NOT_FINITE = range(7)
 
 EPSILON = 2.0**-52
 _G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
-_SIDE, _LAST, _FREE = range(EVENT_VALUES)  # the values of an event in the tally, from `EVENTS` on
+_SIDE, _LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the tally, from `EVENTS` on
 _DUE, _CROSSING, _END, _HERE = range(4)  # the rows of `Watch.search`
 _NEVER = math.inf  # stands for the fraction of the step at which g changes its sign, if it does not
 _JUST_AFTER = 2.0**-20  # the fraction of a step after which g has left a zero at the start of the step
-_LATER = 8.0  # g is compared with that at this multiple of the time,
-_GROWTH = 4.0  # at which it has moved by this multiple at least, if what is seen is more than round-off,
-_FROM_REST = 8.0**1.5  # and by more than this one if it left with the rate 0: by 64 then, and by 8 with another rate
-_RESOLVED = 2.0**-10  # a step is much longer than the spacing of t if the tolerance of a root is below this part of it
+_LATER = 8.0  # the multiple of this time at which g is looked at again, to see how it leaves
+_GROWTH = 4.0  # g moves on by this factor at least, if what is seen is more than round-off
+_SPACINGS, _CLEAR = 4, 4  # spacings of a value that count as round-off; the multiple of it that is certainly a movement
+_GOLDEN = 0.6180339887498949  # the golden ratio: the fractions of its multiples are spread evenly
 _TOGETHER = 4  # events within this multiple of the tolerance of a root occur at the same time
 _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
 
@@ -61,6 +61,8 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
             watch.events[k, _G],
             tally[mine + _SIDE],
             tally[mine + _FREE],
+            tally[mine + _LEVEL],
+            t - tally[mine + _LAST],
             g_end,
             t,
             h,
@@ -136,24 +138,25 @@ def _note_side(search, tally, k, is_crossing, g):
     if abs(g) > (2 * abs(here) if is_crossing else 0.0):
         tally[mine + _SIDE] = g
     elif is_crossing or here != 0:
-        tally[mine + _SIDE] = 0.0
+        tally[mine + _SIDE], tally[mine + _LEVEL] = 0.0, g
     if not is_crossing or tally[mine + _SIDE] != 0:
         tally[mine + _FREE] = 0.0
 
 
-def crossing_within(address, side, free, g_end, t, h, n, coefficients, u, v, p, tolerance):
+def crossing_within(address, side, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance):
     """Return the fraction of the step at which g changes its sign, or `_NEVER`, and the sign of g before.
 
     `side` has the sign of g at the start. If it is zero, the sign is that just after the start. `free` has the sign
-    from which the last reset of the event came, if it left g at zero, and is zero otherwise. If g then leaves to the
-    other side with the rate 0, it rests on its zero: -1 is returned as the fraction.
+    from which the last reset of the event came, if it left g at zero, and is zero otherwise. This reset was at the time
+    `since` before t, and g was `level` after it. If g then leaves to the other side with the rate 0, it rests on its
+    zero: -1 is returned as the fraction.
 
     The ITP method takes at most one more evaluation than bisection, and as few as the secant method if g is smooth:
     I. F. D. Oliveira and R. H. C. Takahashi, ACM Transactions on Mathematical Software 47 (2020), 5.
     """
     low, high = 0.0, 1.0
     if not abs(side) > 0:
-        low, g_low, side = DEPARTURE(address, free, g_end, t, h, n, coefficients, u, v, p, tolerance)
+        low, g_low, side = DEPARTURE(address, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance)
     else:
         evaluate(coefficients, low, n, u, v)
         g_low = EVENT(address, t, u, v, p)
@@ -189,13 +192,18 @@ def crossing_within(address, side, free, g_end, t, h, n, coefficients, u, v, p, 
     return high, side
 
 
-def departure(address, free, g_end, t, h, n, coefficients, u, v, p, tolerance):
-    """Return a fraction of the step at which g has left its zero at the start, g there, and the sign that it got.
+def departure(address, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance):
+    """Return a fraction of the step at which g has left its zero, g there, and the sign that it got.
 
-    The sign is zero if g does not leave it. The fraction is -1 if g rests on its zero: see `crossing_within`.
+    The sign is zero if g does not leave it. The fraction is -1 if g rests on its zero: see `crossing_within`. After a
+    reset, at the time `since` before the step, g was `level`. With a rate, g leaves it as this time; from rest, it
+    leaves it as the square of the time at least.
     """
     evaluate(coefficients, 0.0, n, u, v)
     g_start = EVENT(address, t, u, v, p)  # on either side of zero, by round-off
+    noise = _CLEAR * ROUND_OFF(address, t, n, coefficients, g_start, u, v, p)
+    if free == 0:
+        level, since = g_start, 0.0
     s, sign = _JUST_AFTER, 0.0
     while True:
         is_last = _LATER * s == 1.0
@@ -205,25 +213,43 @@ def departure(address, free, g_end, t, h, n, coefficients, u, v, p, tolerance):
         if not is_last:
             evaluate(coefficients, _LATER * s, n, u, v)
             g_later = EVENT(address, t + _LATER * s * h, u, v, p)
-        moved, moved_later = g - g_start, g_later - g_start
-        has_left = g * moved > 0 and moved * moved_later > 0
-        if is_last and moved == 0:  # a force begins to push in the rest of the step, if g leaves zero there
-            has_left = moved_later != 0 and tolerance < _RESOLVED
-        if has_left and abs(moved_later) >= _GROWTH * abs(moved):
+        moved, moved_later = g - level, g_later - level
+        ratio = (since + _LATER * s * h) / (since + s * h)
+        from_rest = ratio * math.sqrt(ratio) * max(abs(moved), noise)
+        is_seen = abs(moved) > noise and (noise > 0 or abs(moved_later) >= _GROWTH * abs(moved))
+        has_left = is_seen and g * moved > 0 and moved * moved_later > 0
+        if has_left or (is_last and abs(moved) <= noise and abs(moved_later) > from_rest):
             sign = moved_later
             break
         if is_last:
             break
         s *= 2
-    if not sign * free < 0 or abs(moved_later) <= _FROM_REST * abs(moved):
+    if not sign * free < 0 or abs(moved_later) <= from_rest:
         return s, g, sign
     while s > tolerance:
         s /= 2
         evaluate(coefficients, s, n, u, v)
         g = EVENT(address, t + s * h, u, v, p)
-        if g * free > 0 and (g - g_start) * free > 0:  # it has risen, and fallen back
+        if g * free > 0 and (g - level) * free > noise:  # it has risen, and fallen back
             return s, g, free
     return -1.0, g, free
+
+
+def round_off(address, t, n, coefficients, g, u, v, p):
+    """Return about the change of g at the start of a step by round-off of t, u and v, of some spacings in each value.
+
+    The changes have signs as if by chance, so that they do not cancel in differences of two values.
+    """
+    most = 0.0
+    for bit in range(3):
+        evaluate(coefficients, 0.0, n, u, v)
+        for j in range(n):
+            chance = (j * _GOLDEN) % 1.0
+            change = _SPACINGS * EPSILON * (1 - 2 * (int(chance * 2.0 ** (bit + 1)) % 2))
+            u[j] *= 1 + change
+            v[j] *= 1 + change
+        most = max(most, abs(EVENT(address, t * (1 + _SPACINGS * EPSILON), u, v, p) - g))
+    return most
 
 
 def take(watch, tally, k, t, n, u, v, p):
@@ -284,6 +310,7 @@ def functions(form: Form) -> SimpleNamespace:
     event = event_of_row if form is SCALAR else event_now
     apply = element(bound(_apply_scalar if form is SCALAR else _apply_vector, {"APPLY_AT": apply_at}))
     names: dict[str, Any] = {"EVENT": event, "APPLY": apply}
+    names["ROUND_OFF"] = outlined(bound(round_off, names))
     names["DEPARTURE"] = outlined(bound(departure, names))
     names["CROSSING"] = outlined(bound(crossing_within, names))
     names["TAKE"] = outlined(bound(take, names))

@@ -20,9 +20,10 @@ EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 TIME, STEP, STEP_BEFORE, ERROR, REJECTED, U_SIZE, V_SIZE = range(4, 11)
 NEXT, LOGGED, ANEW, GAP, ENDED_BY, WITHIN = range(11, 17)
 
-#: Three values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the
-#: next step; the time of its last reset; and, if this reset left g at zero, the sign of g before it, or else 0.
-EVENTS, EVENT_VALUES = 17, 3
+#: Four values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the
+#: next step; the time of its last reset; the sign of g before this reset, if it left g at zero, or else 0; and g after
+#: it.
+EVENTS, EVENT_VALUES = 17, 4
 
 
 class Run(NamedTuple):

@@ -533,6 +533,60 @@ def land(t, u, v, p):
 
 
 @eig3.jit
+def pulled(t, u, v, p, a):
+    a[0], a[1] = p[0], p[1]
+
+
+@eig3.jit
+def above_slope(t, u, v, p):
+    return p[2] * u[0] + p[3] * u[1] - p[4]
+
+
+@eig3.jit
+def land_on_slope(t, u, v, p):
+    rate = p[2] * v[0] + p[3] * v[1]
+    v[0] -= rate * p[2]
+    v[1] -= rate * p[3]
+
+
+@eig3.jit
+def within_circle(t, u, v, p):
+    return 1.0 - np.sqrt((u[0] - p[2]) ** 2 + (u[1] - p[3]) ** 2)
+
+
+@eig3.jit
+def land_in_circle(t, u, v, p):
+    x, y = u[0] - p[2], u[1] - p[3]
+    rate = (x * v[0] + y * v[1]) / (x * x + y * y)
+    v[0] -= rate * x
+    v[1] -= rate * y
+
+
+@pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
+def test_a_body_that_does_not_rebound_stays_on_a_slope_and_in_a_circle(options):
+    """Round-off of the positions hides how g leaves zero, and more so far from the origin."""
+    rng = np.random.default_rng(3)
+    slope = {"impact": Event(above_slope, -1, apply=land_on_slope)}
+    circle = {"impact": Event(within_circle, -1, apply=land_in_circle)}
+    for size in (1.0, 1000.0):
+        for _ in range(30):
+            angle = rng.uniform(0, 2 * math.pi)
+            normal, along = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+            foot = rng.uniform(-size, size, 2)
+            u0, v0 = foot + rng.uniform(0.1, 2) * normal, rng.uniform(-3, 3) * along - rng.uniform(0, 2) * normal
+            a = rng.uniform(-1, 1) * along - 9.81 * normal
+            run = {"params": (*a, *normal, normal @ foot), "events": slope, **options}
+            solution = eig3.integrate(pulled, (0, 5), u0, v0, **run)
+            assert solution.status is Status.ZENO
+            # errors of a thousand spacings, in a second
+            assert (solution.u @ normal - normal @ foot).min() > -1e-12 * size
+            u0, v0 = foot + rng.uniform(-0.5, 0.5, 2), rng.uniform(-3, 3, 2)
+            solution = eig3.integrate(pulled, (0, 5), u0, v0, params=(*a, *foot), events=circle, **options)
+            assert solution.status is Status.ZENO
+            assert np.linalg.norm(solution.u - foot, axis=1).max() < 1 + 1e-12 * size
+
+
+@eig3.jit
 def pressed_after_2(t, u, v, p):
     return -1.0 if t > 2.05 else 0.0
 
