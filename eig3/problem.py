@@ -213,7 +213,7 @@ class Problem:
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         if params is None:
             params = check_params(self.params)
-            given = (self.u0, u0), (self.v0, v0), (0.0, h)
+            given: Any = (self.u0, u0), (self.v0, v0), (0.0, h)
             if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
                 params = params[None]  # they are shared also if there are as many parameters as members
         options |= {"h": h, "params": params, "method": method}

@@ -290,10 +290,11 @@ class VariableRun:
     def _chosen(self, rows: Rows, first: int) -> Rows:
         """Return the rows to save from the rows of all steps after step index `first`.
 
-        A reset gives two rows for one step, with the same time, of which the second is the state after it.
+        A reset gives two rows for one step, with the same time, of which the second is the state after it. A reset at
+        the start of a step gives one row, with a step of length 0.
         """
-        is_step_end = np.append(rows.t[1:] != rows.t[:-1], True) if len(rows.t) else np.zeros(0, dtype=bool)
-        ends = np.flatnonzero(is_step_end)
+        is_step_begun = np.append((rows.t[1:] != rows.t[:-1]) | (rows.h[1:] == 0), True)
+        ends = np.flatnonzero(is_step_begun[: len(rows.t)])
         index = first + 1 + np.arange(len(ends))
         return rows.at(ends[index % self.every == 0])
 

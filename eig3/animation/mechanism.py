@@ -106,12 +106,12 @@ class Mechanism:
             axes.plot(*np.reshape(place, (-1, 1)), style, markersize=width)
             axes.text(*place, f"\n{name}", ha="center", va="top", linespacing=0.8)
         movers = [*_trails(draw, paths, film), *self._links(draw, x, film, high - low)]
-        is_fixed = np.isin(np.arange(x.shape[1]), self.fixed)
+        is_fixed: Any = np.isin(np.arange(x.shape[1]), self.fixed)
         size = next((size for most, size in _SIZES if x.shape[1] <= most), 1.5)
         for some, color in ((discs[is_fixed[discs]], "0.5"), (discs[~is_fixed[discs]], "C0")):
             if some.size:
                 movers.append(partial(_move_points, draw.discs(radii[some], color), x[:, some]))
-        is_dot = ~is_fixed & (radii == 0)
+        is_dot: Any = ~is_fixed & (radii == 0)
         for some, style in ((is_fixed, {"color": "k", "marker": "^"}), (is_dot, {"color": "C0", "marker": "o"})):
             if some.any():
                 dots = draw.line(linestyle="none", markersize=size, zorder=3, **style)

@@ -29,7 +29,8 @@ class Pace:
     """
 
     def __init__(self) -> None:
-        self.steps, self.seconds = _FIRST_CHUNK, None
+        self.steps = _FIRST_CHUNK
+        self.seconds: float | None = None
 
     def note(self, steps: int, seconds: float) -> None:
         """Choose the number of steps of the next chunk."""
