@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,13 @@ def check_flag(value: Any, name: str) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} must be True or False, not {shown(value)}.")
     return bool(value)
+
+
+def check_names(names: Iterable[Any], argument: str) -> None:
+    """Refuse names that are not strings."""
+    for name in names:
+        if not isinstance(name, str):
+            raise TypeError(f"the names in {argument} must be strings, not {shown(name)}.")
 
 
 def check_cancel(cancel: Any) -> Any:

@@ -16,7 +16,7 @@ from .analysis.critical import CriticalStep, critical_step
 from .animation import Curves
 from .animation.animate import View, animate
 from .callbacks import check_callback, reads_velocity
-from .checks import check_params, check_span, check_state, reals
+from .checks import check_names, check_params, check_span, check_state, reals
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
 from .events import Event
@@ -98,6 +98,9 @@ class Problem:
     integrals: tuple[str, ...] = ()
     events: Mapping[str, Event] = field(default_factory=dict)
     view: View | None = None
+
+    def __post_init__(self) -> None:
+        check_names(self.integrals, "integrals")
 
     def with_(self, **changes: Any) -> Problem:
         """Return a copy with some fields changed, such as ``problem.with_(u0=[0.1, 0.0], t_span=(0, 20))``.

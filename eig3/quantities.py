@@ -9,7 +9,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from .callbacks import check_callback, takes
-from .checks import check_count
+from .checks import check_count, check_names
 from .extremes import Extremes
 from .guard import beyond, guarded
 from .kernels.protocol import Form
@@ -56,8 +56,8 @@ def check_functions(invariants: Any, outputs: Any) -> Functions:
     Raises
     ------
     TypeError, ValueError
-        If an argument is not a dictionary, both have the same name, or an output is neither a function nor a pair of a
-        function and a number of values.
+        If an argument is not a dictionary, a name is not a string, both have the same name, or an output is neither a
+        function nor a pair of a function and a number of values.
     """
     if invariants is not None and not isinstance(invariants, Mapping):
         raise TypeError("invariants must be a dictionary of names and jitted functions, such as {'energy': energy}.")
@@ -67,6 +67,8 @@ def check_functions(invariants: Any, outputs: Any) -> Functions:
             "{'forces': (forces, k)} for k values."
         )
     functions = Functions(invariants or {}, dict(outputs or {}))
+    check_names(functions.invariants, "invariants")
+    check_names(functions.outputs, "outputs")
     for name, value in functions.outputs.items():
         if name in functions.invariants:
             raise ValueError(f"{name!r} is the name of an invariant and of an output; give them different names.")

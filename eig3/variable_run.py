@@ -136,7 +136,7 @@ class VariableRun:
             {name: Followed(quantity, stepper) for name, quantity in quantities.items()}
             for quantities in functions.quantities(stepper.form)
         )
-        history = GrowingHistory(stepper.form, stepper.n, place.directory if place else None)
+        history = GrowingHistory(stepper.form, stepper.n, place.directory if place else None, functions.n_outputs)
         history.append(stepper.present(0.0))
         history.commit()
         return cls(_Mark(stepper, 1, invariants, outputs), every, history, progress, place)
@@ -150,7 +150,8 @@ class VariableRun:
         place = None if save_to is None else Place.of(save_to)
         mark = self._mark or self._marked()
         stepper = mark.stepper.extended(t_end)
-        history = GrowingHistory(stepper.form, stepper.n, place.directory if place else None)
+        n_outputs = sum(output.quantity.width for output in self.outputs.values())
+        history = GrowingHistory(stepper.form, stepper.n, place.directory if place else None, n_outputs)
         history.append((self._rows or self.history.rows()).at(slice(mark.rows)))
         history.commit()
         copies = ({name: followed.copy() for name, followed in group.items()} for group in mark[2:])
@@ -268,8 +269,8 @@ class VariableRun:
         rows = stepper.wanted_rows()
         if rows is not None:
             return rows
-        saved, present = history.rows(), stepper.present(stepper.h_before)
-        if not all(np.array_equal(saved[i][-1:], present[i]) for i in (0, 2, 3)):
+        last, present = history.last, stepper.present(stepper.h_before)
+        if not all(np.array_equal(last[i], present[i]) for i in (0, 2, 3)):
             history.append(present)
         history.commit(**stepper.counts)
         history.close()

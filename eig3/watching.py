@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .callbacks import check_callback
-from .checks import reals
+from .checks import check_names, reals
 from .events import Event, Occurrences
 from .growing import Rows
 from .guard import beyond, guarded
@@ -33,6 +33,7 @@ def check_events(events: Any) -> Mapping[str, Event]:
         events = {}
     if not isinstance(events, Mapping) or not all(isinstance(event, Event) for event in events.values()):
         raise TypeError("events must be a dictionary of names and events, such as {'impact': eig3.Event(g)}.")
+    check_names(events, "events")
     return events
 
 
