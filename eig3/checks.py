@@ -87,6 +87,11 @@ def check_count(value: Any, name: str) -> int:
     return min(int(value), _NEVER_REACHED)
 
 
+def check_index(value: Any) -> int:
+    """Return the number of steps taken, a whole number that is not negative."""
+    return 0 if value == 0 else check_count(value, "the number of steps")
+
+
 def check_flag(value: Any, name: str) -> bool:
     """Return True or False. Other values are refused: the text "False" would count as true."""
     if not isinstance(value, bool | np.bool_):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from .kernels.protocol import SCALAR, Form
-from .mapped import MappedRows
+from .mapped import MappedRows, output_files
 from .memory import NOT_WORTH_A_LOOK, available_memory
 
 _FIRST_ROWS = 64  # rows of the first block; each further block doubles their number
@@ -53,19 +55,24 @@ class GrowingHistory:
     form : Form
     n : int
         Number of degrees of freedom.
+    outputs : dict of str to tuple of int
+        The shapes of the values of outputs in a state, by name. In memory they are computed when the run ends.
     directory : Path, optional
-        Save the states in files of this directory.
-    n_outputs : int
-        Number of values of all outputs in a state, which need memory when the run ends.
+        Save the states, and the values of the outputs, in files of this directory.
     """
 
-    def __init__(self, form: Form, n: int, directory: Path | None = None, n_outputs: int = 0) -> None:
+    def __init__(
+        self, form: Form, n: int, outputs: Mapping[str, tuple[int, ...]], directory: Path | None = None
+    ) -> None:
         self._form, self._n, self._count = form, n, 0
-        self._row_bytes, self._output_bytes = 8 * (2 + 2 * n), 8 * n_outputs
+        self._row_bytes, self._output_bytes = 8 * (2 + 2 * n), 8 * sum(map(math.prod, outputs.values()))
         self._blocks: list[Rows] = []
         self._free = 0  # rows of the last block that are not used
-        shape = () if form is SCALAR else (n,)
-        shapes = {"t": (), "steps": (), "u": shape, "v": shape}
+        shape: tuple[int, ...] = () if form is SCALAR else (n,)
+        shapes: dict[str, tuple[int, ...]] = {"t": (), "steps": (), "u": shape, "v": shape}
+        self._output_files = {} if directory is None else output_files(outputs)
+        shapes |= {file: outputs[name] for name, file in self._output_files.items()}
+        self._n_written = 0  # rows in files with the values of the outputs
         self._files = None if directory is None else MappedRows(directory, shapes)
         self._is_full = False
 
@@ -118,10 +125,23 @@ class GrowingHistory:
                 "save_every, t_eval with the times that you need, or save_to."
             )
 
-    def commit(self, **counts: float) -> None:
-        """Say that the rows up to now are complete, and what the run has counted up to there."""
-        if self._files:
-            self._files.commit(self._files.count, **counts)
+    def write_outputs(self, functions: Mapping[str, Callable[..., np.ndarray]]) -> None:
+        """Write the values of outputs in files for the rows that have none: each is a function of t, u and v."""
+        if not self._output_files:
+            return
+        new = slice(self._n_written, self.count)
+        rows = self.rows().at(new)
+        values = {name: function(rows.t, *rows.in_form(self._form)) for name, function in functions.items()}
+        for name, array in self.outputs.items():
+            array[new] = values[name]
+        self._n_written = self.count
+
+    @property
+    def outputs(self) -> dict[str, np.ndarray]:
+        """The values of the outputs in files; empty in memory."""
+        if self._files is None:
+            return {}
+        return {name: self._files.arrays[file][: self.count] for name, file in self._output_files.items()}
 
     @property
     def count(self) -> int:

@@ -42,9 +42,9 @@ def check_history(n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
     )
 
 
-def check_disk(directory: Path, n_steps: int, every: int, n: int) -> None:
+def check_disk(directory: Path, n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
     """Raise an OSError if the history does not fit on the disk of a directory; it names a `save_every` that fits."""
-    row = 8 * (2 * n + 1)
+    row = 8 * (2 * n + 1 + n_outputs)
     needed = row * n_rows(n_steps, every)
     existing = next(path for path in (directory, *directory.absolute().parents) if path.exists())
     free = shutil.disk_usage(existing).free

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import storage
 from .analysis.critical import CriticalStep, critical_step
 from .animation import Curves
 from .animation.animate import View, animate
@@ -20,7 +21,7 @@ from .checks import check_names, check_params, check_span, check_state, reals
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
 from .events import Event
-from .integration import integrate
+from .integration import integrate, with_functions
 from .labels import Labels
 from .methods import Method
 from .solution import Solution
@@ -168,6 +169,44 @@ class Problem:
             if options.get("rtol") is not None:
                 options["atol"] = Motion(options.get("atol"), np.size(self.u0))
         return self._run(integrate, self.rhs, span, *start, **options)
+
+    def load(
+        self,
+        path: str | PathLike[str],
+        *,
+        outputs: Mapping[str, Any] | None = None,
+        jacobian: Any = None,
+        **options: Any,
+    ) -> Solution:
+        """Read a run of this problem, which then can go on with `extend`.
+
+        Parameters
+        ----------
+        path, outputs, jacobian
+            As for `eig3.load`.
+        **options
+            `events` and `invariants`, if they were not those of the problem.
+
+        Returns
+        -------
+        Solution
+            With the parameters of the run.
+
+        Raises
+        ------
+        OSError, TypeError, ValueError
+            As for `eig3.load`, and if the run is not one of this problem.
+        """
+        found = storage.load(path)
+        n = 1 if found.u.ndim == 1 else found.u.shape[1]
+        if (n, tuple(found.integrals)) != (np.size(self.u0), tuple(self.integrals)):
+            raise ValueError(f"{path} has a run with {n} degrees of freedom, which is not one of {self.name}.")
+        if self.energy is not None and "energy" in found.drift:
+            options.setdefault("invariants", {"energy": self.energy})
+        if found.events:
+            options.setdefault("events", self.events)
+        solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
+        return self._going_on(solution)
 
     def ensemble(
         self,
@@ -372,9 +411,13 @@ class Problem:
             result.labels = self.labels
             if self.integrals:
                 _separated(result, np.size(self.u0), self.integrals)
-        if isinstance(result, Solution) and result._extend:
-            result._extend = partial(self._run, result._extend)
-        return result
+        return self._going_on(result) if isinstance(result, Solution) else result
+
+    def _going_on(self, solution: Solution) -> Solution:
+        """Let `extend` of a solution return a run of this problem, if it can."""
+        if solution._extend:
+            solution._extend = partial(self._run, solution._extend)
+        return solution
 
 
 def _separated(result: Any, n: int, names: Sequence[str]) -> Any:
