@@ -145,7 +145,8 @@ def test_tolerances_go_on_from_the_last_step(method, options, tmp_path):
     for path in both_ways(tmp_path, SCALAR, 11.0, **options):
         loaded = eig3.load(path, rhs=oscillator, **functions)
         assert_same(loaded, first)
-        np.testing.assert_array_equal(loaded.at(5.55), first.at(5.55))
+        if "save_every" not in options:  # otherwise the states are too far apart
+            np.testing.assert_array_equal(loaded.at(5.55), first.at(5.55))
         with pytest.raises(ValueError, match=r"t_end must be after the end of the run at t = 11\.0"):
             loaded.extend(11.0)
         assert_same(loaded.extend(31.0), extended)
