@@ -65,7 +65,8 @@ def test_a_history_in_files_is_that_in_memory(system, watched, save_every, tmp_p
     assert repr(loaded) == repr(run)
     for name in ("t", "u", "v"):  # without eig3 too
         np.testing.assert_array_equal(np.load(tmp_path / "new" / "run" / f"{name}.npy"), getattr(memory, name))
-    np.testing.assert_array_equal(run.at(1.234), memory.at(1.234))
+    if save_every:  # the two ends alone are too far apart
+        np.testing.assert_array_equal(run.at(1.234), memory.at(1.234))
     assert_same(eig3.load(loaded.save(tmp_path / "file")), memory)
 
 
