@@ -12,11 +12,11 @@ from .ensembles.solution import EnsembleSolution
 from .events import Event, Occurrences
 from .extremes import Extremes
 from .integration import IntegrationError, integrate
+from .loading import load
 from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, CentralDifference, Method
 from .problem import Problem
 from .solution import Solution, Status
 from .stepper import Stepper
-from .storage import load
 
 __all__ = [
     "AB2",

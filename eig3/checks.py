@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -87,11 +87,23 @@ def check_count(value: Any, name: str) -> int:
     return min(int(value), _NEVER_REACHED)
 
 
+def check_index(value: Any) -> int:
+    """Return the number of steps taken, a whole number that is not negative."""
+    return 0 if value == 0 else check_count(value, "the number of steps")
+
+
 def check_flag(value: Any, name: str) -> bool:
     """Return True or False. Other values are refused: the text "False" would count as true."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} must be True or False, not {shown(value)}.")
     return bool(value)
+
+
+def check_names(names: Iterable[Any], argument: str) -> None:
+    """Refuse names that are not strings."""
+    for name in names:
+        if not isinstance(name, str):
+            raise TypeError(f"the names in {argument} must be strings, not {shown(name)}.")
 
 
 def check_cancel(cancel: Any) -> Any:

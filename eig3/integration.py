@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from os import PathLike
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import storage
 from .analysis.divergence import Divergence, find_blow_up, find_divergence
 from .checks import (
     check_cancel,
@@ -24,23 +26,23 @@ from .checks import (
     check_state,
     check_time,
 )
-from .events import Event, Occurrences
+from .events import Event
 from .kernels.interrupt import DeferredInterrupt
 from .kernels.protocol import VECTOR
-from .memory import check_disk, check_history, n_rows
+from .memory import check_disk, check_history
 from .methods import EIG, Method
 from .observers.chunk import Chunk, Observer
 from .observers.growth import Growth
-from .observers.history import History
+from .observers.history import History, Saved
 from .observers.invariants import Watch
 from .observers.outputs import Output
 from .observers.progress import Progress, check_progress
 from .observers.written import Written
-from .quantities import Functions, check_functions
+from .quantities import Functions, Quantity, check_functions
 from .solution import Solution, Status
 from .stability import alternating_limit
 from .stepper import NEVER, Cancel, Stepper
-from .storage import Place
+from .storage import Place, whole_rows
 from .tolerances import check_tolerances, method_for
 from .variable_run import VariableRun
 from .variable_stepper import VariableStepper
@@ -162,9 +164,10 @@ def integrate(
     cancel : threading.Event, optional
         Set it in another thread to end the run, which then has the status INTERRUPTED.
     save_to : str or path, optional
-        A new or an empty directory. The history is written there while the run goes on, into the files t.npy, u.npy and
-        v.npy, so that it may be larger than memory, and `eig3.load` reads the directory. If the process is killed, by
-        SIGKILL too, it returns the states up to then; this does not hold if the power fails.
+        A new or an empty directory. The history is written there while the run goes on, into the files t.npy, u.npy,
+        v.npy and one for each output, so that it may be larger than memory, and `eig3.load` reads the directory. If the
+        process is killed, by SIGKILL too, it returns the run up to its last record, some tenths of a second before, and
+        `eig3.load(directory, rhs=...)` a run that can go on; this does not hold if the power fails.
 
     Returns
     -------
@@ -241,7 +244,7 @@ def _carry_out(begin: Callable[[], _Run | VariableRun], cancel: Cancel | None, r
             if run or isinstance(error, KeyboardInterrupt):
                 error.solution = run and _result(run, error)  # type: ignore[attr-defined]
             if run:
-                with contextlib.suppress(OSError):  # the rows are there, and their number
+                with contextlib.suppress(OSError):  # the directory is then as the last record says
                     _write(run, error.solution)  # type: ignore[attr-defined]
             if isinstance(error, KeyboardInterrupt):
                 again.forget()  # it is raised now
@@ -256,13 +259,54 @@ def _result(run: _Run | VariableRun, error: BaseException | None = None) -> Solu
     solution = run.result(error)
     if not isinstance(error, Exception):  # after which some observers may not have seen the last chunk
         solution._extend = partial(_extend, run)
+        if solution.can_go_on:
+            solution._resume = run.state
+    return solution
+
+
+def with_functions(
+    solution: Solution,
+    rhs: Any,
+    *,
+    events: Any = None,
+    invariants: Any = None,
+    outputs: Any = None,
+    jacobian: Any = None,
+) -> Solution:
+    """Give a loaded solution the functions of its run, as `eig3.load` describes it, and return it."""
+    state = solution._state
+    if state is None:
+        raise ValueError(
+            f"this run cannot go on: its status is {solution.status.name}, or it is a copy, has t_eval, is a member of "
+            "an ensemble, or ended with an exception; load it without functions."
+        )
+    given: dict[str, Any] = {"events": check_events(events), **check_functions(invariants, outputs)._asdict()}
+    names: dict[str, Mapping[str, Any]]
+    names = {"events": solution.events, "invariants": solution.drift, "outputs": solution.outputs}
+    for argument, known in names.items():
+        if set(known) != set(given[argument]):
+            wanted = ", ".join(map(repr, known)) or "none"
+            raise ValueError(f"{argument} must have the names of those of the run: {wanted}.")
+        given[argument] = {name: given[argument][name] for name in known}
+    if (jacobian is not None) != state["has_jacobian"]:
+        what = "the method of the run has a jacobian: give" if jacobian is None else "the run has none: leave out"
+        raise ValueError(f"{what} jacobian.")
+    if jacobian is not None:
+        solution.method = dataclasses.replace(solution.method, jacobian=jacobian)  # type: ignore[type-var]
+        solution.notes = tuple(note for note in solution.notes if note != storage.WITHOUT_JACOBIAN)
+    kind: Any = _Ended if "h" in state else VariableRun
+    run = kind.restored(solution, rhs, given.pop("events"), Functions(**given))
+    solution._accelerations = run.stepper.accelerations
+    if isinstance(run, VariableRun):
+        solution._between = run.between
+    solution._extend = partial(_extend, run)
     return solution
 
 
 def _write(run: _Run | VariableRun, solution: Solution) -> None:
     """Write the solution, whose rows are written, to the place of the run, if it has one."""
     if run.place:
-        run.place.write(solution, has_ended=True)
+        run.place.write(solution, len(solution.t), has_ended=True)
 
 
 def _refuse(given: dict[str, Any]) -> None:
@@ -298,24 +342,36 @@ def _fixed_run(
     save_every = None if t_eval is not None else save_every
     every = _stride(save_every, n_steps)
     options |= {"h": h, "t0": t0, "method": "eig3" if method is None else method}
-    if check_events(events) or t_eval is not None:
-        stepper: Stepper = WatchedStepper(rhs, u0, v0, t_end=t1, events=events, t_eval=t_eval, **options)
-    else:
-        stepper = Stepper(rhs, u0, v0, **options)
+    stepper = _stepper(rhs, u0, v0, t1, events, t_eval, options)
     _check_space(place, n_steps, every, stepper.n, functions.n_outputs)
     watched, shown = functions.quantities(stepper.form)
-    width = max([stepper.n, *(q.width for q in shown.values())]) if watched or shown else 0
+    width = _width(stepper, watched, shown)
+    directory = place.directory if place else None
+    history = History(n_steps, every, stepper, t1, width, functions.shapes, directory)
     return _Run(
         stepper,
         n_steps,
         save_every,
-        History(n_steps, every, stepper, t1, width, place.directory if place else None),
+        history,
         [Watch(name, quantity, stepper, t1, functions.work_in(name)) for name, quantity in watched.items()],
-        [Output(name, quantity, stepper, n_rows(n_steps, every)) for name, quantity in shown.items()],
+        [Output(name, quantity, stepper, history.outputs[name]) for name, quantity in shown.items()],
         Growth(stepper, n_steps),
         progress,
         place,
     )
+
+
+def _stepper(
+    rhs: Any, u0: ArrayLike, v0: ArrayLike, t_end: float, events: Any, t_eval: ArrayLike | None, options: dict[str, Any]
+) -> Stepper:
+    if check_events(events) or t_eval is not None:
+        return WatchedStepper(rhs, u0, v0, t_end=t_end, events=events, t_eval=t_eval, **options)
+    return Stepper(rhs, u0, v0, **options)
+
+
+def _width(stepper: Stepper, watched: Mapping[str, Quantity], shown: Mapping[str, Quantity]) -> int:
+    """Return the `width` of the history of a run."""
+    return max([stepper.n, *(q.width for q in shown.values())]) if watched or shown else 0
 
 
 def _variable_run(
@@ -344,7 +400,7 @@ def _variable_run(
 
 
 def _extend(
-    run: _Run | VariableRun,
+    run: _Run | _Ended | VariableRun,
     t_end: float,
     *,
     save_to: str | PathLike[str] | None,
@@ -365,10 +421,8 @@ def _check_space(place: Place | None, n_steps: int, every: int, n: int, n_output
     """Raise an error if the history does not fit in memory, or on the disk if it has a place there."""
     if place is None:
         check_history(n_steps, every, n, n_outputs)
-        return
-    check_disk(place.directory, n_steps, every, n)
-    if n_outputs:
-        check_history(n_steps, every, 0, n_outputs)
+    else:
+        check_disk(place.directory, n_steps, every, n, n_outputs)
 
 
 def _steps_until(stepper: Stepper, t_end: float) -> int:
@@ -416,6 +470,68 @@ class _Stop:
         return time.perf_counter() > self._until or self.is_final()
 
 
+class _Ended(NamedTuple):
+    """A run with a fixed step that has ended, with what it needs to go on."""
+
+    stepper: Stepper
+    save_every: int | None
+    saved: Saved
+    watches: list[Watch]
+    outputs: list[Output]
+    growth: Growth
+
+    @classmethod
+    def restored(cls, solution: Solution, rhs: Any, events: Mapping[str, Event], functions: Functions) -> _Ended:
+        """Return the run of a loaded solution; the names of its functions are right."""
+        state = solution._state or {}
+        t_end, n_steps = float(solution.t[-1]), check_count(state["n_steps"], "n_steps")
+        options = {name: state[name] for name in ("h", "t0", "params", "inline")} | {"method": solution.method}
+        u0, v0 = state["start"]
+        stepper = _stepper(rhs, u0, v0, t_end, events, None, options)
+        watched, shown = functions.quantities(stepper.form)
+        watches = [Watch(name, each, stepper, t_end, functions.work_in(name)) for name, each in watched.items()]
+        outputs = [Output(name, quantity, stepper, np.empty((1, *quantity.shape))) for name, quantity in shown.items()]
+        growth = Growth(stepper, n_steps)
+        with storage.going_on():
+            stepper.restore(state["stepper"])
+            if isinstance(stepper, WatchedStepper):
+                stepper.watching.recall(solution.events)
+            growth.restore(state["growth"], stepper)
+            for watch in watches:
+                watch.restore(state["invariants"][watch.name])
+            for output in outputs:
+                output.restore(state["outputs"][output.name])
+            t, u, v = whole_rows(solution, stepper.n)
+            if len(t) <= stepper.index // _stride(state["save_every"], n_steps):
+                raise ValueError(f"{len(t)} states are too few.")
+        saved = Saved(t, u, v, solution.outputs, _width(stepper, watched, shown))
+        return cls(stepper, state["save_every"], saved, watches, outputs, growth)
+
+    def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None) -> _Run:
+        """Return an independent run to a later end, which stands where this one ended."""
+        check_progress(progress)
+        n_steps = _steps_until(self.stepper, t_end)
+        every = _stride(self.save_every, n_steps)
+        place = None if save_to is None else Place.of(save_to)
+        stepper = self.stepper.extended(t_end)
+        _check_space(place, n_steps, every, stepper.n, sum(output.width for output in self.outputs))
+        shapes = {output.name: output.shape for output in self.outputs}
+        history = History(n_steps, every, stepper, t_end, self.saved.width, shapes, place.directory if place else None)
+        history.take(self.saved, stepper)
+        earlier = {name: values[: stepper.index // every + 1] for name, values in self.saved.outputs.items()}
+        return _Run(
+            stepper,
+            n_steps,
+            self.save_every,
+            history,
+            [watch.extended(stepper.t, t_end) for watch in self.watches],
+            [output.extended(history.outputs[output.name], earlier[output.name]) for output in self.outputs],
+            self.growth.extended(n_steps, stepper.index),
+            progress,
+            place,
+        )
+
+
 class _Run:
     """A run in chunks of steps, with its observers."""
 
@@ -447,34 +563,36 @@ class _Run:
         self.reason: Callable[[], str] | None = None
         if place:
             try:
-                place.write(self._solution(history.t[:1], history.u[:1], history.v[:1]), has_ended=False)
+                place.keep(self._rows, self._so_far)
             except BaseException:
                 history.remove()
                 raise
 
+    def state(self) -> dict[str, Any] | None:
+        """Return the state from which the run goes on, in numbers and arrays; None with `t_eval`."""
+        stepper = self.stepper
+        if isinstance(stepper, WatchedStepper) and stepper.watching.times is not None:
+            return None
+        return {
+            "h": stepper.h,
+            "t0": stepper.t0,
+            "start": stepper.start,
+            "params": stepper.params,
+            "inline": stepper.inline,
+            "has_jacobian": stepper.method.jacobian is not None,
+            "n_steps": self.n_steps,
+            "save_every": self.save_every,
+            "stepper": stepper.kept(),
+            "invariants": {watch.name: watch.kept() for watch in self.watches},
+            "outputs": {output.name: output.kept() for output in self.outputs},
+            "growth": self.growth.kept(),
+        }
+
     def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None) -> _Run:
         """Return an independent run to a later end, which stands where this one ended."""
-        check_progress(progress)
-        n_steps = _steps_until(self.stepper, t_end)
-        every = _stride(self.save_every, n_steps)
-        place = None if save_to is None else Place.of(save_to)
-        stepper = self.stepper.extended(t_end)
-        _check_space(place, n_steps, every, stepper.n, sum(output.width for output in self.outputs))
-        directory = place.directory if place else None
-        history = History(n_steps, every, stepper, t_end, self.history.width, directory)
-        history.take(self.history, stepper)
-        saved = stepper.index // every + 1
-        return _Run(
-            stepper,
-            n_steps,
-            self.save_every,
-            history,
-            [watch.extended(stepper.t, t_end) for watch in self.watches],
-            [output.extended(n_rows(n_steps, every), saved) for output in self.outputs],
-            self.growth.extended(n_steps, stepper.index),
-            progress,
-            place,
-        )
+        saved = self.history.close(self.stepper, self.outputs)
+        ended = _Ended(self.stepper, self.save_every, saved, self.watches, self.outputs, self.growth)
+        return ended.extended(t_end, progress, save_to)
 
     def march(self, stop: _Stop) -> None:
         """Run to the end, or until the run fails or should stop."""
@@ -526,6 +644,8 @@ class _Run:
                 seconds = time.perf_counter() - begin + 1e-9
                 steps = stepper.index - chunk.first
                 self.most_watched = max(1, int(steps * min(_CHUNK_GROWTH, _CHUNK_SECONDS / seconds)))
+            if self.place and self.status is Status.COMPLETED:
+                self.place.keep(self._rows, self._so_far)
             if raised and stepper.index >= raised[0]:
                 raise raised[1]  # it did not come from rhs, but from the handler of a signal
 
@@ -569,25 +689,43 @@ class _Run:
                 self._end(Status.INTERRUPTED, f"The run raised {type(error).__name__} after t = {stepper.t:g}.")
             elif error and (stepper.index < self.n_steps or self.growth.suspect):
                 self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
-        t, u, v = self.history.close(stepper)
-        outputs = {output.name: output.close(stepper.index, len(t)) for output in self.outputs}
-        events: dict[str, Occurrences] = {}
+        t, u, v, outputs, _ = self.history.close(stepper, self.outputs)
         if isinstance(stepper, WatchedStepper):
             if stepper.index == self.n_steps or stepper.is_over:
                 stepper.finish()
-            events, rows = stepper.watching.occurrences(), stepper.wanted_rows()
+            rows = stepper.wanted_rows()
             if rows is not None:
                 if self.status is Status.DIVERGED:  # the dense output of the last step may not be finite
                     rows = rows.at(slice(int(np.argmin([*np.isfinite(rows.u + rows.v).all(axis=1), False]))))
                 t, (u, v) = rows.t, rows.in_form(stepper.form)
                 outputs = {output.name: output.at(t, u, v) for output in self.outputs}
-        followed: list[Watch | Output] = [*self.watches, *self.outputs]
         solution = self._solution(t, u, v)
+        self._describe(solution)
+        solution.outputs = outputs
+        return solution
+
+    def _so_far(self) -> Solution:
+        """Return a run that goes on, without its rows."""
+        solution = self._solution(self.history.t[:1], self.history.u[:1], self.history.v[:1])
+        solution.status = Status.INTERRUPTED
+        self._describe(solution)
+        solution.outputs, solution._resume = self.history.outputs, self.state
+        return solution
+
+    @property
+    def _rows(self) -> int:
+        """The number of rows that are complete while the run goes on."""
+        return self.stepper.index // _stride(self.save_every, self.n_steps) + 1
+
+    def _describe(self, solution: Solution) -> None:
+        """Write what the observers have found, besides the rows, to a solution."""
+        stepper = self.stepper
+        followed: list[Watch | Output] = [*self.watches, *self.outputs]
         solution.drift = {watch.name: watch.drift for watch in self.watches}
         solution.extremes = {each.name: each.extremes for each in followed}
-        solution.events, solution.outputs = events, outputs
-        solution.notes = (*self._notes(), *stepper.notes)
-        return solution
+        if isinstance(stepper, WatchedStepper):
+            solution.events = stepper.watching.occurrences()
+        solution.notes = (*self._notes(solution.status), *stepper.notes)
 
     def _solution(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> Solution:
         """Return a solution without what the observers have found."""
@@ -608,8 +746,8 @@ class _Run:
             _accelerations=stepper.accelerations,
         )
 
-    def _notes(self) -> Iterator[str]:
-        for watch in self.watches if self.status is Status.COMPLETED else ():
+    def _notes(self, status: Status) -> Iterator[str]:
+        for watch in self.watches if status is Status.COMPLETED else ():
             if watch.growth:
                 yield watch.note(self.stepper.method)
         running = self.stepper.running

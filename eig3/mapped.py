@@ -7,17 +7,10 @@ import io
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
-COUNTS = "counts.npy"  # the file with the number of rows, and with what a run has counted up to there
-_COUNTS = np.dtype(
-    [
-        *((name, "<i8") for name in ("rows", "n_steps", "n_rhs", "n_iterations", "n_rejected")),
-        ("kernel_seconds", "<f8"),
-    ]
-)
 _FIRST_ROWS = 1024  # for which space is reserved when rows are appended
 _MOST_BYTES = 2**26  # for which space is reserved at a time in a file whose rows are appended
 _NO_FALLOCATE = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)  # errors of a file system that cannot reserve space
@@ -26,15 +19,23 @@ _NO_FALLOCATE = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)  # errors of a fi
 def check_directory(path: Path) -> None:
     """Raise a FileExistsError if there is something that the files of a run could overwrite."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        what = "holds files" if path.is_dir() else "is a file"
-        raise FileExistsError(f"save_to must name a new or an empty directory, but {path} {what}: name another one.")
+        raise _taken(path, "holds files" if path.is_dir() else "is a file")
+
+
+def output_files(names: Iterable[str]) -> dict[str, str]:
+    """Return the names of the arrays with the values of outputs, whose own names may have any character."""
+    return {name: f"outputs.{k}" for k, name in enumerate(names)}
+
+
+def _taken(path: Path, what: str) -> FileExistsError:
+    return FileExistsError(f"save_to must name a new or an empty directory, but {path} {what}: name another one.")
 
 
 class MappedRows:
     """Arrays whose rows are in the files of a directory, one .npy file for each array.
 
-    The process may be killed at any time. The file `COUNTS` then has the number of rows that are complete. It is
-    written after the rows, so that it never counts a row that is not there.
+    The number of rows in the header of a file is that of the reserved rows until `close`. Who reads the files before
+    must know the number of rows that are complete.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ class MappedRows:
     Raises
     ------
     FileExistsError
-        If the directory is not empty.
+        If the directory is not empty, or another run takes it at the same time.
     OSError
         If the disk is full. No file is left.
     """
@@ -69,8 +70,9 @@ class MappedRows:
             for name, shape in shapes.items():
                 self._files[name] = _RowFile(directory / f"{name}.npy", shape)
             self.reserve(rows)
-            self._counts = (directory / COUNTS).open("x+b", buffering=0)
-            self.commit(0)
+        except FileExistsError:  # the system gives each file to one run only
+            self.remove()
+            raise _taken(directory, "holds the files of another run, which began at the same time") from None
         except BaseException:
             self.remove()
             raise
@@ -79,7 +81,6 @@ class MappedRows:
         """Remove the files."""
         for file in self._files.values():
             file.remove()
-        (self.directory / COUNTS).unlink(missing_ok=True)
 
     def reserve(self, rows: int) -> None:
         """Reserve the space of this number of rows on the disk.
@@ -102,7 +103,7 @@ class MappedRows:
         self._refer()
 
     def append(self, **blocks: np.ndarray) -> None:
-        """Add rows to each array, by name. They are not counted in the files before `commit`.
+        """Add rows to each array, by name.
 
         Raises
         ------
@@ -123,46 +124,32 @@ class MappedRows:
                 self.arrays[name][self.count : self.count + count] = block[:count]
             self.count += count
 
-    def commit(self, count: int, **counts: float) -> None:
-        """Say that the first `count` rows are complete, and what the run has counted up to there."""
-        self.count = count
-        record = np.zeros((), _COUNTS)
-        for name, value in {"rows": count, **counts}.items():
-            record[name] = value
-        # One write to the system's cache: a process that is killed has done all of it or nothing.
-        self._counts.seek(0)
-        self._counts.write(_header(record.dtype, ()) + record.tobytes())
-
     def close(self) -> None:
         """Cut the files after the last row. The arrays are then maps of the files that can only be read."""
         for file in self._files.values():
             file.close(self.count)
-        self._counts.close()
         self._refer()
 
     def _refer(self) -> None:
         self.arrays = {name: file.array for name, file in self._files.items()}
 
 
-def read_mapped(directory: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return the complete rows of the arrays with these names, and what the run has counted up to there.
+def read_mapped(directory: Path, names: Iterable[str], rows: int) -> dict[str, np.ndarray]:
+    """Return the first `rows` rows of the arrays with these names, which can only be read.
 
-    The arrays can only be read. Those without a file are left out.
+    Those without a file are left out.
 
     Raises
     ------
     OSError, ValueError
-        If a file is missing or damaged.
+        If a file is damaged.
     """
-    record = np.load(directory / COUNTS)
-    counts = {name: record[name].item() for name in record.dtype.names}
-    rows = counts.pop("rows")
     files = {name: directory / f"{name}.npy" for name in names}
     arrays = {name: np.load(path, mmap_mode="r") for name, path in files.items() if path.exists()}
     for name, array in arrays.items():
-        if len(array) < rows:
-            raise ValueError(f"{name}.npy has {len(array)} rows, not {rows}.")
-    return {name: array[:rows] for name, array in arrays.items()}, counts
+        if array.dtype != np.float64 or not array.ndim or len(array) < rows:
+            raise ValueError(f"{name}.npy has the shape {array.shape} and the type {array.dtype}, not {rows} rows.")
+    return {name: array[:rows] for name, array in arrays.items()}
 
 
 class _RowFile:

@@ -12,18 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import storage
 from .analysis.critical import CriticalStep, critical_step
 from .animation import Curves
 from .animation.animate import View, animate
 from .callbacks import check_callback, reads_velocity
-from .checks import check_params, check_span, check_state, reals
+from .checks import check_names, check_params, check_span, check_state, reals
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
 from .events import Event
-from .integration import integrate
+from .integration import integrate, with_functions
 from .labels import Labels
 from .methods import Method
-from .quantities import Balance
+from .quantities import EnergyLessWork
 from .solution import Solution
 from .stepper import Stepper
 from .storage import Place
@@ -100,6 +101,9 @@ class Problem:
     events: Mapping[str, Event] = field(default_factory=dict)
     view: View | None = None
 
+    def __post_init__(self) -> None:
+        check_names(self.integrals, "integrals")
+
     def with_(self, **changes: Any) -> Problem:
         """Return a copy with some fields changed, such as ``problem.with_(u0=[0.1, 0.0], t_span=(0, 20))``.
 
@@ -167,6 +171,45 @@ class Problem:
             if options.get("rtol") is not None:
                 options["atol"] = Motion(options.get("atol"), np.size(self.u0))
         return self._run(integrate, self.rhs, span, *start, **options)
+
+    def load(
+        self,
+        path: str | PathLike[str],
+        *,
+        outputs: Mapping[str, Any] | None = None,
+        jacobian: Any = None,
+        **options: Any,
+    ) -> Solution:
+        """Read a run of this problem, which then can go on with `extend`.
+
+        Parameters
+        ----------
+        path, outputs, jacobian
+            As for `eig3.load`.
+        **options
+            `events` and `invariants`, if they were not those of the problem.
+
+        Returns
+        -------
+        Solution
+            With the parameters of the run.
+
+        Raises
+        ------
+        OSError, TypeError, ValueError
+            As for `eig3.load`, and if the run is not one of this problem.
+        """
+        found = storage.load(path)
+        n = 1 if found.u.ndim == 1 else found.u.shape[1]
+        if (n, tuple(found.integrals)) != (np.size(self.u0), tuple(self.integrals)):
+            raise ValueError(f"{path} has a run with {n} degrees of freedom, which is not one of {self.name}.")
+        if self.energy is not None and "energy" in found.drift:
+            options.setdefault("invariants", {"energy": self.energy})
+        options["invariants"] = self._balanced(options.get("invariants"))
+        if found.events:
+            options.setdefault("events", self.events)
+        solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
+        return self._going_on(solution)
 
     def ensemble(
         self,
@@ -356,10 +399,10 @@ class Problem:
         return new
 
     def _balanced(self, invariants: Any) -> Any:
-        """Return the invariants, with the energy as a balance if the problem follows the work."""
+        """Return the invariants, with the energy less the work if the problem follows the work."""
         if "work" not in self.integrals or not isinstance(invariants, Mapping):
             return invariants
-        balance = Balance(self.energy, np.size(self.u0) + self.integrals.index("work"))
+        balance = EnergyLessWork(self.energy, np.size(self.u0) + self.integrals.index("work"))
         return {name: balance if function is self.energy else function for name, function in invariants.items()}
 
     def _run(self, run: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
@@ -378,9 +421,13 @@ class Problem:
             result.labels = self.labels
             if self.integrals:
                 _separated(result, np.size(self.u0), self.integrals)
-        if isinstance(result, Solution) and result._extend:
-            result._extend = partial(self._run, result._extend)
-        return result
+        return self._going_on(result) if isinstance(result, Solution) else result
+
+    def _going_on(self, solution: Solution) -> Solution:
+        """Let `extend` of a solution return a run of this problem, if it can."""
+        if solution._extend:
+            solution._extend = partial(self._run, solution._extend)
+        return solution
 
 
 def _separated(result: Any, n: int, names: Sequence[str]) -> Any:

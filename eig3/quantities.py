@@ -9,7 +9,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from .callbacks import check_callback, takes
-from .checks import check_count
+from .checks import check_count, check_names
 from .extremes import Extremes
 from .growing import Rows
 from .guard import beyond, guarded
@@ -21,7 +21,7 @@ from .samples import Samples
 _NOTHING = np.array([[np.inf], [-np.inf], [np.nan], [np.nan]])  # the extremes of no value
 
 
-class Balance(NamedTuple):
+class EnergyLessWork(NamedTuple):
     """An energy less the work, among the `invariants` of a problem that follows the work.
 
     The work is the velocity of the degree of freedom `work`.
@@ -36,7 +36,7 @@ class Functions(NamedTuple):
 
     Attributes
     ----------
-    invariants : mapping of str to jitted function, or to Balance
+    invariants : mapping of str to jitted function, or to EnergyLessWork
     outputs : mapping of str to jitted function, or to (jitted function, k)
     """
 
@@ -56,12 +56,12 @@ class Functions(NamedTuple):
     def work_in(self, name: str) -> int | None:
         """The degree of freedom whose velocity is the work that an invariant takes away, or None."""
         invariant = self.invariants[name]
-        return invariant.work if isinstance(invariant, Balance) else None
+        return invariant.work if isinstance(invariant, EnergyLessWork) else None
 
     def quantities(self, form: Form) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
         """Compile the invariants and the outputs."""
         invariants = {
-            name: Quantity(f"invariants[{name!r}]", e.energy if isinstance(e, Balance) else e, form=form)
+            name: Quantity(f"invariants[{name!r}]", e.energy if isinstance(e, EnergyLessWork) else e, form=form)
             for name, e in self.invariants.items()
         }
         outputs = {
@@ -77,8 +77,8 @@ def check_functions(invariants: Any, outputs: Any) -> Functions:
     Raises
     ------
     TypeError, ValueError
-        If an argument is not a dictionary, both have the same name, or an output is neither a function nor a pair of a
-        function and a number of values.
+        If an argument is not a dictionary, a name is not a string, both have the same name, or an output is neither a
+        function nor a pair of a function and a number of values.
     """
     if invariants is not None and not isinstance(invariants, Mapping):
         raise TypeError("invariants must be a dictionary of names and jitted functions, such as {'energy': energy}.")
@@ -88,6 +88,8 @@ def check_functions(invariants: Any, outputs: Any) -> Functions:
             "{'forces': (forces, k)} for k values."
         )
     functions = Functions(invariants or {}, dict(outputs or {}))
+    check_names(functions.invariants, "invariants")
+    check_names(functions.outputs, "outputs")
     for name, value in functions.outputs.items():
         if name in functions.invariants:
             raise ValueError(f"{name!r} is the name of an invariant and of an output; give them different names.")

@@ -28,6 +28,9 @@ _COARSE = 1e-2  # the relative error from which on states are too far apart to b
 
 _NO_STATES = "the run ended before the first time of t_eval"
 
+#: The fields that a copy, a pickle and a file do not keep.
+TRANSIENT = ("reason", "_accelerations", "_extend", "_between", "_knots", "_whole")
+
 
 class Status(enum.Enum):
     """How a run ended.
@@ -144,9 +147,11 @@ class Solution:
     _extend: Callable[..., Solution] | None = None
     _between: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     _explanation: str = ""
+    _resume: Any = None  # the state from which the run can go on, or a function that returns it
     _a: np.ndarray | None = field(default=None, init=False)
     _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
     _knots: tuple[Knots, Resolution] | None = field(default=None, init=False)
+    _whole: tuple[np.ndarray, np.ndarray] | None = field(default=None, init=False)  # u and v before `_separate`
 
     def explain(self) -> str:
         """Find out why a run diverged.
@@ -175,6 +180,11 @@ class Solution:
     def success(self) -> bool:
         """Whether the run did what it should: its status is COMPLETED or TERMINATED."""
         return self.status in (Status.COMPLETED, Status.TERMINATED)
+
+    @property
+    def can_go_on(self) -> bool:
+        """Whether `extend` accepts the status: COMPLETED or INTERRUPTED."""
+        return self.status in (Status.COMPLETED, Status.INTERRUPTED)
 
     @property
     def a(self) -> np.ndarray | None:
@@ -307,25 +317,36 @@ class Solution:
         ------
         ValueError
             If t_end is not a whole number of steps after the end; the error names the nearest time that is. Also if the
-            run failed or raised an exception, or if this solution was copied or loaded: the state of a method is in
-            this process only. A run that was INTERRUPTED by Ctrl-C or `cancel` can go on.
+            run failed or raised an exception, or if this solution has no right-hand side: a copy and a pickle have
+            none, and `eig3.load` needs it as an argument. A run that was INTERRUPTED by Ctrl-C or `cancel`, or whose
+            process was killed, can go on.
         IntegrationError, KeyboardInterrupt, MemoryError, OSError
             As for `eig3.integrate`.
         """
-        if self.status not in (Status.COMPLETED, Status.INTERRUPTED):
+        if not self.can_go_on:
             raise ValueError(
                 f"a run with the status {self.status.name} cannot be extended; integrate from a state before its end."
             )
+        if self._extend is None and self._resume is not None:
+            raise ValueError(
+                "this solution was loaded without its right-hand side: load it with eig3.load(path, rhs=...) or with "
+                "problem.load(path), and extend that."
+            )
         if self._extend is None:
             raise ValueError(
-                "this solution cannot be extended: it was copied or loaded, is a member of an ensemble, or ended "
-                "with an exception; extend the solution that integrate returned, or integrate from the last state."
+                "this solution cannot be extended: it was copied or pickled, has t_eval, is a member of an ensemble, "
+                "or ended with an exception; extend the solution that integrate returned, or integrate from its end."
             )
         return self._extend(t_end, save_to=save_to, progress=progress, raise_on_failure=raise_on_failure, cancel=cancel)
 
+    @property
+    def _state(self) -> dict[str, Any] | None:
+        """The state from which the run can go on, made of numbers, texts and arrays; None if it cannot."""
+        return self._resume() if callable(self._resume) else self._resume
+
     def _separate(self, names: Sequence[str]) -> None:
         """Move the last degrees of freedom, whose velocities are integrals with these names, to `integrals`."""
-        n = self.u.shape[1] - len(names)
+        n, self._whole = self.u.shape[1] - len(names), (self.u, self.v)
         self.integrals = {name: self.v[:, n + k] for k, name in enumerate(names)}
         self.u, self.v = self.u[:, :n], self.v[:, :n]
         self.events = {name: occurrences.of(slice(n)) for name, occurrences in self.events.items()}
@@ -396,8 +417,8 @@ class Solution:
         Notes
         -----
         The accelerations `a` are saved too, unless the right-hand side raises an exception there, and so is what
-        `explain` has found. Functions are not: the right-hand side, and the jacobian of the method. ``np.load`` reads
-        the arrays without eig3.
+        `explain` has found, and the state from which the run can go on. Functions are not: the right-hand side, and the
+        jacobian of the method. ``np.load`` reads the arrays without eig3.
         """
         from .storage import save  # which imports this class
 
@@ -443,14 +464,7 @@ class Solution:
 
     def __getstate__(self) -> dict[str, Any]:
         # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
-        state = {
-            **vars(self),
-            "reason": None,
-            "_accelerations": None,
-            "_extend": None,
-            "_between": None,
-            "_knots": None,
-        }
+        state = {**vars(self), **dict.fromkeys(TRANSIENT), "_resume": None if callable(self._resume) else self._resume}
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
             state |= {"_a": self.a, "_a_jumps": self._a_jumps}
         return state

@@ -6,7 +6,7 @@ import copy
 import math
 import operator
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
@@ -20,10 +20,12 @@ from .checks import (
     check_cancel,
     check_flag,
     check_h,
+    check_index,
     check_method,
     check_params,
     check_state,
     check_time,
+    reals,
     velocity_refused,
 )
 from .guard import first_acceleration, guarded
@@ -152,6 +154,11 @@ class Stepper:
         return False
 
     @property
+    def has_begun_step(self) -> bool:
+        """Whether a call of the kernel ended within a step, so that u and v are no state after a step."""
+        return False
+
+    @property
     def t(self) -> float:
         """The time reached, t0 + index h."""
         return self.t0 + self.index * self.h
@@ -273,6 +280,35 @@ class Stepper:
     def extended(self, t_end: float) -> Stepper:
         """Return an independent stepper at the same state of a run that ends at t_end."""
         return self.fork()
+
+    def kept(self) -> dict[str, Any]:
+        """Return what this stepper needs, besides its arguments, to go on: numbers and arrays.
+
+        Of the rows of its state, the first have u, v and the past; the others are scratch.
+        """
+        numbers = {"index": self.index, "changed_at": self.changed_at, "seconds": self.seconds}
+        return {**numbers, "state": self._state[: 2 + self._formulas.past].copy(), "tally": self._tally.copy()}
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Become the stepper that has returned `kept`; it has the same arguments.
+
+        Raises
+        ------
+        ValueError
+            If `kept` is that of another stepper.
+        """
+        if kept["changed_at"] is not None and not self._fall_back():
+            raise ValueError(f"{self.method!r} has no other solver.")
+        self.changed_at = None if kept["changed_at"] is None else float(kept["changed_at"])
+        state, tally = (reals(kept[name], name) for name in ("state", "tally"))
+        carried = self._state[: 2 + self._formulas.past]
+        if state.shape != carried.shape or tally.shape != self._tally.shape:
+            raise ValueError(f"a state of the shape {state.shape} does not belong to {self.method!r}.")
+        if not (np.isfinite(tally[:2]).all() and (tally[:2] >= 0).all()):
+            raise ValueError(f"{tally[:2]} are not the counts of a stepper.")
+        carried[:], self._tally[:] = state, tally
+        self.index, self.seconds = check_index(kept["index"]), float(kept["seconds"])
+        self._before = self._position()
 
     def __deepcopy__(self, memo: dict) -> Stepper:
         return self.fork()
@@ -404,7 +440,8 @@ class Stepper:
         begin, end = self.index, self.index + count
         self.failed, self.raised_before = False, None
         while self.index < end:
-            steps, *begun = self._slices.begin(end - self.index)
+            # After a call that ended within a step, the next one takes this step only: then the run may stop.
+            steps, *begun = self._slices.begin(1 if self.has_begun_step else end - self.index)
             written = self.index // every - begin // every
             run = Run(self.h, self.t0, self.params, self.index, steps, every, u_rows[written:], v_rows[written:])
             try:
@@ -421,7 +458,7 @@ class Stepper:
                 if not self._fall_back():
                     self.failed = True
                     return
-            elif self.index < end and any(cancel.is_set() for cancel in cancels):
+            elif self.index < end and not self.has_begun_step and any(cancel.is_set() for cancel in cancels):
                 return
 
     def _fall_back(self) -> bool:

@@ -6,8 +6,11 @@ import contextlib
 import dataclasses
 import json
 import os
+import time
 import uuid
-from collections.abc import Callable, Mapping
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,17 +20,21 @@ import numpy as np
 from .events import Occurrences
 from .extremes import Extremes
 from .labels import Labels
-from .mapped import check_directory, read_mapped
+from .mapped import check_directory, output_files, read_mapped
 from .methods import METHODS, Method, shown
-from .solution import Solution, Status
+from .solution import TRANSIENT, Solution, Status
+from .soundness import check_fields
 
-_VERSION = 1  # raise it with every change that an older eig3 would read wrongly
+_VERSION = 2  # raise it with every change that an older eig3 would read wrongly
 _RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
-_ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there
+_ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there, as those of outputs have
+_COUNTS = "counts.npy"  # a file of version 1 with the number of rows, and with what a run had counted up to there
+_TRIALS, _PAUSE = 5, 0.02  # to read a directory that a run may be writing to, and the seconds between them
+_LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and the part of its time they may take
 _FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
 _PARTS = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
-_WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
+WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
 
 
 class _UnknownMethodError(ValueError):
@@ -36,10 +43,10 @@ class _UnknownMethodError(ValueError):
 
 def save(solution: Solution, path: str | PathLike[str]) -> Path:
     """Write a solution to a file, as `Solution.save` describes it."""
-    return _write(solution, solution.__getstate__(), _file(path))
+    return _write(solution, {**solution.__getstate__(), "_resume": solution._state}, _file(path))
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Place:
     """Where a run saves its rows, and what it saves beside them.
 
@@ -55,6 +62,7 @@ class Place:
     directory: Path
     labels: Labels | None = None
     integrals: tuple[str, ...] = ()
+    _next: float = dataclasses.field(default=0.0, init=False)  # the time of the next record of a run that goes on
 
     @classmethod
     def of(cls, save_to: Any, labels: Labels | None = None, integrals: tuple[str, ...] = ()) -> Place:
@@ -67,26 +75,40 @@ class Place:
         check_directory(directory)
         return cls(directory, labels, integrals)
 
-    def write(self, solution: Solution, *, has_ended: bool) -> None:
-        """Write what a solution has beside its rows."""
+    def keep(self, rows: int, solution: Callable[[], Solution]) -> None:
+        """Write now and then what a run has found so far: what is left if its process is killed.
+
+        Parameters
+        ----------
+        rows : int
+            Number of rows that are complete.
+        solution : callable
+            It returns the run up to these rows.
+        """
+        begin = time.perf_counter()
+        if begin >= self._next:
+            self.write(solution(), rows, has_ended=False)
+            end = time.perf_counter()
+            self._next = end + max(_LEAST_PAUSE, (end - begin) / _LARGEST_SHARE)
+
+    def write(self, solution: Solution, rows: int, *, has_ended: bool) -> None:
+        """Write what a solution has beside its rows, whose number is `rows`."""
         state = {name: None if name in _ROWS else value for name, value in vars(solution).items()}
-        state |= {
-            "reason": None,
-            "_accelerations": None,
-            "_extend": None,
-            "_between": None,
-            "_knots": None,
-            "labels": self.labels,
-        }
-        rest = {"integrals": self.integrals, "has_ended": has_ended}
-        _write(solution, state, self.directory / _RUN, **rest)
+        state |= dict.fromkeys(TRANSIENT) | {"_resume": solution._state, "labels": self.labels, "outputs": {}}
+        rest = {"rows": rows, "outputs": list(solution.outputs), "integrals": self.integrals, "has_ended": has_ended}
+        _write(solution, state, self.directory / _RUN, is_lasting=has_ended, **rest)
 
 
-def _write(solution: Solution, values: Mapping[str, Any], target: Path, **rest: Any) -> Path:
-    """Write the values of the fields of a solution, and `rest` in the record beside them."""
+def _write(
+    solution: Solution, values: Mapping[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any
+) -> Path:
+    """Write the values of the fields of a solution, and `rest` in the record beside them.
+
+    The file is there with all of it, or as it was before. If it is lasting, that holds also if the power fails.
+    """
     state = {name: value for name, value in values.items() if name in _FIELDS}
     if solution.method.jacobian is not None:
-        state["notes"] = *solution.notes, _WITHOUT_JACOBIAN
+        state["notes"] = *solution.notes, WITHOUT_JACOBIAN
     arrays: dict[str, np.ndarray] = {}
     fields = {name: _plain(value, name.lstrip("_"), arrays) for name, value in state.items()}
     arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "solution": fields, **rest}))
@@ -95,7 +117,8 @@ def _write(solution: Solution, values: Mapping[str, Any], target: Path, **rest: 
         with temporary.open("xb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]
             file.flush()
-            os.fsync(file.fileno())  # a system may find only now that the disk is full
+            if is_lasting:
+                os.fsync(file.fileno())  # a system may find only now that the disk is full
         temporary.replace(target)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -105,30 +128,7 @@ def _write(solution: Solution, values: Mapping[str, Any], target: Path, **rest: 
 
 
 def load(path: str | PathLike[str]) -> Solution:
-    """Read a solution that `Solution.save` or a run with `save_to` has written.
-
-    Parameters
-    ----------
-    path : str or path
-        The file, to which ".npz" is added if it does not end with this, or the directory of `save_to`.
-
-    Returns
-    -------
-    Solution
-        With every number as it was saved. It has no right-hand side: `explain` returns what it had found before, and
-        `at` takes the saved accelerations. A directory has none of these, so that `at` is a cubic polynomial. Its t, u
-        and v are maps of the files that can only be read. If the process of its run was killed, or is still running,
-        the status is INTERRUPTED, and the solution has the states up to then, with its counts, but without `drift`,
-        `extremes`, `outputs`, `events` and `notes`.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    ValueError
-        If it is not a file of `Solution.save`, is damaged or comes from a newer eig3, or if its method is a class of
-        the user that is not imported yet.
-    """
+    """Read a solution that `Solution.save` or a run with `save_to` has written, as `eig3.load` describes it."""
     target = Path(path)
     if (target / _RUN).is_file():
         return _load_directory(target)
@@ -139,40 +139,113 @@ def load(path: str | PathLike[str]) -> Solution:
 
 
 def _load_directory(directory: Path) -> Solution:
-    def solution(record: Mapping[str, Any], others: Mapping[str, np.ndarray]) -> Solution:
-        rows, counts = read_mapped(directory, _ROWS)
-        result = _solution({**record["solution"], **dict.fromkeys(_ROWS)}, others)
-        result.t, result.u, result.v, result.steps = rows["t"], rows["u"], rows["v"], rows.get("steps")
-        if not record["has_ended"]:
-            vars(result).update(counts)
-            if result.steps is not None:  # with tolerances, h is the mean of the steps
-                result.h = float(result.t[-1] - result.t[0]) / max(1, result.n_steps)
-            result.status = Status.INTERRUPTED
-            result.message = (
-                f"The process of this run was killed after t = {result.t[-1]:g}, the last state here, or it is still "
-                "running."
-            )
-        if record["integrals"]:
-            result._separate(record["integrals"])
-        return result
+    """Read a directory. If its run ends at this moment, its files change between two of them that are read."""
+    for _ in range(_TRIALS - 1):
+        try:
+            return _read(directory / _RUN, partial(_solution_in, directory))
+        except ValueError as error:
+            if error.__cause__ is None:  # it is not damaged
+                raise
+        time.sleep(_PAUSE)
+    return _read(directory / _RUN, partial(_solution_in, directory))
 
-    return _read(directory / _RUN, solution)
+
+def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str, np.ndarray]) -> Solution:
+    """Return the solution from the files of a directory, and the record and arrays that are not rows."""
+    if record["version"] == 1:
+        counts = _counts_of_version_1(directory)
+        rows, files = counts.pop("rows"), {}
+    else:
+        rows, files, counts = record["rows"], output_files(record["outputs"]), {}
+    if not (isinstance(rows, int) and rows > 0):
+        raise ValueError(f"{rows} is not a number of rows.")
+    arrays = read_mapped(directory, [*_ROWS, *files.values()], rows)
+    given: dict[str, Any] = {name: arrays.get(name) for name in _ROWS}
+    if files:
+        given["outputs"] = {name: arrays[file] for name, file in files.items()}
+    result = _solution(record["solution"], others, given)
+    if not record["has_ended"]:
+        vars(result).update(counts)
+        if counts and result.steps is not None:  # with tolerances, h is the mean of the steps
+            result.h = float(result.t[-1] - result.t[0]) / max(1, result.n_steps)
+        result.status = Status.INTERRUPTED
+        result.message = (
+            f"The process of this run was killed after t = {result.t[-1]:g}, the last state here, or it is still "
+            "running."
+        )
+    if record["integrals"]:
+        result._separate([str(name) for name in record["integrals"]])
+    return result
+
+
+def _counts_of_version_1(directory: Path) -> dict[str, Any]:
+    record = np.load(directory / _COUNTS)
+    return {name: record[name].item() for name in record.dtype.names}
 
 
 def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.ndarray]], Solution]) -> Solution:
     """Return the solution that a function makes from the record and the arrays of a file."""
+    foreign = f"{target} is not a file that Solution.save has written, or it is damaged: name such a file."
     with target.open("rb") as file:
-        arrays = _arrays(file, target)
-    try:
-        record = json.loads(str(arrays.pop(_RECORD)))
-        version = int(record["version"])
-        if version <= _VERSION:
-            return solution(record, arrays)
-    except _UnknownMethodError as error:
-        raise ValueError(f"{target} {error}") from None
-    except Exception as error:
-        raise ValueError(f"{target} is damaged: take a copy of it, or run again.") from error
+        try:
+            arrays = _Members(file)
+            text = str(arrays[_RECORD])
+        except Exception as error:  # many kinds, from zipfile, zlib and NumPy
+            raise ValueError(foreign) from error
+        try:
+            record = json.loads(text)
+            version = int(record["version"])
+            if version <= _VERSION:
+                return solution(record, arrays)
+        except _UnknownMethodError as error:
+            raise ValueError(f"{target} {error}") from None
+        except Exception as error:
+            raise ValueError(f"{target} is damaged: take a copy of it, or run again.") from error
     raise ValueError(f"{target} was written by a newer eig3, in version {version} of its format: update eig3.")
+
+
+class _Members(Mapping[str, np.ndarray]):
+    """The arrays of a file, which are read when they are asked for. A compressed one could be larger than memory."""
+
+    def __init__(self, file: Any) -> None:
+        self._content = np.load(file, allow_pickle=False)
+        if any(member.compress_type != zipfile.ZIP_STORED for member in self._content.zip.infolist()):
+            raise ValueError("Solution.save compresses no array.")
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._content[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._content)
+
+    def __len__(self) -> int:
+        return len(self._content)
+
+
+@contextlib.contextmanager
+def going_on() -> Iterator[None]:
+    """While a run takes the state of a file, say of each error that the state is damaged."""
+    try:
+        yield
+    except Exception as error:
+        raise ValueError(
+            f"the run cannot go on from its file ({error}): give the functions of the run; if they are these, the file "
+            "is damaged."
+        ) from error
+
+
+def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return t, u and v of the saved states with all n degrees of freedom, also those of integrals.
+
+    A file of `Solution.save` has the velocities of integrals only: the displacements, which nothing reads, are NaN.
+    """
+    u, v = solution._whole or (solution.u, solution.v)
+    if solution._whole is None and solution.integrals:
+        v = np.column_stack([v, *solution.integrals.values()])
+        u = np.column_stack([u, np.full((len(u), len(solution.integrals)), np.nan)])
+    if (u.shape[1] if u.ndim == 2 else 1) != n:
+        raise ValueError(f"the states have {u.shape[1:]} degrees of freedom and not {n}.")
+    return solution.t, u, v
 
 
 def _file(path: str | PathLike[str]) -> Path:
@@ -180,20 +253,12 @@ def _file(path: str | PathLike[str]) -> Path:
     return target if target.suffix == ".npz" else target.with_name(f"{target.name}.npz")
 
 
-def _arrays(file: Any, path: Path) -> dict[str, np.ndarray]:
-    foreign = f"{path} is not a file that Solution.save has written, or it is damaged: name such a file."
-    try:
-        content = np.load(file, allow_pickle=False)
-        arrays = dict(content)
-    except Exception as error:  # many kinds, from zipfile, zlib and NumPy
-        raise ValueError(foreign) from error
-    if _RECORD not in arrays:
-        raise ValueError(foreign)
-    return arrays
-
-
-def _solution(fields: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Solution:
-    state = {name: _value(plain, arrays) for name, plain in fields.items()}
+def _solution(
+    fields: Mapping[str, Any], arrays: Mapping[str, np.ndarray], given: Mapping[str, Any] | None = None
+) -> Solution:
+    """Return the solution with the fields of a record, and those that are `given`."""
+    state = {name: _value(plain, arrays) for name, plain in fields.items()} | dict(given or {})
+    check_fields(state)
     found = {name: state.pop(name) for name in [*state] if not _FIELDS[name].init}
     solution = Solution(**state)
     vars(solution).update(found)

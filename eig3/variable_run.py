@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from .checks import check_time
+from .checks import check_count, check_time, reals
 from .growing import GrowingHistory, Rows
 from .kernels.dense import COEFFICIENTS
 from .kernels.events import NOT_A_NUMBER, NOT_FINITE, RESTING, TERMINAL, ZENO
@@ -17,7 +18,8 @@ from .observers.progress import Progress, check_progress
 from .quantities import Functions, Quantity, as_extremes
 from .samples import Samples
 from .solution import Solution, Status
-from .storage import Place
+from .storage import Place, going_on, whole_rows
+from .tolerances import Tolerances
 from .variable_stepper import VariableStepper
 from .watching import ended_by_event, not_a_number
 
@@ -85,6 +87,15 @@ class Followed:
                 values[i] = self.values(t[i : i + 1], u[i : i + 1], v[i : i + 1])[0]
         return values
 
+    def kept(self) -> dict[str, Any]:
+        """Return what this object needs to go on, in numbers and arrays."""
+        return {"extremes": self._extremes.copy(), "before": self._samples.before.copy()}
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Become the object that has returned `kept`."""
+        np.copyto(self._extremes, kept["extremes"])
+        np.copyto(self._samples.before, kept["before"])
+
     def copy(self) -> Any:
         other = object.__new__(type(self))
         vars(other).update(vars(self), _extremes=self._extremes.copy(), _samples=self._samples.copy())
@@ -107,6 +118,13 @@ class FollowedInvariant(Followed):
     def _note(self, values: np.ndarray) -> None:
         self.drift = float(np.max(np.abs(values - self._start), initial=self.drift))
 
+    def kept(self) -> dict[str, Any]:
+        return {**super().kept(), "drift": self.drift}
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        super().restore(kept)
+        self.drift = float(kept["drift"])
+
 
 class _Mark(NamedTuple):
     """A point from which a run can go on: the end of its last step that was not shortened."""
@@ -115,6 +133,15 @@ class _Mark(NamedTuple):
     rows: int
     invariants: dict[str, FollowedInvariant]
     outputs: dict[str, Followed]
+
+
+def _followed(
+    functions: Functions, stepper: VariableStepper
+) -> tuple[dict[str, FollowedInvariant], dict[str, Followed]]:
+    """Return the invariants and the outputs of a run at its start."""
+    watched, shown = functions.quantities(stepper.form)
+    invariants = {name: FollowedInvariant(quantity, stepper) for name, quantity in watched.items()}
+    return invariants, {name: Followed(quantity, stepper) for name, quantity in shown.items()}
 
 
 class VariableRun:
@@ -150,7 +177,8 @@ class VariableRun:
         self._rows: Rows | None = None
         if place:
             try:
-                place.write(self._solution(history.rows()), has_ended=False)
+                self._write_outputs()
+                place.keep(history.count, self._so_far)
             except BaseException:
                 history.remove()
                 raise
@@ -160,28 +188,74 @@ class VariableRun:
         cls, stepper: VariableStepper, every: int, functions: Functions, progress: bool, place: Place | None
     ) -> VariableRun:
         """Return a run at its start."""
-        watched, shown = functions.quantities(stepper.form)
-        invariants = {name: FollowedInvariant(quantity, stepper) for name, quantity in watched.items()}
-        outputs = {name: Followed(quantity, stepper) for name, quantity in shown.items()}
-        history = GrowingHistory(stepper.form, stepper.n, place.directory if place else None)
+        followed = _followed(functions, stepper)
+        history = GrowingHistory(stepper.form, stepper.n, functions.shapes, place.directory if place else None)
         history.append(stepper.present(0.0))
-        history.commit()
-        return cls(_Mark(stepper, 1, invariants, outputs), every, history, progress, place)
+        return cls(_Mark(stepper, 1, *followed), every, history, progress, place)
 
     def extended(self, t_end: float, progress: bool, save_to: Any) -> VariableRun:
         """Return an independent run to a later end, which goes on from the last step that was not shortened."""
         check_progress(progress)
         t_end = check_time(t_end, "t_end")
-        if not t_end > self.stepper.t:
-            raise ValueError(f"t_end must be after the end of the run at t = {self.stepper.t!r}, not {t_end!r}.")
+        saved = [] if self._rows is None else self._rows.t[-1:].tolist()
+        end = max([self.stepper.t, *saved])  # after `restored`, the stepper may stand before the end
+        if not t_end > end:
+            raise ValueError(f"t_end must be after the end of the run at t = {end!r}, not {t_end!r}.")
         place = None if save_to is None else Place.of(save_to)
         mark = self._mark or self._marked()
         stepper = mark.stepper.extended(t_end)
-        history = GrowingHistory(stepper.form, stepper.n, place.directory if place else None)
+        shapes = {name: output.quantity.shape for name, output in self.outputs.items()}
+        history = GrowingHistory(stepper.form, stepper.n, shapes, place.directory if place else None)
         history.append((self._rows or self.history.rows()).at(slice(mark.rows)))
-        history.commit()
         copies = ({name: followed.copy() for name, followed in group.items()} for group in mark[2:])
         return VariableRun(_Mark(stepper, mark.rows, *copies), self.every, history, progress, place)
+
+    @classmethod
+    def restored(cls, solution: Solution, rhs: Any, events: Any, functions: Functions) -> VariableRun:
+        """Return the run of a loaded solution, which stands at its end; the names of its functions are right."""
+        state = solution._state or {}
+        with going_on():
+            tolerances = Tolerances(**state["tolerances"])
+        options = {name: state[name] for name in ("params", "inline")} | {"method": solution.method}
+        span, start = (state["t0"], float(solution.t[-1])), state["start"]
+        stepper = VariableStepper(rhs, span, *start, tolerances=tolerances, events=events, t_eval=None, **options)
+        followed = _followed(functions, stepper)
+        with going_on():
+            if reals(tolerances.atol, "atol").shape != (2, stepper.n):
+                raise ValueError("atol has another shape.")
+            stepper.restore(state["stepper"])
+            stepper.watching.recall(solution.events, state["events"])
+            for group in followed:
+                for name, each in group.items():
+                    each.restore(state["followed"][name])
+            t, u, v = whole_rows(solution, stepper.n)
+            rows = Rows(t, np.asarray(solution.steps), u.reshape(len(t), -1), v.reshape(len(t), -1))
+            mark = _Mark(stepper, check_count(state["rows"], "rows"), *followed)
+            if mark.rows > len(t):
+                raise ValueError(f"{len(t)} states are too few.")
+        run = cls(mark, check_count(state["every"], "save_every"), GrowingHistory(stepper.form, stepper.n, {}), False)
+        run._mark, run._rows = mark, rows
+        return run
+
+    def state(self) -> dict[str, Any] | None:
+        """Return the state from which the run goes on, in numbers and arrays; None with `t_eval`."""
+        if self.stepper.watching.times is not None:
+            return None
+        mark = self._mark or self._marked()
+        stepper = mark.stepper
+        return {
+            "t0": stepper.t0,
+            "start": stepper.start,
+            "params": stepper.params,
+            "inline": stepper.inline,
+            "has_jacobian": False,
+            "tolerances": vars(stepper.tolerances),
+            "every": self.every,
+            "rows": mark.rows,
+            "stepper": stepper.kept(),
+            "events": {name: len(found) for name, found in stepper.watching.occurrences().items()},
+            "followed": {name: each.kept() for name, each in {**mark.invariants, **mark.outputs}.items()},
+        }
 
     def march(self, stop: Stop) -> None:
         """Run to the end, or until the run fails or should stop."""
@@ -203,6 +277,8 @@ class VariableRun:
                 self._advance(min(self._count, max(1, left)), stop)
                 bar.add(self._percent - before)
                 self._judge()
+                if self.place and not self._is_done:
+                    self.place.keep(self.history.count, self._so_far)
         stepper.note_pace()
 
     def result(self, error: BaseException | None = None) -> Solution:
@@ -212,20 +288,38 @@ class VariableRun:
             what = f"raised {type(error).__name__}" if isinstance(error, Exception) else "was interrupted"
             self._end(Status.INTERRUPTED, f"The run {what} after t = {stepper.t:g}.")
         if self._rows is None:
-            self._rows = self._saved()
+            self._rows = self._saved(error)
         solution = self._solution(self._rows)
-        followed = {**self.invariants, **self.outputs}
-        solution.drift = {name: invariant.drift for name, invariant in self.invariants.items()}
-        solution.extremes = {name: quantity.extremes for name, quantity in followed.items()}
+        self._describe(solution)
         rows = solution.t, solution.u, solution.v
-        solution.outputs = {
+        solution.outputs = self.history.outputs or {
             name: output.values_before_error(*rows) if error else output.values(*rows)
             for name, output in self.outputs.items()
         }
-        solution.events = stepper.watching.occurrences()
-        if stepper.method.variable == "rk8" and self.every == 1 and stepper.watching.times is None:
-            solution._between = stepper.states_between
+        solution._between = self.between
         return solution
+
+    def _so_far(self) -> Solution:
+        """Return a run that goes on; its rows are in files."""
+        solution = self._solution(self.history.rows())
+        solution.status = Status.INTERRUPTED
+        self._describe(solution)
+        solution.outputs, solution._resume = self.history.outputs, self.state
+        return solution
+
+    def _describe(self, solution: Solution) -> None:
+        """Write what is followed, besides the rows, to a solution."""
+        followed = {**self.invariants, **self.outputs}
+        solution.drift = {name: invariant.drift for name, invariant in self.invariants.items()}
+        solution.extremes = {name: quantity.extremes for name, quantity in followed.items()}
+        solution.events = self.stepper.watching.occurrences()
+
+    @property
+    def between(self) -> Any:
+        """The function of `Solution.at` for a run by RK8 whose states are all saved; None for other runs."""
+        stepper = self.stepper
+        has_all = stepper.method.variable == "rk8" and self.every == 1 and stepper.watching.times is None
+        return stepper.states_between if has_all else None
 
     def _solution(self, rows: Rows) -> Solution:
         """Return a solution without what is followed."""
@@ -275,17 +369,23 @@ class VariableRun:
             return
         if is_kept:
             self.history.append(rows if every == self.every else self._chosen(rows, first))
-            self.history.commit(**stepper.counts)
         for each in followed:
             each.see(rows, self._dense[: len(rows.t)])
         if stepper.watching.n_found > self._n_found:
             for each in followed:
                 each.widen(*stepper.watching.states_from(self._n_found))
             self._n_found = stepper.watching.n_found
+        self._write_outputs()
         if self._raised and (stepper.index >= self._raised[0] or stepper.ended not in (GOING, FULL)):
             raise self._raised[1]
         spent, taken = time.perf_counter() - begin, stepper.index - first
         self._count = max(1, int(max(1, taken) * min(_GROWTH, _CHUNK_SECONDS / (spent + 1e-9))))
+
+    def _write_outputs(self, error: BaseException | None = None) -> None:
+        """Write the values of the outputs in the new states, if the states are in files."""
+        self.history.write_outputs(
+            {name: each.values_before_error if error else each.values for name, each in self.outputs.items()}
+        )
 
     def _chosen(self, rows: Rows, first: int) -> Rows:
         """Return the rows to save from the rows of all steps after step index `first`.
@@ -298,16 +398,16 @@ class VariableRun:
         index = first + 1 + np.arange(len(ends))
         return rows.at(ends[index % self.every == 0])
 
-    def _saved(self) -> Rows:
+    def _saved(self, error: BaseException | None) -> Rows:
         """Return the saved states. The last one is the present state, except with `t_eval`."""
         stepper, history = self.stepper, self.history
         rows = stepper.wanted_rows()
         if rows is not None:
             return rows
-        saved, present = history.rows(), stepper.present(stepper.h_before)
-        if not all(np.array_equal(saved[i][-1:], present[i]) for i in (0, 2, 3)):
+        last, present = history.last, stepper.present(stepper.h_before)
+        if not all(np.array_equal(last[i], present[i]) for i in (0, 2, 3)):
             history.append(present)
-        history.commit(**stepper.counts)
+        self._write_outputs(error)
         history.close()
         return history.rows()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import importlib
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .accelerations import accelerations
 from .callbacks import check_callback
-from .checks import check_flag, check_params, check_state
+from .checks import check_flag, check_index, check_params, check_state, reals
 from .extension import states_between
 from .growing import Rows
 from .guard import first_acceleration, guarded
@@ -71,6 +72,7 @@ class VariableStepper:
         t_eval: ArrayLike | None,
     ) -> None:
         u, v, self.form = check_state(u0, v0)
+        self.start, self.inline = (u, v), inline
         self.params = guarded(check_params(params))
         self.method, self.tolerances = method, tolerances
         self.t0, self.t_end = t_span
@@ -226,16 +228,6 @@ class VariableStepper:
             dense,
         )
 
-    @property
-    def counts(self) -> dict[str, float]:
-        """What the run has counted so far."""
-        return {
-            "n_steps": self.index,
-            "n_rhs": self.n_rhs,
-            "n_rejected": self.n_rejected,
-            "kernel_seconds": self.seconds,
-        }
-
     def present(self, h: float) -> Rows:
         """Return the present state as a row, with the step h that led there."""
         return Rows(np.array([self.t]), np.array([h]), *(self._state[row : row + 1].copy() for row in (U, V)))
@@ -252,6 +244,29 @@ class VariableStepper:
         np.copyto(other._state, self._state)
         other.watching = self.watching.fork()
         return other
+
+    def kept(self) -> dict[str, Any]:
+        """Return what this stepper needs, besides its arguments, to go on: numbers and arrays."""
+        numbers = {"index": self.index, "seconds": self.seconds}
+        return {**numbers, "state": self._state.copy(), "tally": self._tally.copy()}
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Become the stepper that has returned `kept`; it has the same arguments.
+
+        Raises
+        ------
+        ValueError
+            If `kept` is that of another stepper.
+        """
+        state, tally = (reals(kept[name], name) for name in ("state", "tally"))
+        if state.shape != self._state.shape or tally.shape != self._tally.shape:
+            raise ValueError(f"a state of the shape {state.shape} does not belong to {self.method!r}.")
+        counts = tally[[EVALUATIONS, REJECTED, TIME]]
+        if not (np.isfinite(counts).all() and (counts[:2] >= 0).all()):
+            raise ValueError(f"{counts} are not the counts and the time of a stepper.")
+        self._state[:], self._tally[:] = state, tally
+        self.watching.restore(self._tally)
+        self.index, self.seconds = check_index(kept["index"]), float(kept["seconds"])
 
     def extended(self, t_end: float) -> VariableStepper:
         """Return an independent stepper at the same state, for a run to a later end."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -77,6 +78,10 @@ class WatchedStepper(Stepper):
         """The name of the event that ended the run."""
         return self.watching.name(int(self._tally[ENDED_BY]))
 
+    @property
+    def has_begun_step(self) -> bool:
+        return bool(self._tally[WITHIN] == 1)
+
     def wanted_rows(self) -> Rows | None:
         """Return the states at the wanted times so far; None if no times were given."""
         return self.watching.rows(self._tally)
@@ -107,6 +112,11 @@ class WatchedStepper(Stepper):
         other = self.fork()
         other._t_end, other.watching = t_end, watching
         return other
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        super().restore(kept)
+        self.watching.restore(self._tally)
+        self._before = self._position()
 
     def _compiled(self, running: Method, jacobian: Any) -> Any:
         formulas, order, form = running.formulas, self.method.order, self.form

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .callbacks import check_callback
-from .checks import reals
+from .checks import check_names, reals
 from .events import Event, Occurrences
 from .growing import Rows
 from .guard import beyond, guarded
 from .kernels.events import NOT_FINITE, RESTING, TERMINAL
-from .kernels.protocol import EVENT_VALUES, EVENTS, LOGGED, NEXT, SCALAR, Form, Watch
+from .kernels.protocol import ENDED_BY, EVENT_VALUES, EVENTS, LOGGED, NEXT, SCALAR, WITHIN, Form, Watch
 from .solution import Status
 
 _LOG_ROWS = 32  # occurrences of each event in the log, at least
@@ -33,6 +33,7 @@ def check_events(events: Any) -> Mapping[str, Event]:
         events = {}
     if not isinstance(events, Mapping) or not all(isinstance(event, Event) for event in events.values()):
         raise TypeError("events must be a dictionary of names and events, such as {'impact': eig3.Event(g)}.")
+    check_names(events, "events")
     return events
 
 
@@ -164,6 +165,27 @@ class Watching:
             break
         self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, h
         tally[NEXT] = max(last, int(tally[NEXT]))
+
+    def restore(self, tally: np.ndarray) -> None:
+        """Go on from a tally that a file has kept: between two steps, and with nothing in the log."""
+        tally[LOGGED] = tally[NEXT] = tally[ENDED_BY] = tally[WITHIN] = 0  # places in arrays of this process
+
+    def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
+        """Take the first occurrences of each event, or all, as those that were found so far.
+
+        Their states may have fewer degrees of freedom, because integrals are not among them: those are NaN.
+        """
+        rows = []
+        for k, name in enumerate(self.events):
+            found = events[name]
+            mine = np.full((len(found), 2 + 4 * self._n), np.nan)
+            mine[:, 0], mine[:, 1] = k, found.t
+            for i, state in enumerate((found.u, found.v, found.u_after, found.v_after)):
+                begin, columns = 2 + i * self._n, state if state.ndim == 2 else state[:, None]
+                mine[:, begin : begin + columns.shape[1]] = columns
+            rows.append(mine if counts is None else mine[: counts[name]])
+        found_rows = np.concatenate([self.watch.log[:0], *rows])
+        self._found = [found_rows[np.argsort(found_rows[:, 1], kind="stable")]]
 
     def occurrences(self) -> dict[str, Occurrences]:
         """Return the occurrences of each event so far."""

@@ -757,22 +757,22 @@ class _Set:
 
 
 def test_a_step_with_a_full_log_can_be_taken_back():
-    """The log is full after some thousand impacts, within a step: `back` leads to the state there."""
+    """The log is full after some thousand impacts, within a step: a cancellation waits for the end of the step."""
     events = {"impact": Event(height, -1, apply=bounce)}
     stepper = WatchedStepper(
         fall, 1e-10, 0.0, h=0.25, t0=0.0, t_end=0.5, params=(9.81, 1.0), method="eig3", events=events, t_eval=None
     )
-    stepper.advance(1, cancel=_Set())
-    assert stepper.index == 0  # it is within the first step
     whole = stepper.fork()
-    whole.advance(1)
-    stepper.advance(1, cancel=_Set())
-    assert stepper.index == 0
+    whole.advance(2)
+    stepper.advance(2, cancel=_Set())
+    assert stepper.index == 1
     stepper.back()
+    assert stepper.index == 0
     before = stepper.before()
     for each in (stepper, before):
+        each.advance(1, cancel=_Set())
         each.advance(1)
-        assert each.index == 1
+        assert each.index == 2
         assert (each.u, each.v) == (whole.u, whole.v)
         times = each.watching.occurrences()["impact"].t
         assert np.array_equal(times, whole.watching.occurrences()["impact"].t)

@@ -162,12 +162,12 @@ def test_the_new_end_must_be_a_finite_number(t_end):
         integrate(SCALAR, 2.0).extend(t_end)
 
 
-def test_what_cannot_be_extended_says_why(tmp_path):
+def test_what_cannot_be_extended_says_why():
     run = integrate(SCALAR, 2.0)
-    lost = [copy.copy(run), copy.deepcopy(run), pickle.loads(pickle.dumps(run)), eig3.load(run.save(tmp_path / "run"))]
+    lost = [copy.copy(run), copy.deepcopy(run), pickle.loads(pickle.dumps(run))]
     lost.append(eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[[2.0, 0.1]])[1])
     for solution in lost:
-        with pytest.raises(ValueError, match="this solution cannot be extended: it was copied or loaded"):
+        with pytest.raises(ValueError, match="this solution cannot be extended: it was copied or pickled"):
             solution.extend(3.0)
     with pytest.raises(ValueError, match="t_eval cannot be extended"):
         integrate(SCALAR, 2.0, t_eval=[1.5]).extend(3.0)

@@ -1,7 +1,9 @@
 """`eig3.integrate`: saved states, invariants, the end of a run, and errors."""
 
 import contextlib
+import dataclasses
 import pickle
+import re
 import sys
 import threading
 
@@ -559,6 +561,23 @@ def test_bad_records_are_refused(build, message):
         build()
 
 
+@pytest.mark.parametrize("name", [1, ("a", "b"), None, b"a"], ids=repr)
+@pytest.mark.parametrize("options", [{"h": 0.1}, {"rtol": 1e-6}], ids=["fixed", "tolerances"])
+def test_names_must_be_strings(name, options, tmp_path):
+    start = oscillator, (0, 1), 1.0, 0.0
+    options = {**options, "params": PARAMS, "save_to": tmp_path / "run"}
+    for argument, value in (("events", eig3.Event(position)), ("outputs", position), ("invariants", position)):
+        message = rf"^the names in {argument} must be strings, not {re.escape(repr(name))}\.$"
+        with pytest.raises(TypeError, match=message):
+            integrate(*start, **options, **{argument: {name: value}})
+        if argument != "events":
+            with pytest.raises(TypeError, match=message):
+                eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[PARAMS], **{argument: {name: value}})
+    with pytest.raises(TypeError, match="the names in integrals must be strings"):
+        dataclasses.replace(eig3.problems.shear_building(work=True), integrals=(name,))
+    assert not (tmp_path / "run").exists()
+
+
 def test_history_that_does_not_fit_is_refused_with_the_save_every_that_would(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 24e6)
     with pytest.raises(
@@ -574,6 +593,54 @@ def test_history_that_does_not_fit_is_refused_with_the_save_every_that_would(mon
 
 def test_memory_available_is_found():
     assert 1e6 < memory.available_memory() < 1e15
+
+
+GIGABYTE = 2**30
+IN_A_GROUP = {  # the paths of control groups and the files that a process sees, with 1 GiB free in one of the groups
+    "version 2, in a container": (
+        "0::/",
+        {".": {"memory.max": 4 * GIGABYTE, "memory.current": 3 * GIGABYTE, "memory.stat": "anon 7\ninactive_file 0"}},
+    ),
+    "version 2, its own path and the limit of a group around it": (
+        "0::/user/job",
+        {
+            "user": {
+                "memory.max": 5 * GIGABYTE,
+                "memory.current": 6 * GIGABYTE,
+                "memory.stat": f"inactive_file {2 * GIGABYTE}",
+            },
+            "user/job": {"memory.max": "max", "memory.current": 7, "memory.stat": "inactive_file 0"},
+        },
+    ),
+    "version 1, in a container that does not see its path": (
+        "5:devices:/docker/7\n4:cpu,memory:/docker/7\n0::/",
+        {
+            "memory": {
+                "memory.limit_in_bytes": 2 * GIGABYTE,
+                "memory.usage_in_bytes": 2 * GIGABYTE,
+                "memory.stat": f"inactive_file 7\ntotal_inactive_file {GIGABYTE}",
+            }
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("case", IN_A_GROUP)
+@pytest.mark.parametrize(("kilobytes", "free"), [(2**21, GIGABYTE), (2**10, 2**20)])
+def test_memory_available_in_a_container_is_that_of_its_control_groups(case, kilobytes, free, tmp_path, monkeypatch):
+    monkeypatch.setattr(memory, "_PROC", tmp_path / "proc")
+    monkeypatch.setattr(memory, "_CGROUPS", tmp_path / "groups")
+    (tmp_path / "proc" / "self").mkdir(parents=True)
+    (tmp_path / "proc" / "meminfo").write_text(f"MemTotal: 7 kB\nMemAvailable:   {kilobytes} kB\n")
+    paths, groups = IN_A_GROUP[case]
+    assert memory.available_memory() == 1024 * kilobytes
+    (tmp_path / "proc" / "self" / "cgroup").write_text(paths + "\n")
+    assert memory.available_memory() == 1024 * kilobytes
+    for group, files in groups.items():
+        (tmp_path / "groups" / group).mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            (tmp_path / "groups" / group / name).write_text(f"{content}\n")
+    assert memory.available_memory() == free
 
 
 def test_newton_matrix_that_does_not_fit_is_refused(monkeypatch):

@@ -13,6 +13,7 @@ import pytest
 import eig3
 from eig3 import storage
 from eig3.events import Occurrences
+from eig3.solution import TRANSIENT
 
 from .conftest import coupled, oscillator, structure
 
@@ -40,7 +41,7 @@ def full_solution():
         status=eig3.Status.TERMINATED,
         message="An event ended the run: größer.",
         drift={"energy": np.nan, "a/../b": 0.1},
-        extremes={"energy": (-np.inf, np.inf)},
+        extremes={"energy": eig3.Extremes(-np.inf, np.inf, 0.5, 1.0)},
         notes=("One.", 'Two "quoted".'),
         integrals={"work": run.u**2},
         events={"never": Occurrences(*5 * [np.empty(0)]), "impact": Occurrences(np.array([1.05]), *before, *after)},
@@ -56,7 +57,7 @@ def assert_same(one, other):
     for field in dataclasses.fields(one):
         if field.name == "_a":
             assert_equal(one.a, other.a)
-        elif field.name not in ("reason", "_accelerations", "_extend", "_knots"):
+        elif field.name not in (*TRANSIENT, "_resume"):
             assert_equal(getattr(one, field.name), getattr(other, field.name))
 
 
@@ -225,7 +226,7 @@ def rewritten(path, change):
 def test_newer_files_and_broken_records_are_refused(tmp_path):
     path = oscillate().save(tmp_path / "run")
     rewritten(path, lambda record, arrays: record.update(version=storage._VERSION + 1, solution="of another form"))
-    with pytest.raises(ValueError, match=r"was written by a newer eig3, in version 2 .*update eig3"):
+    with pytest.raises(ValueError, match=r"was written by a newer eig3, in version 3 .*update eig3"):
         eig3.load(path)
     changes = [
         lambda record, arrays: record.pop("version"),
@@ -241,6 +242,111 @@ def test_newer_files_and_broken_records_are_refused(tmp_path):
         rewritten(path, change)
         with pytest.raises(ValueError, match="is damaged: take a copy of it"):
             eig3.load(path)
+
+
+def hostile(path, place, value):
+    """Change one value of the record of a file."""
+
+    def change(record, arrays):
+        fields = record["solution"]
+        for name in place[:-1]:
+            fields = fields[name]
+        fields[place[-1]] = value
+
+    rewritten(path, change)
+
+
+ARRAY = {"array": "matrix"}
+HOSTILE = [
+    *((("h",), value) for value in ("0.1", None, [0.1], True, {"array": "t"})),
+    *((("n_steps",), value) for value in (-1, 1.5, True, 10**30, "3", None)),
+    *(((name,), -3) for name in ("n_rhs", "n_iterations", "n_rejected")),
+    *((("kernel_seconds",), value) for value in ("fast", None, 10**400)),
+    *((("message",), value) for value in (3, None, ["a"], {"array": "t"})),
+    *((("_explanation",), value) for value in (3, None)),
+    *((("status",), value) for value in ("COMPLETED", None, 3)),
+    *((("method",), value) for value in ("rk4", None, {"part": "Labels", "fields": {}})),
+    *((("notes",), value) for value in ("a note", [3], None)),
+    *((("labels",), value) for value in ("x", {"part": "Labels", "fields": {"names": [3]}})),
+    (("labels",), {"part": "Labels", "fields": {"names": [], "units": 3}}),
+    *((("drift",), value) for value in (3, {"names": ["e"], "values": ["large"]}, {"names": [3], "values": [0.1]})),
+    (("drift",), {"names": ["e", "f"], "values": [0.1]}),
+    (("drift",), {"names": ["e"], "values": [10**400]}),
+    *((("extremes",), {"names": ["e"], "values": [value]}) for value in (3, [1, 2, 3, 4], ARRAY)),
+    (("extremes", "values", 0, "fields", "low"), "low"),
+    *((("events",), {"names": ["e"], "values": [value]}) for value in (3, ARRAY)),
+    (("events", "values", 1, "fields", "u_after"), {"array": "t"}),
+    (("events", "values", 1, "fields", "t"), 3.0),
+    *((("outputs",), {"names": ["e"], "values": [value]}) for value in (3, ARRAY, {"array": "texts"})),
+    (("integrals",), {"names": ["work"], "values": [ARRAY]}),
+    *((("t",), value) for value in (3, None, ARRAY, {"array": "texts"}, {"array": "nowhere"}, {"array": "nothing"})),
+    *((("u",), value) for value in (3, None, ARRAY, {"array": "texts"}, {"array": "scalar"})),
+    *((("v",), value) for value in (3, None, ARRAY)),
+    *((("steps",), value) for value in (3, ARRAY)),
+    *((("_a",), value) for value in (3, ARRAY)),
+    *((("reason",), value) for value in ("text", 3)),
+    *((("_extend",), value) for value in ("text", 3)),
+    *((("_knots",), value) for value in ("text", 3)),
+    *((("_resume",), value) for value in ("text", 3)),
+]
+
+
+@pytest.mark.parametrize(("place", "value"), HOSTILE, ids=repr)
+def test_values_of_other_types_are_refused(place, value, hostile_file, tmp_path):
+    path = tmp_path / "run.npz"
+    path.write_bytes(hostile_file.read_bytes())
+    hostile(path, place, value)
+    with pytest.raises(ValueError, match="is damaged: take a copy of it"):
+        eig3.load(path)
+
+
+@pytest.fixture(scope="module")
+def hostile_file(tmp_path_factory):
+    path = full_solution().save(tmp_path_factory.mktemp("hostile") / "run")
+    others = {"matrix": np.zeros((7, 7, 7)), "texts": np.full(31, "a"), "nothing": np.zeros(0), "scalar": np.array(1.0)}
+    rewritten(path, lambda record, arrays: arrays.update(others))
+    assert repr(eig3.load(path))
+    return path
+
+
+@pytest.mark.parametrize("place", [("stepper", "state"), ("stepper", "tally"), ("invariants", "energy", "ends")])
+@pytest.mark.parametrize("value", [None, "text", 3, {"array": "t"}, {"array": "texts"}], ids=repr)
+def test_a_damaged_state_is_found_when_the_run_goes_on(place, value, tmp_path):
+    """A right-hand side beside a state of another shape would read and write beyond its arrays."""
+    path = oscillate(invariants={"energy": energy}).save(tmp_path / "run")
+
+    def change(record, arrays):
+        described = record["solution"]["_resume"]
+        for name in place[:-1]:
+            described = described["values"][described["names"].index(name)]
+        described["values"][described["names"].index(place[-1])] = value
+        arrays["texts"] = np.full(3, "a")
+
+    rewritten(path, change)
+    assert eig3.load(path).success
+    with pytest.raises(ValueError, match="the run cannot go on from its file"):
+        eig3.load(path, rhs=oscillator, invariants={"energy": energy})
+
+
+def test_only_the_arrays_of_the_record_are_read(tmp_path, monkeypatch):
+    path = oscillate().save(tmp_path / "run")
+    rewritten(path, lambda record, arrays: arrays.update(other=np.zeros(10)))
+    read = []
+    getitem = np.lib.npyio.NpzFile.__getitem__
+    monkeypatch.setattr(
+        np.lib.npyio.NpzFile, "__getitem__", lambda file, name: (read.append(name), getitem(file, name))[1]
+    )
+    eig3.load(path)
+    assert {"eig3", "t", "u"} <= set(read)
+    assert "other" not in read
+
+
+def test_compressed_arrays_are_refused(tmp_path):
+    """A small file of zeros could fill the memory."""
+    path = oscillate().save(tmp_path / "run")
+    np.savez_compressed(path, **dict(np.load(path)))
+    with pytest.raises(ValueError, match=r"is not a file that Solution\.save has written"):
+        eig3.load(path)
 
 
 def test_a_file_is_complete_or_not_there(tmp_path):

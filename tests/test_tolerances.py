@@ -3,13 +3,16 @@
 import math
 import os
 import signal
+import subprocess
+import sys
+import textwrap
 import threading
 
 import numpy as np
 import pytest
 
 import eig3
-from eig3 import Status
+from eig3 import Status, growing
 from eig3.kernels import eig3_variable
 from eig3.kernels.jit import bound
 
@@ -570,3 +573,56 @@ def test_words_are_refused():
     for name in ("rtol", "atol", "h_max", "first_step"):
         with pytest.raises(TypeError, match=f"^{name} must"):
             run(**{name: "small"})
+
+
+JOINED = """
+    import resource, sys
+    import numpy as np
+    from eig3.growing import GrowingHistory, Rows
+    from eig3.kernels.protocol import VECTOR
+
+    def peak():
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    history, n, size = GrowingHistory(VECTOR, 500), 500, 0
+    while size < 450e6:
+        first = history.count
+        rows = Rows(*(first + np.arange(64.0)[:, None] + np.zeros(shape) for shape in (1, 1, n, n)))
+        history.append(Rows(rows.t[:, 0], rows.h[:, 0], rows.u, rows.v))
+        size += rows.nbytes
+    before = peak()
+    joined = history.rows()
+    assert (joined.t == np.arange(history.count)).all() and (joined.u[:, -1] == joined.t).all()
+    print(size, before, peak())
+"""
+
+
+def test_the_states_are_joined_in_the_memory_that_they_have():
+    """A history that fits in memory must not need twice its memory at the end of the run."""
+    code = textwrap.dedent(JOINED)
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    size, before, after = map(float, printed.split())
+    assert before > size
+    assert after - before < 2.2 * growing._BLOCK_BYTES < 0.7 * size
+
+
+@eig3.jit
+def height(t, u, v, p):
+    return u
+
+
+def test_a_history_that_outgrows_memory_is_kept(monkeypatch):
+    options = {"params": (2.0, 0.1), "rtol": 1e-9, "h_max": 1e-3, "outputs": {"height": height}}
+    start = oscillator, (0.0, 200.0), 1.0, 0.0
+    whole = eig3.integrate(*start, **options)
+    free = iter([1e9])  # once, for the block from 65536 to 131072 states, and then nothing is left
+    monkeypatch.setattr(growing, "available_memory", lambda: next(free, 0.0))
+    with pytest.raises(MemoryError, match=r"the history has .* bytes and 0 are free; .*, or save_to") as caught:
+        eig3.integrate(*start, **options)
+    kept = caught.value.solution
+    assert kept.status is Status.INTERRUPTED
+    assert 131_072 < len(kept.t) < len(whole.t)
+    assert len(kept.t) == kept.n_steps + 1
+    for name in ("t", "u", "v", "steps"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(whole, name)[: len(kept.t)])
+    np.testing.assert_array_equal(kept.outputs["height"], kept.u)

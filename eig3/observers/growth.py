@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
+from typing import Any
 
 import numpy as np
 
@@ -44,6 +46,21 @@ class Growth:
         if other.needs_half and other._half <= index:
             other._natural, other._half = self._natural, self._half
         return other
+
+    def kept(self) -> dict[str, Any]:
+        """Return what this observer needs to go on, in numbers and arrays."""
+        strange = None if self._strange is None else self._strange.kept()
+        sizes = {"natural": self._natural, "half": self._half, "size": self._size}
+        return {**sizes, "is_overflowing": self._is_overflowing, "strange": strange}
+
+    def restore(self, kept: Mapping[str, Any], stepper: Stepper) -> None:
+        """Become the observer that has returned `kept`; `stepper` is that of the run."""
+        u, v = kept["natural"]
+        self._natural, self._half, self._size = (float(u), float(v)), int(kept["half"]), float(kept["size"])
+        self._is_overflowing = bool(kept["is_overflowing"])
+        if kept["strange"] is not None:
+            self._strange = stepper.fork()
+            self._strange.restore(kept["strange"])
 
     @property
     def needs_half(self) -> bool:

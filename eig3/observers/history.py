@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from ..mapped import MappedRows
+from ..mapped import MappedRows, output_files
 from ..memory import n_rows
 from ..stepper import Cancel, Stepper
 from .chunk import Chunk
+from .outputs import Output
 
 # Values in an array of a chunk with every state: 512 kB, so that it stays in the second-level cache. With fewer,
 # the steps of a large system would take no longer than the calls around them.
 _SCRATCH_VALUES = 2**16
 _COUNTED = np.arange(2.0**13)
+
+
+class Saved(NamedTuple):
+    """The saved states of a run that has ended, with the values of its outputs and the `width` of its `History`."""
+
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    outputs: dict[str, np.ndarray]
+    width: int
 
 
 class History:
@@ -29,25 +42,40 @@ class History:
     width : int
         The number of values of a state in the largest array of the observers that need every state; 0 if none does. If
         it is not 0, the chunks contain every state.
+    shapes : dict of str to tuple of int
+        The shapes of the values of outputs in a state, by name.
     directory : Path, optional
-        Save the states in files of this directory.
+        Save the states, and the values of the outputs, in files of this directory.
+
+    Attributes
+    ----------
+    t, u, v : ndarray, shape (rows, ...)
+    outputs : dict of str to ndarray, shape (rows, ...)
+        The values of the outputs, which these write.
     """
 
     def __init__(
-        self, n_steps: int, every: int, stepper: Stepper, t_end: float, width: int, directory: Path | None = None
+        self,
+        n_steps: int,
+        every: int,
+        stepper: Stepper,
+        t_end: float,
+        width: int,
+        shapes: Mapping[str, tuple[int, ...]],
+        directory: Path | None = None,
     ) -> None:
         u, v = stepper.start
         rows = n_rows(n_steps, every)
         self.every, self.width = every, width
         self._n_steps, self._t_end = n_steps, t_end
         self._t0, self._h = stepper.t0, stepper.h
-        self._closed: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        shapes = {"t": (), "u": np.shape(u), "v": np.shape(v)}
-        self._files = None if directory is None else MappedRows(directory, shapes, rows)
-        arrays = self._files.arrays if self._files else {x: np.empty((rows, *shapes[x])) for x in shapes}
-        self.t, self.u, self.v = (arrays[x] for x in shapes)
+        self._closed: Saved | None = None
+        self._output_files = output_files(shapes)
+        rows_of = {"t": (), "u": np.shape(u), "v": np.shape(v)}
+        rows_of |= {file: shapes[name] for name, file in self._output_files.items()}
+        self._files = None if directory is None else MappedRows(directory, rows_of, rows)
+        self._refer(self._files.arrays if self._files else {x: np.empty((rows, *rows_of[x])) for x in rows_of})
         self.t[0], self.u[0], self.v[0] = stepper.t0, u, v
-        self._commit(1, stepper)
         self._chunk_every = 1 if width else every
         #: Largest number of steps in a chunk.
         self.most = min(n_steps, max(1, _SCRATCH_VALUES // width)) if width else n_steps
@@ -55,13 +83,16 @@ class History:
             shape = self.most, *np.shape(u)
             self._t, self._u, self._v = np.empty(self.most), np.empty(shape), np.empty(shape)
 
-    def take(self, earlier: History, stepper: Stepper) -> None:
+    def _refer(self, arrays: Mapping[str, np.ndarray]) -> None:
+        self.t, self.u, self.v = (arrays[x] for x in "tuv")
+        self.outputs = {name: arrays[file] for name, file in self._output_files.items()}
+
+    def take(self, earlier: Saved, stepper: Stepper) -> None:
         """Copy the states of an earlier part of the run, which ended at the state of `stepper`."""
         rows = stepper.index // self.every + 1
         for new, old in ((self.t, earlier.t), (self.u, earlier.u), (self.v, earlier.v)):
             new[:rows] = old[:rows]
         self._write_times(self.t[rows - 1 : rows], rows - 1, self.every)  # it may have been the earlier `t_end`
-        self._commit(rows, stepper)
 
     def advance(self, stepper: Stepper, count: int, cancel: Cancel) -> Chunk:
         """Take `count` steps, or fewer if a solve fails or `cancel` is set, and return them as a chunk."""
@@ -102,27 +133,24 @@ class History:
             for all_rows, rows in ((self.t, chunk.t), (self.u, chunk.u), (self.v, chunk.v)):
                 saved = rows[chunk.saved]
                 all_rows[begin : begin + len(saved)] = saved
-        self._commit(chunk.stepper.index // self.every + 1, chunk.stepper)
-
-    def _commit(self, rows: int, stepper: Stepper) -> None:
-        if self._files:
-            counts = {"n_steps": stepper.index, "n_rhs": stepper.n_rhs, "n_iterations": stepper.n_iterations}
-            self._files.commit(rows, **counts, kernel_seconds=stepper.seconds)
 
     def remove(self) -> None:
         """Remove the files of the history, if it has any."""
         if self._files:
             self._files.remove()
 
-    def close(self, stepper: Stepper) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return t, u and v of the saved states. The last one is the state of `stepper`."""
+    def close(self, stepper: Stepper, outputs: Iterable[Output]) -> Saved:
+        """Return the saved states and the values of the outputs. The last state is that of `stepper`."""
         if self._closed is None:
             rows = n_rows(stepper.index + stepper.is_within_step, self.every)
             self.t[rows - 1] = self._t_end if stepper.index == self._n_steps else stepper.t
             self.u[rows - 1], self.v[rows - 1] = stepper.u, stepper.v
+            for output in outputs:
+                output.close(stepper.index, rows)
             if self._files:
-                self._commit(rows, stepper)
+                self._files.count = rows
                 self._files.close()
-                self.t, self.u, self.v = (self._files.arrays[x] for x in "tuv")
-            self._closed = self.t[:rows], self.u[:rows], self.v[:rows]
+                self._refer(self._files.arrays)
+            of_outputs = {name: values[:rows] for name, values in self.outputs.items()}
+            self._closed = Saved(self.t[:rows], self.u[:rows], self.v[:rows], of_outputs, self.width)
         return self._closed

@@ -1,10 +1,13 @@
 """Invariants: compiled functions that are evaluated at every step of a run."""
 
 import math
+from collections.abc import Mapping
 from copy import copy
+from typing import Any
 
 import numpy as np
 
+from ..checks import reals
 from ..extremes import Extremes
 from ..kernels.quantity import HIGH, LOW
 from ..methods import Method
@@ -81,6 +84,22 @@ class Watch:
             other._extremes[part + 1, :, 0] = _overall(self._extremes[rows])
             other._forward[part + 1] = self._forward[rows[-1]]
         return other
+
+    def kept(self) -> dict[str, Any]:
+        """Return what this watch needs to go on, in arrays."""
+        parts = {"ends": self._ends, "extremes": self._extremes.copy(), "forward": self._forward.copy()}
+        return {**parts, "most_work": self._most_work}
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Become the watch that has returned `kept`."""
+        ends, extremes = (reals(kept[name], name) for name in ("ends", "extremes"))
+        forward, parts = np.array(kept["forward"], dtype=bool), len(ends) + 1
+        if not ((np.diff(ends) > 0).all() and ends[-1] == np.inf):
+            raise ValueError("the parts of a run follow each other, and the last has no end.")
+        if extremes.shape != (parts, *self._extremes.shape[1:]) or forward.shape != (parts, *self._forward.shape[1:]):
+            raise ValueError(f"the state of {self.name} has another shape.")
+        self._ends, self._extremes, self._forward = ends, extremes, forward
+        self._most_work = float(kept["most_work"])
 
     @property
     def extremes(self) -> Extremes:

@@ -1,0 +1,423 @@
+"""Runs that go on after they were loaded: with fixed steps no bit differs from one run over the whole span."""
+
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import storage, watching
+
+from .conftest import coupled, hardening, hardening_chain, oscillator
+
+H = 2.0**-6  # exact in binary, so that every span has the same step
+
+SCALAR = {"rhs": oscillator, "u0": 1.0, "v0": 0.0, "params": (2.0, 0.1)}
+VECTOR = {"rhs": coupled, "u0": [1.0, 2.0, 3.0], "v0": [0.0, 1.0, 0.0], "params": (1.0, 2.0, 3.0)}
+SCALAR_WITHOUT_V = {"rhs": hardening, "u0": 1.0, "v0": 0.0, "params": (2.0,)}
+VECTOR_WITHOUT_V = {"rhs": hardening_chain, "u0": [1.0, 2.0, 3.0], "v0": [0.0] * 3, "params": (1.0, 2.0, 3.0)}
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return u * u + v * v
+
+
+@eig3.jit
+def steady(t, u, v, p):
+    return t + 0.1 * u
+
+
+@eig3.jit
+def forces(t, u, v, p, out):
+    out[0], out[1] = u * t, v
+
+
+@eig3.jit
+def crossing(t, u, v, p):
+    return u
+
+
+@eig3.jit
+def fast(t, u, v, p):
+    return v - 0.5
+
+
+@eig3.jit
+def restitution(t, u, v, p):
+    return u, -0.9 * v
+
+
+@eig3.jit
+def rub(t, u, v, p, a):
+    """Dampers for which fixed-point iteration does not converge with steps of 0.1."""
+    for j in range(3):
+        a[j] = -u[j] - (25 if t > 2 else 0.5) * v[j]
+
+
+@eig3.jit
+def rub_derivative(t, u, v, p, J):
+    for j in range(3):
+        J[j, j] = -25 if t > 2 else -0.5
+
+
+FUNCTIONS = {"invariants": {"energy": energy}, "outputs": {"forces": (forces, 2), "energy / kg": energy}}
+EVENTS = {"wall": eig3.Event(crossing, direction=-1, apply=restitution), "fast": eig3.Event(fast)}
+
+
+def integrate(system, t_end, **options):
+    start = system["rhs"], (1.0, t_end), system["u0"], system["v0"]
+    if "rtol" not in options:
+        options = {"h": H, **options}
+    return eig3.integrate(*start, params=system["params"], **options)
+
+
+COUNTS = ("n_steps", "n_rhs", "n_iterations", "n_rejected")
+
+
+def assert_same(one, other, counts=COUNTS):
+    for name in ("t", "u", "v", "steps"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for name in ("h", *counts, "status", "message", "drift", "notes", "labels"):
+        assert getattr(one, name) == getattr(other, name), name
+    for each in ("outputs", "integrals", "extremes"):
+        ours, theirs = getattr(one, each), getattr(other, each)
+        assert list(ours) == list(theirs)
+        for name in ours:
+            np.testing.assert_array_equal(ours[name], theirs[name])
+    assert list(one.events) == list(other.events)
+    for name, occurrences in one.events.items():
+        for ours, theirs in zip(vars(occurrences).values(), vars(other.events[name]).values(), strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+
+
+def both_ways(tmp_path, system, t_end, **options):
+    """Return where a run is saved: in a file, and in a directory while it runs."""
+    yield integrate(system, t_end, **options).save(tmp_path / "file.npz")
+    integrate(system, t_end, **options, save_to=tmp_path / "directory")
+    yield tmp_path / "directory"
+
+
+@pytest.mark.parametrize("form", ["scalar", "vector"])
+@pytest.mark.parametrize("method", ["eig3", "cd", "ab3", "eig9", "rk4", "rk8", "bm6"])
+def test_a_loaded_run_goes_on_as_one_run(method, form, tmp_path):
+    system = SCALAR if form == "scalar" else VECTOR
+    if method == "bm6":
+        system = SCALAR_WITHOUT_V if form == "scalar" else VECTOR_WITHOUT_V
+    options = {"method": method, "save_every": 7}
+    functions = FUNCTIONS if form == "scalar" else {}
+    whole = integrate(system, 1.0 + 200 * H, **options, **functions)
+    # Ends in the first steps, which another method may take, and between and at the rows of save_every.
+    for path in both_ways(tmp_path, system, 1.0 + 3 * H, **options, **functions):
+        loaded = eig3.load(path, rhs=system["rhs"], **functions)
+        assert_same(loaded.extend(1.0 + 200 * H), whole)
+        second = loaded.extend(1.0 + 70 * H).save(tmp_path / "second")
+        assert_same(eig3.load(second, rhs=system["rhs"], **functions).extend(1.0 + 200 * H), whole)
+        np.testing.assert_array_equal(loaded.a, integrate(system, 1.0 + 3 * H, **options).a)
+    third = eig3.load(second, rhs=system["rhs"], **functions).extend(1.0 + 126 * H, save_to=tmp_path / "third")
+    assert_same(eig3.load(tmp_path / "third", rhs=system["rhs"], **functions), third)
+    assert_same(eig3.load(tmp_path / "third", rhs=system["rhs"], **functions).extend(1.0 + 200 * H), whole)
+
+
+@pytest.mark.parametrize("options", [{"method": "eig3"}, {"method": "ab3", "save_every": None}, {"inline": True}])
+def test_events_go_on(options, tmp_path):
+    options = {**options, **FUNCTIONS, "events": EVENTS}
+    functions = {name: options[name] for name in ("events", "invariants", "outputs")}
+    functions["events"] = dict(reversed(EVENTS.items()))  # their order does not matter
+    whole = integrate(SCALAR, 1.0 + 1000 * H, **options)
+    for path in both_ways(tmp_path, SCALAR, 1.0 + 300 * H, **options):
+        loaded = eig3.load(path, rhs=oscillator, **functions)
+        assert 1 < len(loaded.events["wall"]) < len(whole.events["wall"])
+        assert_same(loaded.extend(1.0 + 1000 * H), whole)
+
+
+@pytest.mark.parametrize("method", ["rk5", "rk8", "eig3"])
+@pytest.mark.parametrize("options", [{"events": EVENTS, **FUNCTIONS}, {"save_every": 7}], ids=["events", "save_every"])
+def test_tolerances_go_on_from_the_last_step(method, options, tmp_path):
+    """The numbers are those of `extend` in the process of the run."""
+    options = {**options, "rtol": 1e-6, "method": method}
+    functions = {name: options[name] for name in ("events", "invariants", "outputs") if name in options}
+    first = integrate(SCALAR, 11.0, **options)
+    extended = first.extend(31.0)
+    for path in both_ways(tmp_path, SCALAR, 11.0, **options):
+        loaded = eig3.load(path, rhs=oscillator, **functions)
+        assert_same(loaded, first)
+        if "save_every" not in options:  # otherwise the states are too far apart
+            np.testing.assert_array_equal(loaded.at(5.55), first.at(5.55))
+        with pytest.raises(ValueError, match=r"t_end must be after the end of the run at t = 11\.0"):
+            loaded.extend(11.0)
+        assert_same(loaded.extend(31.0), extended)
+        again = loaded.extend(21.0).save(tmp_path / "again")
+        assert_same(eig3.load(again, rhs=oscillator, **functions).extend(31.0), first.extend(21.0).extend(31.0))
+
+
+class After:
+    """A cancellation after so many looks at it."""
+
+    def __init__(self, looks):
+        self.left = looks
+
+    def is_set(self):
+        self.left -= 1
+        return self.left < 0
+
+
+@pytest.mark.parametrize("options", [{}, {"rtol": 1e-5}], ids=["fixed", "tolerances"])
+def test_an_interrupted_run_goes_on_from_anywhere(options, tmp_path, monkeypatch):
+    """The log of events has so little room that calls of the kernel end within steps, which costs evaluations."""
+    counts = ("n_steps", "n_rejected")
+    monkeypatch.setattr("eig3.slices._SECONDS", 1e-7)
+    monkeypatch.setattr("eig3.slices._FIRST_SECONDS", 1e-7)
+    monkeypatch.setattr(watching, "_LOG_ROWS", 2)
+    monkeypatch.setattr(watching, "_LOG_VALUES", 0)
+    monkeypatch.setattr("eig3.variable_run._FIRST_STEPS", 2)
+    options = {**options, "events": EVENTS, "outputs": {"energy": energy}}
+    if "rtol" not in options:
+        options["h"] = 0.5
+    whole = integrate(SCALAR, 41.0, **options)
+    steps = set()
+    for looks in range(2, 12):
+        directory = tmp_path / str(looks)
+        stopped = integrate(SCALAR, 41.0, **options, cancel=After(looks), save_to=directory)
+        if stopped.status is eig3.Status.INTERRUPTED:
+            steps.add(stopped.n_steps)
+            path = directory if looks % 2 else stopped.save(tmp_path / "run")
+            loaded = eig3.load(path, rhs=oscillator, events=EVENTS, outputs={"energy": energy})
+            assert_same(loaded.extend(41.0), whole, counts)
+            assert_same(stopped.extend(41.0), whole, counts)
+    assert len(steps) > 3
+
+
+@pytest.mark.parametrize("ends", [(30.0, 40.0), (3.0, 5.0, 9.0, 17.0, 33.0)])
+def test_a_steady_growth_is_noted_over_the_whole_span(ends, tmp_path):
+    options = {"invariants": {"e": steady}}
+    run = integrate(SCALAR | {"params": (2.0, 0.0)}, ends[0], **options)
+    for t_end in (*ends[1:], 201.0):
+        run = eig3.load(run.save(tmp_path / "run"), rhs=oscillator, **options).extend(t_end)
+    whole = integrate(SCALAR | {"params": (2.0, 0.0)}, 201.0, **options)
+    assert len(whole.notes) == 1
+    assert run.notes == whole.notes
+
+
+def test_a_blow_up_is_judged_over_the_whole_span(tmp_path):
+    # omega h = 2.1 is beyond the limit 2: the motion grows by 1.88 in a step, to 2e4 times its size in 15 steps.
+    system, options = SCALAR | {"params": (1.0, 0.0)}, {"h": 2.1, "method": "cd"}
+    for steps in (5, 11):
+        first = integrate(system, 1.0 + 2.1 * steps, **options)
+        assert first.success
+        loaded = eig3.load(first.save(tmp_path / "run"), rhs=oscillator)
+        extended = loaded.extend(1.0 + 2.1 * 100)
+        assert extended.status is eig3.Status.DIVERGED
+        assert extended.message == first.extend(1.0 + 2.1 * 100).message
+    with pytest.raises(ValueError, match="this run cannot go on: its status is DIVERGED"):
+        eig3.load(extended.save(tmp_path / "run"), rhs=oscillator)
+
+
+def test_a_solver_that_was_changed_stays_changed(tmp_path):
+    system = {"rhs": rub, "u0": [1.0, 2.0, 3.0], "v0": [0.0] * 3, "params": ()}
+    whole = integrate(system, 6.0, method="cd", h=0.1)
+    assert "From t = " in whole.notes[0]
+    for t_end in (2.0, 4.0):
+        path = integrate(system, t_end, method="cd", h=0.1).save(tmp_path / "run")
+        assert_same(eig3.load(path, rhs=rub).extend(6.0), whole)
+
+
+def test_the_jacobian_of_the_method_is_given_again(tmp_path):
+    system = {"rhs": rub, "u0": [1.0, 2.0, 3.0], "v0": [0.0] * 3, "params": ()}
+    method = eig3.CentralDifference(jacobian=rub_derivative)
+    whole = integrate(system, 6.0, method=method, h=0.1)
+    path = integrate(system, 4.0, method=method, h=0.1).save(tmp_path / "run")
+    with pytest.raises(ValueError, match="the method of the run has a jacobian: give jacobian"):
+        eig3.load(path, rhs=rub)
+    assert_same(eig3.load(path, rhs=rub, jacobian=rub_derivative).extend(6.0), whole)
+
+
+def test_problems_with_integrals_go_on(tmp_path):
+    problem = eig3.problems.shear_building(work=True)
+    whole = problem.integrate(h=2.0**-10, t_end=0.25)
+    first = problem.integrate(h=2.0**-10, t_end=0.125)
+    problem.integrate(h=2.0**-10, t_end=0.125, save_to=tmp_path / "directory")
+    for path in (first.save(tmp_path / "file"), tmp_path / "directory"):
+        loaded = problem.load(path)
+        assert_same(loaded, first)
+        assert_same(loaded.extend(0.1875).extend(0.25), whole)
+        extended = loaded.extend(0.1875, save_to=tmp_path / f"to {path.name}")
+        assert_same(problem.load(tmp_path / f"to {path.name}"), extended)
+        assert_same(problem.load(tmp_path / f"to {path.name}").extend(0.25), whole)
+    with pytest.raises(ValueError, match="which is not one of bouncing_ball"):
+        eig3.problems.bouncing_ball().load(path)
+
+
+def test_problems_with_events_go_on(tmp_path):
+    problem = eig3.problems.bouncing_ball()
+    end = problem.t_span[1]
+    for options in ({"h": end / 1024}, {"rtol": 1e-6}):
+        first = problem.integrate(**options, t_end=end / 2)
+        loaded = problem.load(first.save(tmp_path / "run"))
+        assert_same(loaded.extend(end), first.extend(end))
+        assert loaded.extend(end).labels == problem.labels
+
+
+# Processes that are killed -------------------------------------------------------------------------------------------
+
+KILLED = """
+    import sys
+    import eig3
+
+    @eig3.jit
+    def rhs(t, u, v, p, a):
+        for j in range(u.size):
+            a[j] = -p[j] * u[j]
+
+    @eig3.jit
+    def energy(t, u, v, p):
+        return (p[0] * u[0] * u[0] + v[0] * v[0]) / 2
+
+    @eig3.jit
+    def forces(t, u, v, p, out):
+        out[0], out[1] = p[0] * u[0], p[1] * u[1]
+
+    @eig3.jit
+    def crossing(t, u, v, p):
+        return u[0] - 0.25
+
+    @eig3.jit
+    def kick(t, u, v, p):
+        v[1] = -v[1]
+
+    functions = {
+        "events": {"kick": eig3.Event(crossing, direction=1, apply=kick)},
+        "invariants": {"energy": energy},
+        "outputs": {"forces": (forces, 2)},
+    }
+    start = [1.0, 2.0], [0.0, 0.0]
+    fixed = {"h": 2.0**-6, "save_every": 100}
+    tolerances = {"rtol": 1e-6, "save_every": 10}
+
+    if __name__ == "__main__":
+        kind = {"fixed": fixed, "tolerances": tolerances}[sys.argv[1]]
+        eig3.integrate(rhs, (0.0, 1e7), *start, params=(1.0, 2.0), **kind, **functions, save_to=sys.argv[2])
+"""
+
+
+@pytest.mark.parametrize("kind", ["fixed", "tolerances"])
+def test_a_killed_run_is_there_and_goes_on(kind, tmp_path):
+    script = tmp_path / "killed.py"
+    script.write_text(textwrap.dedent(KILLED))
+    directory = tmp_path / "run"
+    process = subprocess.Popen([sys.executable, script, kind, directory])
+    try:
+        while not (directory / "run.npz").exists() or len(eig3.load(directory).t) < 2:
+            assert process.poll() is None
+            time.sleep(0.01)
+    finally:
+        process.kill()
+        process.wait()
+    names: dict = {}
+    exec(script.read_text(), names)
+    functions, rhs = names["functions"], names["rhs"]
+    killed = eig3.load(directory)
+    assert killed.status is eig3.Status.INTERRUPTED
+    end = killed.t[-1] + 1000 * names["fixed"]["h"] if kind == "tolerances" else (killed.n_steps + 1000) / 64
+    loaded = eig3.load(directory, rhs=rhs, **functions)
+    extended = loaded.extend(end)
+    options = {"params": (1.0, 2.0), **names[kind], **functions}
+    whole = eig3.integrate(rhs, (0.0, end), [1.0, 2.0], [0.0, 0.0], **options)
+    assert_same(extended, whole)
+    rows, found = len(killed.t), len(killed.events["kick"])
+    assert found > 10
+    for name in ("t", "u", "v"):
+        np.testing.assert_array_equal(getattr(killed, name), getattr(whole, name)[:rows])
+        np.testing.assert_array_equal(getattr(killed.events["kick"], name), getattr(whole.events["kick"], name)[:found])
+    np.testing.assert_array_equal(killed.outputs["forces"], whole.outputs["forces"][:rows])
+    np.testing.assert_array_equal(killed.outputs["forces"], killed.u * [1.0, 2.0])
+    up_to = np.nextafter(end, 0) if kind == "tolerances" else killed.n_steps / 64
+    if kind == "fixed":
+        part = eig3.integrate(rhs, (0.0, up_to), [1.0, 2.0], [0.0, 0.0], **options)
+        assert_same_extremes(killed, part)
+    assert 0 < killed.drift["energy"] <= whole.drift["energy"]
+
+
+def assert_same_extremes(one, other):
+    assert one.drift == other.drift
+    for name, extremes in one.extremes.items():
+        for ours, theirs in zip(extremes, other.extremes[name], strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+
+
+# What does not go on -------------------------------------------------------------------------------------------------
+
+
+def test_functions_of_another_run_are_refused(tmp_path):
+    options = {**FUNCTIONS, "events": EVENTS}
+    path = integrate(SCALAR, 2.0, **options).save(tmp_path / "run")
+    with pytest.raises(
+        ValueError, match=r"loaded without its right-hand side: load it with eig3\.load\(path, rhs=\.\.\.\)"
+    ):
+        eig3.load(path).extend(3.0)
+    again = eig3.load(path).save(tmp_path / "again")  # the state is kept
+    assert eig3.load(again, rhs=oscillator, **options).extend(3.0).success
+    bad = [
+        ({}, "events must have the names of those of the run: 'wall', 'fast'"),
+        ({**options, "events": {**EVENTS, "more": EVENTS["fast"]}}, "events must have the names"),
+        ({"events": EVENTS}, "invariants must have the names of those of the run: 'energy'"),
+        ({**options, "outputs": {"forces": (forces, 2)}}, "outputs must have the names .* 'forces', 'energy / kg'"),
+        ({**options, "jacobian": oscillator}, "the run has none: leave out jacobian"),
+    ]
+    for functions, message in bad:
+        with pytest.raises(ValueError, match=message):
+            eig3.load(path, rhs=oscillator, **functions)
+    with pytest.raises(ValueError, match="outputs needs rhs beside it"):
+        eig3.load(path, outputs=FUNCTIONS["outputs"])
+    with pytest.raises(TypeError, match="rhs must be compiled"):
+        eig3.load(path, rhs=oscillator.py_func, **options)
+    with pytest.raises(TypeError, match="rhs has the vector form"):
+        eig3.load(path, rhs=coupled, **options)
+    wider = {**options, "outputs": {**FUNCTIONS["outputs"], "forces": energy}}
+    with pytest.raises(ValueError, match="give the functions of the run"):
+        eig3.load(path, rhs=oscillator, **wider)
+
+
+def test_runs_without_a_state_are_loaded_without_functions(tmp_path):
+    runs = [
+        integrate(SCALAR, 2.0, t_eval=[1.5, 2.0]),
+        eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[[2.0, 0.1]])[1],
+    ]
+    for run in runs:
+        path = run.save(tmp_path / "run")
+        with pytest.raises(ValueError, match=r"this run cannot go on: .*load it without functions"):
+            eig3.load(path, rhs=oscillator)
+        with pytest.raises(ValueError, match="this solution cannot be extended"):
+            eig3.load(path).extend(3.0)
+
+
+def test_an_older_directory_is_read(tmp_path):
+    """In version 1, a file of its own had the counts, and the record neither outputs in files nor a state."""
+    run = integrate(SCALAR, 2.0, save_to=tmp_path, **FUNCTIONS)
+    record, arrays = record_of(tmp_path / "run.npz")
+    record["version"] = 1
+    for name in ("rows", "outputs"):
+        record.pop(name)
+    record["solution"].pop("_resume")
+    names = list(run.outputs)
+    record["solution"]["outputs"] = {"names": names, "values": [{"array": f"outputs.{k}"} for k in range(len(names))]}
+    for k, name in enumerate(names):
+        arrays[f"outputs.{k}"] = run.outputs[name]
+        (tmp_path / f"outputs.{k}.npy").unlink()
+    np.savez(tmp_path / "run.npz", **arrays, eig3=np.array(storage.json.dumps(record)))
+    counts = ("rows", "n_steps", "n_rhs", "n_iterations", "n_rejected")
+    kinds = np.dtype([*((name, "<i8") for name in counts), ("kernel_seconds", "<f8")])
+    np.save(tmp_path / "counts.npy", np.array((len(run.t), run.n_steps, run.n_rhs, 0, 0, 0.5), dtype=kinds))
+    assert_same(eig3.load(tmp_path), run)
+    record["has_ended"] = False
+    np.savez(tmp_path / "run.npz", **arrays, eig3=np.array(storage.json.dumps(record)))
+    assert eig3.load(tmp_path).status is eig3.Status.INTERRUPTED
+    assert eig3.load(tmp_path).kernel_seconds == 0.5
+
+
+def record_of(path):
+    arrays = dict(np.load(path))
+    return storage.json.loads(str(arrays.pop("eig3"))), arrays
