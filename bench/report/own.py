@@ -334,7 +334,8 @@ class _Runs:
         if candidate.rtol is None:
             options |= self.grid.steps(candidate.n_steps)
         else:
-            options |= {"rtol": candidate.rtol, "t_eval": np.linspace(*self.problem.t_span, self.grid.rival_states)}
+            options |= replace(candidate.prediction, rtol=candidate.rtol).options
+            options["t_eval"] = np.linspace(*self.problem.t_span, self.grid.rival_states)
         solution = self.problem.integrate(**options)
         errors = self.judge.of_run(solution) if solution.success else {}
         setting = solution.h if candidate.rtol is None else candidate.rtol

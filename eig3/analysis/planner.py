@@ -11,8 +11,8 @@ from ..checks import check_method
 from ..methods import EIG, LIBRARY, Method
 from ..problem import Problem
 from ..solution import Solution
-from .pilots import Pilots, save_every
-from .search import Search, guide
+from .pilots import Pilots, save_every, tolerances
+from .search import NO_TIME, SCOUT, Search, guide
 from .tolerance_search import VARIABLE, ToleranceSearch
 
 EXTRAPOLATED = "extrapolated from longer steps"  # the note of a prediction that is rougher than the others
@@ -22,7 +22,8 @@ _WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders hav
 #: Aim for this fraction of the accuracy. The error of the trajectory is measured at some states, the energy's at more.
 _AIM = {"trajectory": 0.75, "energy": 0.9}
 _SECONDS = 0.8  # time after which no method is tried any more,
-_LEAST_SECONDS = 0.4  # or this time after the reference has been found
+_LEAST_SECONDS = 0.4  # or this time after the reference has been found,
+_RUNS = 4  # or as long as this number of runs takes; in any case until the pilot runs have no time left
 _WORK = 2**24  # work that the runs of a method named by the user may do in any case
 _TIMED_SECONDS = 0.2  # time of the last comparison,
 _TIMED_RUNS = 3, 15  # and the fewest and most runs of each method in it
@@ -53,6 +54,11 @@ class Prediction:
         method that was ruled out before it ran has no step.
     rtol : float or None
         The tolerance; None for a fixed step, and NaN if no tolerance is known to reach the accuracy.
+    sizes : tuple of float or None
+        With tolerances, for a motion that starts from rest: the sizes of u and of v later on. `options` has atol, which
+        is rtol times these: the motion at the start does not tell what its error may be.
+    h_max : float or None
+        The longest step for such a motion, which would otherwise step over a load that begins later.
     """
 
     method: Method
@@ -63,6 +69,8 @@ class Prediction:
     error: float
     note: str = ""
     rtol: float | None = None
+    sizes: tuple[float, float] | None = None
+    h_max: float | None = None
 
     @property
     def reaches(self) -> bool:
@@ -71,8 +79,10 @@ class Prediction:
 
     @property
     def options(self) -> dict[str, Any]:
-        """The arguments of `Problem.integrate`: the method, and h or rtol."""
-        return {"method": self.method, **({"h": self.h} if self.rtol is None else {"rtol": self.rtol})}
+        """The arguments of `Problem.integrate`: the method, and h or rtol, from rest with atol and h_max."""
+        if self.rtol is None:
+            return {"method": self.method, "h": self.h}
+        return {"method": self.method, **tolerances(self.rtol, self.sizes, self.h_max)}
 
     @property
     def label(self) -> str:
@@ -95,6 +105,13 @@ class Plan:
     predictions : tuple of Prediction
     pilot_seconds : float
         Time that the pilot runs and their comparison took, without compilation.
+    compile_seconds : float
+        Time that the compilation of methods took which no run on this machine had used before, and the loading of the
+        others.
+    window : tuple of float
+        The beginning and the end of the pilot runs: the whole span, or the part of it in which the motion is fastest.
+    seen : float
+        The time up to which a run has shown the motion: before the end of the span if the run would take too long.
     """
 
     problem: Problem
@@ -102,6 +119,9 @@ class Plan:
     metric: str
     predictions: tuple[Prediction, ...]
     pilot_seconds: float
+    compile_seconds: float
+    window: tuple[float, float]
+    seen: float
 
     @property
     def best(self) -> Prediction:
@@ -135,7 +155,9 @@ class Plan:
         width = max(14, *map(len, names))
         lines = [
             f"Plan for {self.problem.name}: {self.metric} error {self.accuracy:g} up to t = "
-            f"{self.problem.t_span[1]:g} (pilot runs: {self.pilot_seconds:.2g} s)",
+            f"{self.problem.t_span[1]:g} (pilot runs: {self.pilot_seconds:.2g} s, compilation: "
+            f"{self.compile_seconds:.2g} s)",
+            *self._extent,
             f"  {'method':<{width}} {'h':>9} {'steps':>9} {'evaluations':>12} {'seconds':>9} {'error':>8}",
         ]
         for name, p in zip(names, self.predictions, strict=True):
@@ -145,6 +167,15 @@ class Plan:
             else:
                 lines.append(f"  {name:<{width}} {'' if p.note.startswith(_RULED_OUT) else 'not reached: '}{p.note}")
         return "\n".join(lines)
+
+    @property
+    def _extent(self) -> list[str]:
+        """Say which part of the span the pilot runs have seen, if it is not the whole."""
+        begin, end = self.window
+        if (begin, end) == tuple(self.problem.t_span):
+            return []
+        later = f"; what follows t = {self.seen:g} is not known" if self.seen < self.problem.t_span[1] else ""
+        return [f"  The pilot runs are from t = {begin:g} to {end:g}, and errors are extrapolated{later}."]
 
 
 def plan(
@@ -180,16 +211,26 @@ def plan(
 
     Notes
     -----
-    The first plan of a problem with events compiles a kernel for each method, which may take a minute. The kernels are
-    kept on the disk.
+    The pilot runs of most problems take less than two seconds. Where the fastest stable run of the whole span takes
+    longer than a tenth of a second, they take up to some ten times as long as this run. No pilot run begins that is
+    expected to end after ten seconds of processor time. The first plan on a machine also compiles a kernel for each
+    method that it tries, which takes some seconds each; with events, it may take a minute. The kernels are kept on the
+    disk. `pilot_seconds` and `compile_seconds` tell what a plan took.
 
     RK8 runs first, each time with twice the steps, until two runs agree to a quarter of the accuracy. The last run is
     the reference: the difference of another run from it is the error of that run. For the metric "energy", each run
-    gives its error itself. If RK8 takes too long, the runs cover a part of the span, and each error is extrapolated to
-    the whole span by its growth in the part.
+    gives its error itself.
 
-    RK8 and RK5 then run with tolerances. From the error of each run follows the rtol of the next, until the error is
-    between half of the accuracy and the accuracy.
+    If RK8 takes too long, as where stability limits the step, EIG-3 surveys the whole span with a stable step, for at
+    most five seconds. If its runs agree, they are the reference. If not, the runs cover the part of the span in which
+    the survey found the motion to be fastest. Errors are always relative to the displacements of the whole span. They
+    are extrapolated from the part to the whole by the ratio that the errors of EIG-3 show, or else by their growth in
+    the part. Only if no survey is possible, the runs cover the beginning of the span.
+
+    RK8 and RK5 run with tolerances. From the error of each run follows the rtol of the next, until the error is between
+    half of the accuracy and the accuracy. They come last where stability limits the step. If the motion starts from
+    rest, the tolerances are relative to its later size, and the longest step is the time between the states that are
+    compared; `Prediction.options` has both.
 
     With a fixed step, each method starts with the number of steps that should take as long as the best method so far.
     From there its longest step is searched for, down to 6 %. A method is given up when it would take twice the time of
@@ -215,6 +256,11 @@ def plan(
         raise ValueError(f"metric must be 'trajectory' or 'energy', not {metric!r}.")
     if metric == "energy" and problem.energy is None:
         raise ValueError(f"metric 'energy' needs a problem with an energy, and {problem.name} has none.")
+    if metric == "energy" and problem.energy_of(problem.u0, problem.v0) == 0:
+        raise ValueError(
+            f"metric 'energy' is relative to the energy at the start, which is 0 in {problem.name}: choose "
+            "metric='trajectory'."
+        )
     for name, event in problem.events.items():
         if event.terminal:
             raise ValueError(
@@ -233,7 +279,16 @@ def plan(
     else:
         predictions = _choose(first, records) if methods is None else _predict_each(first, records)
     predictions.sort(key=lambda p: (not p.reaches, p.seconds))
-    return Plan(problem, float(accuracy), metric, tuple(predictions), pilots.spent)
+    return Plan(
+        problem,
+        float(accuracy),
+        metric,
+        tuple(predictions),
+        pilots.spent,
+        pilots.compiling,
+        pilots.window,
+        pilots.seen,
+    )
 
 
 def _in_order_of_trial() -> list[str]:
@@ -243,31 +298,46 @@ def _in_order_of_trial() -> list[str]:
 def _choose(first: Search, records: list[Method]) -> list[Prediction]:
     """The predictions of the methods that may be the fastest, and the reasons why the others are not."""
     pilots = first.pilots
-    until = _end_of_search(pilots)
+    enough = _end_of_search(first)
     best: AnySearch = first
-    tried: list[Search] = []
+    fixed: list[Search] = []
     variable: list[ToleranceSearch] = []
     ruled_out = []
-    for method in VARIABLE:
-        variable.append(ToleranceSearch(pilots, method))
-        variable[-1].run(first, longest=_SLOW * best.seconds)
-        best = min(best, variable[-1], key=_seconds)
-    for method in records:
-        reason = "" if method == best.method else _ruled_out(method, tried, best)
-        if not reason and method != first.method and pilots.spent > until:
-            reason = "no time was left to try it"
-        if not reason:
-            search = first if method == first.method else Search(pilots, method)
-            search.run(best, longest=_SLOW * best.seconds)
-            tried.append(search)
-            if not search.steps:
+    for search in _in_order(first, records):
+        longest, reason = _SLOW * best.seconds, ""
+        if isinstance(search, Search) and search.method != best.method:
+            reason = _ruled_out(search.method, fixed, best)
+        if not reason and search is not first and pilots.spent > enough:
+            reason = NO_TIME
+        if not reason and isinstance(search, ToleranceSearch):
+            search.run(first, longest=longest, enough=enough)
+            variable.append(search)
+        elif not reason and isinstance(search, Search):
+            search.run(best, longest=longest, enough=enough)
+            fixed.append(search)
+            if not search.runs:
+                reason = NO_TIME
+            elif not search.steps:
                 reason = f"in {_SLOW:g} times the time of {best.label}, {search.verdict}"
-            best = min(best, search, key=_seconds)
         if reason:
-            ruled_out.append(_failure(method, _RULED_OUT + reason))
+            ruled_out.append(_failure(search.method, _RULED_OUT + reason, search.rtol))
+        best = min(best, search, key=_seconds)
     failed = [_failed(search) for search in variable if not search.steps]
-    found: list[AnySearch] = [*variable, *tried]
+    found: list[AnySearch] = [*variable, *fixed]
     return _timed([search for search in found if search.steps]) + failed + ruled_out
+
+
+def _in_order(first: Search, records: list[Method]) -> list[AnySearch]:
+    """The searches in the order in which they run: a good method found early shortens the runs of the others.
+
+    Where stability limits the step, tolerances do not lengthen it, and methods of few evaluations come first.
+    """
+    pilots = first.pilots
+    fixed: list[AnySearch] = [first if method == first.method else Search(pilots, method) for method in records]
+    variable: list[AnySearch] = [ToleranceSearch(pilots, method) for method in VARIABLE]
+    if not first.is_limited:
+        return variable + fixed
+    return sorted(fixed, key=lambda search: search.method != SCOUT) + variable
 
 
 def _ruled_out(method: Method, tried: Sequence[Search], best: AnySearch) -> str:
@@ -289,7 +359,7 @@ def _predict_each(first: Search, records: list[Method]) -> list[Prediction]:
     """A prediction for every method, from the runs that its share of the time allows."""
     pilots = first.pilots
     searches: list[AnySearch] = []
-    end = _end_of_search(pilots)
+    end = _end_of_search(first)
     for i, method in enumerate(records):
         search = first if method == first.method else Search(pilots, method)
         until = pilots.spent + max(0.0, end - pilots.spent) / (len(records) - i)
@@ -302,8 +372,11 @@ def _predict_each(first: Search, records: list[Method]) -> list[Prediction]:
     return _timed(searches)
 
 
-def _end_of_search(pilots: Pilots) -> float:
-    return max(_SECONDS, pilots.spent + _LEAST_SECONDS)
+def _end_of_search(first: Search) -> float:
+    """The time of the pilot runs after which no other method is tried."""
+    pilots = first.pilots
+    run = first.seconds * pilots.part if first.steps else 0.0
+    return max(_SECONDS, pilots.spent + max(_LEAST_SECONDS, _RUNS * run))
 
 
 def _seconds(search: AnySearch) -> float:
@@ -329,6 +402,10 @@ def _prediction(search: AnySearch, pace: float) -> Prediction:
     if not search.steps:
         return _failed(search)
     note = "the step is limited by stability" if search.is_limited else ""
+    from_rest: dict[str, Any] = {}
+    if search.rtol is not None and search.pilots.sizes:
+        from_rest = {"sizes": search.pilots.sizes, "h_max": search.pilots.h_max}
+        note = "from rest, with atol and h_max as in options"
     return Prediction(
         method=search.method,
         h=search.pilots.span / search.steps,
@@ -338,6 +415,7 @@ def _prediction(search: AnySearch, pace: float) -> Prediction:
         error=search.error,
         note=note if search.reaches else EXTRAPOLATED,
         rtol=search.rtol,
+        **from_rest,
     )
 
 

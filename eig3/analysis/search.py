@@ -5,17 +5,28 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from ..methods import RK8, Method
-from .pilots import FEWEST, History, Pilots, Run
+from ..methods import EIG3, RK8, Method
+from .pilots import CONVERGING, FEWEST, History, Pilots, Run
 
+NO_TIME = "no time was left to try it"
 GUIDE = RK8()
+SCOUT = EIG3()  # of the methods of one evaluation the one with the longest stable step
 _AGREEMENT = 0.25  # two runs that differ by this fraction of the accuracy give a reference
 _AGREEMENT_AT_MOST = 0.05  # runs with a larger relative difference may both be wrong
-#: Parts of the span to run, and the time that RK8 may take over each of them,
-_PARTS = {1.0: 0.3, 1 / 16: 0.15, 1 / 256: 0.15, 1 / 4096: 0.15}
-_GUIDE_WORK = 2**26  # and the work that it may do in any case
+#: Where a reference is looked for: the part of the span, the method, and the time that its runs may take, s.
+_TRIALS = (
+    (1.0, GUIDE, 0.3),
+    (1.0, SCOUT, 4.0),
+    (1 / 16, GUIDE, 1.0),
+    (1 / 16, SCOUT, 0.5),
+    (1 / 256, GUIDE, 0.5),
+    (1 / 256, SCOUT, 0.5),
+    (1 / 4096, GUIDE, 0.5),
+)
+_GUIDE_WORK = 2**26  # the work that the runs of one trial may do in any case
+_SURVEY_SECONDS = 5.0  # longest processor time of a run that surveys the whole span,
+_UNSTABLE_SECONDS = 1.0  # and of the runs before it that turn out to be unstable
 _MOST_RUNS = 24  # of a method
-_CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
 _NEAR = 1.06  # the longest step is found to this factor,
 _ENOUGH = 0.7  # or until the error is at least this fraction of the aim
 _COARSE = 1.1  # between two steps this far apart, the longest step is interpolated
@@ -29,47 +40,106 @@ _LEAST = 5e-14  # runs may agree to less than this by chance only
 
 
 def guide(pilots: Pilots) -> Search | str:
-    """Find a reference, and the runs of RK8 that lead to it; if there is none, the reason why."""
+    """Find a reference, and the runs of one method that lead to it; if there is none, the reason why.
+
+    RK8 runs over the whole span. If that takes too long, EIG-3 surveys the whole span at a stable step. If that gives
+    no reference either, the part of the span is run in which the survey found the motion to be fastest.
+    """
     if pilots.aim < _LEAST:
         return "the accuracy is below round-off"
+    failure = ""
     shortest = math.inf  # of the steps that were unstable over a longer part
-    for pilots.part, seconds in _PARTS.items():
-        search = Search(pilots, GUIDE)
-        found = _double(search, seconds)
-        stable = [run.n_steps for run in search.runs if math.isfinite(run.error)]
-        if stable and shortest < pilots.part * pilots.span / stable[0]:
-            return "unstable at every step tried"  # over the longer part
+    survey: Search | None = None
+    for part, method, seconds in _TRIALS:
+        if method == SCOUT and part < 1 and not survey:
+            continue
+        if part != pilots.part:
+            pilots.look_at(part)
+            if survey and survey.runs:
+                pilots.calibrate(SCOUT, survey.runs[-1])
+        search = Search(pilots, method)
+        is_survey = method == SCOUT and part == 1
+        found = _double(search, seconds, surveys=is_survey)
+        if is_survey:
+            survey = search if _is_bounded(search) else None
+        if method == GUIDE:
+            failure = search.failure
+            stable = [run.n_steps for run in search.runs if not math.isinf(run.error)]
+            if not survey and stable and shortest < part * pilots.span / stable[0]:
+                return "unstable at every step tried"  # over the longer part
+            if search.runs and not stable:
+                shortest = part * pilots.span / search.runs[-1].n_steps
         if found:
             return search
-        if search.runs and not stable:
-            shortest = pilots.part * pilots.span / search.runs[-1].n_steps
-    return search.failure
+    return failure
 
 
-def _double(search: Search, allowed: float) -> bool:
-    """Double the steps until the error is known and far below the aim; return whether this is reached."""
+def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
+    """Double the steps until the error is known and far below the aim; return whether this is reached.
+
+    The runs take at most `allowed` seconds, unless they are within the work that is allowed in any case. If it surveys
+    the whole span, the runs go on until one is bounded. Unstable runs end early, so that they take less time.
+    """
     pilots, method = search.pilots, search.method
-    until, work, seconds, n_steps = pilots.spent + allowed, 0.0, 0.0, FEWEST
+    until, work, n_steps = pilots.spent + allowed, 0.0, FEWEST
+    unstable = next_unstable = 0.0
     coarse: History | None = None
-    while work + pilots.work(method, n_steps) < _GUIDE_WORK or pilots.spent + 2 * seconds < until:
-        begin = pilots.spent
-        fine = pilots.history(method, n_steps)
-        seconds = pilots.spent - begin
+    while _may_run(search, n_steps, until, work) or (
+        surveys and not coarse and unstable + next_unstable < min(_UNSTABLE_SECONDS, pilots.left)
+    ):
+        before = pilots.left
+        fine = pilots.history(method, n_steps, _SURVEY_SECONDS if surveys else math.inf)
         work += pilots.work(method, n_steps)
         if fine is None:
             search.add(Run(n_steps, math.inf))
-        elif not pilots.needs_reference:
-            search.add(pilots.judged(n_steps, fine))
-        elif coarse:
-            pilots.refer_to(fine)
-            search.add(pilots.judged(n_steps // 2, coarse))
-        if search.runs and search.runs[-1].error <= min(_AGREEMENT * pilots.aim, _AGREEMENT_AT_MOST):
+            pilots.forget_survey()
+            unstable += before - pilots.left
+            next_unstable = 2 * (before - pilots.left)
+        else:
+            pilots.note_sizes(fine)
+            if not fine.is_whole:
+                return False
+            if not pilots.needs_reference:
+                search.add(pilots.judged(n_steps, fine))
+            elif coarse:
+                pilots.refer_to(fine)
+                search.add(pilots.judged(n_steps // 2, coarse))
+        wanted = pilots.aim if search.is_stalled else _agreement(pilots)  # round-off leaves no better reference
+        if search.runs and search.runs[-1].error <= wanted:
+            pilots.trust()
             return True
         if search.is_stalled:
             return False
         coarse = fine
         n_steps *= 2
     return False
+
+
+def _is_bounded(search: Search) -> bool:
+    """Whether the runs of a survey have shown a stable motion; otherwise it is forgotten."""
+    pilots = search.pilots
+    if any(_LARGEST < run.error < math.inf for run in search.runs[-1:]):
+        pilots.forget_survey()
+    return pilots.is_surveyed
+
+
+def _agreement(pilots: Pilots) -> float:
+    """The difference of two runs from which on the finer one is a reference."""
+    return min(_AGREEMENT * pilots.aim, _AGREEMENT_AT_MOST)
+
+
+def _may_run(search: Search, n_steps: int, until: float, work: float) -> bool:
+    """Whether a run, and what must follow it, is within the work that may be done in any case or the time."""
+    pilots, method = search.pilots, search.method
+    error = search.runs[-1].error if search.runs else math.inf
+    following = 1.0
+    if error <= CONVERGING:  # the error of half as many steps or a quarter: with more it falls by the order
+        following = max(1.0, (error / _agreement(pilots)) ** (1 / method.order) / 2)
+    is_small = work + pilots.work(method, n_steps * following) < _GUIDE_WORK
+    seconds = pilots.predicted(method, n_steps)
+    in_time = pilots.spent + seconds * following < until
+    is_hopeful = error <= CONVERGING or error > _LARGEST  # a larger error is one of stability
+    return seconds < pilots.left and (is_small or (in_time and is_hopeful))
 
 
 class Timed(Protocol):
@@ -97,11 +167,20 @@ class Search:
     def add(self, run: Run) -> None:
         self.runs = sorted([*self.runs, run], key=lambda run: run.n_steps)
 
-    def run(self, other: Timed, *, longest: float = math.inf, until: float = math.inf, work: float = 0.0) -> None:
+    def run(
+        self,
+        other: Timed,
+        *,
+        longest: float = math.inf,
+        until: float = math.inf,
+        work: float = 0.0,
+        enough: float = math.inf,
+    ) -> None:
         """Run until the longest step is known, or the next run would take too long.
 
         The first run takes as long as `other` takes to reach the aim. A run takes at most `longest` seconds and ends
-        before the pilot runs have taken `until` seconds, unless it is within the remaining `work`.
+        before the pilot runs have taken `until` seconds, unless it is within the remaining `work`. When they have taken
+        `enough` seconds, a step that reaches the aim is not improved.
         """
         guess = other.pace / other.evaluations * self.evaluations
         n_steps = self._next() if self.runs else other.seconds / guess * self.pilots.part
@@ -110,6 +189,8 @@ class Search:
             allowed = min(longest, until - self.pilots.spent)
             most = max(allowed / pace * self.pilots.part, work / self.pilots.work(self.method, 1))
             n_steps = self.pilots.possible(min(n_steps, most))
+            if n_steps * pace > self.pilots.left or (self.reaches and self.pilots.spent > enough):
+                return
             tried = any(run.n_steps <= n_steps < _SAME * run.n_steps for run in self.runs)
             if tried or (self.runs and n_steps > _NEAR * most):
                 return
@@ -144,7 +225,7 @@ class Search:
             last = self.runs[-1]
             if self.is_stalled:
                 return None
-            factor = min(4.0, 1.05 * (last.error / aim) ** (1 / self.order)) if last.error < _CONVERGING else 1.5
+            factor = min(4.0, 1.05 * (last.error / aim) ** (1 / self.order)) if last.error < CONVERGING else 1.5
             return max(factor, _NEAR) * last.n_steps
         if not bad:
             factor = max(1 / 4, 0.97 * (good.error / aim) ** (1 / self.order))
@@ -152,7 +233,7 @@ class Search:
         ratio = good.n_steps / bad.n_steps
         if ratio < _NEAR or good.error > _ENOUGH * aim:
             return None
-        between = self._between(bad, good) if bad.error < _CONVERGING else math.sqrt(ratio) * bad.n_steps
+        between = self._between(bad, good) if bad.error < CONVERGING else math.sqrt(ratio) * bad.n_steps
         return max(between, 1.001 * _SAME * bad.n_steps)
 
     def _between(self, bad: Run, good: Run) -> float:
@@ -170,7 +251,7 @@ class Search:
 
     @property
     def _observed(self) -> float | None:
-        converging = [run for run in self.runs if run.error < _CONVERGING][-2:]
+        converging = [run for run in self.runs if run.error < CONVERGING][-2:]
         return self._slope(*converging) if len(converging) == 2 else None
 
     @property
@@ -206,7 +287,7 @@ class Search:
         good, bad = self._good, self._bad
         if not good:
             last = self.runs[-1] if self.runs else Run(0, math.inf)
-            extrapolated = last.error < _CONVERGING and not self.is_stalled
+            extrapolated = last.error < CONVERGING and not self.is_stalled
             return last.n_steps * (last.error / self.pilots.aim) ** (1 / self.order) if extrapolated else 0
         if bad and good.n_steps > _COARSE * bad.n_steps and self.pilots.needs_reference and not self.is_limited:
             # No number of steps between them may be possible. An interpolated one might not reach the aim.
@@ -230,8 +311,11 @@ class Search:
 
     @property
     def mean_evaluations(self) -> float:
-        """The evaluations in a step of the run with the most steps."""
-        return next(run.evaluations for run in reversed(self.runs) if math.isfinite(run.error))
+        """The evaluations in a step of the run that reaches the aim, or else of the run with the most steps.
+
+        An implicit method takes more iterations in a longer step.
+        """
+        return (self._good or next(run for run in reversed(self.runs) if math.isfinite(run.error))).evaluations
 
     @property
     def verdict(self) -> str:
@@ -244,7 +328,9 @@ class Search:
         """Why the aim is not reached."""
         stable = [run for run in self.runs if math.isfinite(run.error)]
         if not self.runs:
-            return "two runs of a small part of the span take too long"
+            return NO_TIME
+        if any(math.isnan(run.error) for run in self.runs):
+            return "nothing moves in any run"
         if not stable:
             return "unstable at every step tried"
         last = stable[-1]

@@ -7,7 +7,7 @@ import math
 from ..methods import RK5, RK8, Method
 from ..tolerances import LEAST_RTOL
 from .pilots import Pilots, Run
-from .search import Timed
+from .search import NO_TIME, Timed
 
 VARIABLE: tuple[Method, ...] = (RK8(), RK5())  # the methods that are tried with tolerances
 _MOST_RUNS = 8
@@ -42,22 +42,28 @@ class ToleranceSearch:
         self.failure = ""
         self.pace = math.inf
 
-    def run(self, other: Timed, *, longest: float) -> None:
+    def run(self, other: Timed, *, longest: float, enough: float = math.inf) -> None:
         """Run until rtol is known. A run takes at most `longest` seconds, or does a small amount of work.
 
-        `other` gives the time of an evaluation.
+        `other` gives the time of an evaluation. When the pilot runs have taken `enough` seconds, an rtol that reaches
+        the aim is not improved.
         """
         pilots, method = self.pilots, self.method
         guess = other.pace / other.evaluations * self.evaluations
-        most = math.ceil(max(longest / guess * pilots.part, _WORK / pilots.work(method, 1)))
+        needed = longest * pilots.part
+        most = math.ceil(max(needed / guess, _WORK / pilots.work(method, 1)))
         rtol: float | None = min(pilots.aim, _LARGEST_RTOL)
         while rtol and len(self.runs) < _MOST_RUNS:
+            if pilots.left < min(needed, most * guess):
+                self.failure = self.failure or NO_TIME
+                break
+            most = min(most, int(pilots.left / guess))
             run = pilots.run_with_tolerance(method, rtol, most)
             if isinstance(run, str):
                 self.failure = run
                 break
             self.runs.append((rtol, run))
-            rtol = self._next()
+            rtol = None if self._good and pilots.spent > enough else self._next()
         if self._good:
             self.pace = pilots.time_of_a_step_with_tolerance(method, self.rtol, self.steps, self._good[1].seconds)
         elif self.runs:
@@ -81,7 +87,9 @@ class ToleranceSearch:
             slope = min(most, max(least, observed))
         factor = (_GOAL * aim / _positive(run.error)) ** (1 / slope)
         wanted = rtol * min(_LARGEST_FACTOR, max(1 / _LARGEST_FACTOR, factor))
-        wanted = max(LEAST_RTOL, float(f"{min(wanted, _LARGEST_RTOL):.2g}"))
+        # What a part of the span shows is less sure: elsewhere, other motions may decide about the steps.
+        largest = _LARGEST_RTOL if self.pilots.part == 1 else min(aim, _LARGEST_RTOL)
+        wanted = max(LEAST_RTOL, float(f"{min(wanted, largest):.2g}"))
         return None if any(wanted == tried for tried, _ in self.runs) else wanted
 
     @property
