@@ -310,7 +310,7 @@ def test_a_killed_run_is_there_and_goes_on(kind, tmp_path):
     directory = tmp_path / "run"
     process = subprocess.Popen([sys.executable, script, kind, directory])
     try:
-        while not (directory / "run.npz").exists() or len(eig3.load(directory).t) < 2:
+        while not (directory / "run.npz").exists() or len(eig3.load(directory).events["kick"]) <= 10:
             assert process.poll() is None
             time.sleep(0.01)
     finally:
@@ -328,7 +328,6 @@ def test_a_killed_run_is_there_and_goes_on(kind, tmp_path):
     whole = eig3.integrate(rhs, (0.0, end), [1.0, 2.0], [0.0, 0.0], **options)
     assert_same(extended, whole)
     rows, found = len(killed.t), len(killed.events["kick"])
-    assert found > 10
     for name in ("t", "u", "v"):
         np.testing.assert_array_equal(getattr(killed, name), getattr(whole, name)[:rows])
         np.testing.assert_array_equal(getattr(killed.events["kick"], name), getattr(whole.events["kick"], name)[:found])
