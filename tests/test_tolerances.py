@@ -107,6 +107,8 @@ def test_order_with_steps_that_become_ever_shorter(problem, method):
     error = whirl_error if problem == "gyroscopic" else faster_error
     extra = {"forced": (0.0,), "damped": (0.5,), "gyroscopic": ()}[problem]
     coarse, fine = {"rk5": (1e-8, 1e-12), "rk8": (1e-9, 1e-12), "eig3": (1e-6, 1e-10)}[method]
+    if problem == "gyroscopic" and method == "rk8":
+        coarse = 1e-11  # the second degree starts from the least size, which is a larger part of the largest below 2e-8
     (e1, n1), (e2, n2) = error(method, coarse, *extra), error(method, fine, *extra)
     order = math.log(e1 / e2) / math.log(n2 / n1)
     # The next term of the error changes the slope by up to a seventh. EIG-3's estimate is zero where a' is, for one
@@ -200,8 +202,9 @@ def test_a_motion_below_the_tolerances_is_named():
 @pytest.mark.parametrize("size", [1.0, 0.01, 1e-5])
 def test_the_steps_follow_from_the_sizes_of_each_degree(size):
     """Two springs of which one moves less: down to 1e-3 its size does not matter, and its errors are relative to it."""
-    alone = run(oscillator_vector, u0=[1.0], v0=[0.0], params=(2.0, 0.1), method="rk5")
-    both = run(oscillator_vector, u0=[1.0, size], v0=[0.0, 0.0], params=(2.0, 0.1), method="rk5")
+    options = {"params": (2.0, 0.1), "method": "rk5", "first_step": 1e-3}
+    alone = run(oscillator_vector, u0=[1.0], v0=[0.0], **options)
+    both = run(oscillator_vector, u0=[1.0, size], v0=[0.0, 0.0], **options)
     np.testing.assert_allclose(both.t, alone.t, rtol=1e-4)  # as in test_scalar_and_vector_form_agree
 
 
