@@ -188,7 +188,7 @@ class VariableRun:
         """Return the start, for a run to another end."""
         stepper = self.stepper.restarted(rows.u[0], rows.v[0], t_end)
         groups = (
-            {name: Followed(followed.quantity, stepper) for name, followed in group.items()}
+            {name: type(followed)(followed.quantity, stepper) for name, followed in group.items()}
             for group in (self.invariants, self.outputs)
         )
         return _Mark(stepper, 1, *groups)
