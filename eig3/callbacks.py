@@ -21,7 +21,7 @@ from .kernels.interrupt import DeferredInterrupt
 from .kernels.jit import OPTIONS, compiled
 from .kernels.protocol import SCALAR, VECTOR, Form
 
-__all__ = ["Callback", "cached_jit", "check_callback", "gist", "jit", "reads_velocity"]
+__all__ = ["Callback", "cached_jit", "check_callback", "gist", "jit", "reads_time", "reads_velocity"]
 
 
 def jit(function: Callable | None = None, **options: Any) -> Any:
@@ -79,6 +79,8 @@ class Callback:
         The plain Python function, with the globals that were compiled. A later assignment has no effect on it.
     reads_velocity : bool
         False if the function certainly does not read its third argument, v.
+    reads_time : bool
+        False if the function certainly does not read its first argument, t.
     captured : tuple of Captured
         The values from outside that were compiled into the function and into those that it calls.
     pace : dict
@@ -90,6 +92,7 @@ class Callback:
     compiled: Any
     function: Callable
     reads_velocity: bool
+    reads_time: bool
     captured: tuple[Captured, ...]
     pace: dict[tuple, float] = field(default_factory=dict)
 
@@ -147,9 +150,8 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
         result = _compile(function, kind, form, name or kind)
         address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
     captured = tuple(captured for _, captured in helpers_first(function))
-    callback = Callback(
-        address, result.entry_point, result, _with_present_globals(function), reads_velocity(function), captured
-    )
+    reads = reads_velocity(function), reads_time(function)
+    callback = Callback(address, result.entry_point, result, _with_present_globals(function), *reads, captured)
     _checked[function][kind, form.name] = callback
     return callback
 
@@ -239,17 +241,27 @@ def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
 
 
 def reads_velocity(function: Any) -> bool:
-    """Return False if a right-hand side certainly does not read its third argument, v.
+    """Return False if a right-hand side certainly does not read its third argument, v."""
+    return _reads(function, 2)
 
-    This is so if no instruction of its bytecode names v. Numba compiles no access to a local variable except by an
-    instruction that names the variable.
+
+def reads_time(function: Any) -> bool:
+    """Return False if a right-hand side certainly does not read its first argument, t."""
+    return _reads(function, 0)
+
+
+def _reads(function: Any, place: int) -> bool:
+    """Return False if a function certainly does not read the argument at a place.
+
+    This is so if no instruction of its bytecode names the argument. Numba compiles no access to a local variable except
+    by an instruction that names the variable.
     """
     code = getattr(function, "py_func", function).__code__
-    if code.co_argcount < 3:
+    if code.co_argcount <= place:
         return True
-    v = code.co_varnames[2]
+    name = code.co_varnames[place]
     named = (i.argval if isinstance(i.argval, tuple) else (i.argval,) for i in dis.get_instructions(code))
-    return v in code.co_cellvars or any(v in names for names in named)
+    return name in code.co_cellvars or any(name in names for names in named)
 
 
 def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:

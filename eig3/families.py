@@ -9,7 +9,7 @@ from typing import Any
 import numba
 from numba.core.dispatcher import Dispatcher
 
-from .callbacks import Callback, compile_present, is_present, jit, reads_velocity
+from .callbacks import Callback, compile_present, is_present, jit, reads_time, reads_velocity
 from .kernels.captured import helpers_first
 from .kernels.interrupt import DeferredInterrupt
 from .kernels.members import addresses_of_members
@@ -74,6 +74,7 @@ class Family:
                 result,
                 member.py_func,
                 reads_velocity(member),
+                reads_time(member),
                 captured,
             )
             for k, (address, member) in enumerate(zip(addresses, self.members, strict=True))

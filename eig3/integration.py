@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from . import storage
 from .analysis.divergence import Divergence, find_blow_up, find_divergence
+from .analysis.resolution import coarseness
 from .checks import (
     check_cancel,
     check_count,
@@ -119,8 +120,10 @@ def integrate(
         errors of the steps add up over the run: `eig3.plan` finds the rtol for an accuracy.
     atol : float or array_like, shape (n,) or (2, n), optional
         The absolute tolerance: a number, one for each degree of freedom, or a row for u and a row for v. The size of
-        each value is then its own. Without atol, the size is the largest |u| of all degrees of freedom so far, and the
-        largest |v|: no unit has to be known, and a value that passes through zero does not shorten the steps.
+        each value is then its own. Without atol, the size is the largest |u| so far of the degree of freedom, and the
+        largest |v|: no unit has to be known, and a value that passes through zero does not shorten the steps. A size is
+        at least 1e-3 of the largest one of all degrees of freedom, and more for rtol below 2e-8, where the round-off of
+        large values would decide.
     params : float or array_like
         The parameters. rhs gets them as p, a one-dimensional array of float64.
     method : str or Method
@@ -151,7 +154,8 @@ def integrate(
         With tolerances, they are those of the motion, also within the steps: for a value that is smooth within a step,
         their error is of the size of the run's. This takes `n_rhs` up by 3 in each step of RK8.
     h_max, first_step : float, optional
-        With tolerances: the longest step, and the first one.
+        With tolerances: the longest step, and the first one. As long as the acceleration is zero and rhs reads t, a
+        step is at most 2 % of the time since the start: give h_max if a load may act for less than that.
     max_steps : int, optional
         With tolerances: the run ends with the status TOO_MANY_STEPS after so many steps.
     inline : bool
@@ -746,10 +750,19 @@ class _Run:
             _accelerations=stepper.accelerations,
         )
 
+    def _coarseness(self) -> str:
+        """Describe a step that is too long for the motion. A reset is a jump of the motion, not a turn."""
+        stepper, history = self.stepper, self.history
+        if isinstance(stepper, WatchedStepper) and any(event.apply for event in stepper.watching.events.values()):
+            return ""
+        return coarseness(stepper, history.u[: stepper.index + 1] if history.every == 1 else None)
+
     def _notes(self, status: Status) -> Iterator[str]:
         for watch in self.watches if status is Status.COMPLETED else ():
             if watch.growth:
                 yield watch.note(self.stepper.method)
+        if status is Status.COMPLETED and (coarse := self._coarseness()):
+            yield coarse
         running = self.stepper.running
         if isinstance(running, EIG) and running.grade > _LARGEST_GRADE and not running.ignores_velocity:
             yield (

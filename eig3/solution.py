@@ -301,7 +301,7 @@ class Solution:
         Parameters
         ----------
         t_end : float
-            The new end, a whole number of steps h after the end of the run.
+            The new end. With a fixed step, it is a whole number of steps h after the end of the run.
         save_to, progress, raise_on_failure, cancel
             As for `eig3.integrate`. `save_to` is a directory for the whole history.
 
@@ -309,9 +309,10 @@ class Solution:
         -------
         Solution
             The run over the whole span. This one stays as it is. t, u and v have the same bits as those of one run with
-            the same h, and `save_every` counts from the first state on: the last state of this solution is not in the
-            new one if it was saved only because it was the last. `drift`, `extremes`, `outputs` and the counts are
-            those of the whole span too.
+            the same h or tolerances, and `save_every` counts from the first state on: the last state of this solution
+            is not in the new one if it was saved only because it was the last. `drift`, `extremes`, `outputs` and the
+            counts are those of the whole span too. With tolerances, a run whose steps follow from the length of its
+            span is taken again: one from rest over less than a unit of time, or over less than its first step.
 
         Raises
         ------

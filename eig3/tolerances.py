@@ -37,7 +37,7 @@ class Tolerances:
     atol : ndarray, shape (2, n)
         The absolute tolerances of u and of v.
     is_relative : bool
-        Whether `rtol` is relative to the largest value of all degrees of freedom so far, and not to each value.
+        Whether `rtol` is relative to the largest value so far of each degree of freedom, and not to the value itself.
     h_first : float
         The first step; 0.0 to find it.
     h_max : float

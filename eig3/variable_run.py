@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -26,6 +26,7 @@ from .watching import ended_by_event, not_a_number
 _CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which its states are seen
 _FIRST_STEPS = 64  # steps of the first chunk, if nothing is known about the time of a step
 _GROWTH = 8  # largest factor from the steps of one chunk to the steps of the next
+_NAMED = 5  # degrees of freedom that a note names
 _CHUNK_VALUES = 2**16  # values in the rows of a chunk, so that they stay in the cache
 _DENSE_VALUES = 2**17  # values in the dense output of the steps of one call, if something is followed
 
@@ -127,7 +128,7 @@ class FollowedInvariant(Followed):
 
 
 class _Mark(NamedTuple):
-    """A point from which a run can go on: the end of its last step that was not shortened."""
+    """A point from which a run can go on: the end of its last step that does not follow from the end of the span."""
 
     stepper: VariableStepper
     rows: int
@@ -194,7 +195,7 @@ class VariableRun:
         return cls(_Mark(stepper, 1, *followed), every, history, progress, place)
 
     def extended(self, t_end: float, progress: bool, save_to: Any) -> VariableRun:
-        """Return an independent run to a later end, which goes on from the last step that was not shortened."""
+        """Return an independent run to a later end, with the numbers of one run over the whole span."""
         check_progress(progress)
         t_end = check_time(t_end, "t_end")
         saved = [] if self._rows is None else self._rows.t[-1:].tolist()
@@ -202,13 +203,28 @@ class VariableRun:
         if not t_end > end:
             raise ValueError(f"t_end must be after the end of the run at t = {end!r}, not {t_end!r}.")
         place = None if save_to is None else Place.of(save_to)
-        mark = self._mark or self._marked()
-        stepper = mark.stepper.extended(t_end)
+        rows = self._rows or self.history.rows()
+        mark = self._start_to(rows, t_end) if self.stepper.follows_span else self._going_on(t_end)
+        stepper = mark.stepper
         shapes = {name: output.quantity.shape for name, output in self.outputs.items()}
         history = GrowingHistory(stepper.form, stepper.n, shapes, place.directory if place else None)
-        history.append((self._rows or self.history.rows()).at(slice(mark.rows)))
-        copies = ({name: followed.copy() for name, followed in group.items()} for group in mark[2:])
-        return VariableRun(_Mark(stepper, mark.rows, *copies), self.every, history, progress, place)
+        history.append(rows.at(slice(mark.rows)))
+        return VariableRun(mark, self.every, history, progress, place)
+
+    def _start_to(self, rows: Rows, t_end: float) -> _Mark:
+        """Return the start, for a run to another end."""
+        stepper = self.stepper.restarted(rows.u[0], rows.v[0], t_end)
+        invariants, outputs = (
+            {name: type(followed)(followed.quantity, stepper) for name, followed in group.items()}
+            for group in (self.invariants, self.outputs)
+        )
+        return _Mark(stepper, 1, invariants, outputs)
+
+    def _going_on(self, t_end: float) -> _Mark:
+        """Return a copy of the mark, for a run to a later end."""
+        mark = self._mark or self._marked()
+        groups = ({name: followed.copy() for name, followed in group.items()} for group in mark[2:])
+        return _Mark(mark.stepper.extended(t_end), mark.rows, *groups)
 
     @classmethod
     def restored(cls, solution: Solution, rhs: Any, events: Any, functions: Functions) -> VariableRun:
@@ -288,6 +304,7 @@ class VariableRun:
             what = f"raised {type(error).__name__}" if isinstance(error, Exception) else "was interrupted"
             self._end(Status.INTERRUPTED, f"The run {what} after t = {stepper.t:g}.")
         if self._rows is None:
+            self._mark = self._mark or self._marked()  # before the last state, which a longer run may not save
             self._rows = self._saved(error)
         solution = self._solution(self._rows)
         self._describe(solution)
@@ -312,7 +329,7 @@ class VariableRun:
         followed = {**self.invariants, **self.outputs}
         solution.drift = {name: invariant.drift for name, invariant in self.invariants.items()}
         solution.extremes = {name: quantity.extremes for name, quantity in followed.items()}
-        solution.events = self.stepper.watching.occurrences()
+        solution.events, solution.notes = self.stepper.watching.occurrences(), tuple(self._notes())
 
     @property
     def between(self) -> Any:
@@ -320,6 +337,21 @@ class VariableRun:
         stepper = self.stepper
         has_all = stepper.method.variable == "rk8" and self.every == 1 and stepper.watching.times is None
         return stepper.states_between if has_all else None
+
+    def _notes(self) -> Iterator[str]:
+        tiny = self.stepper.tiny if self.stepper.n > 1 else ()
+        if len(tiny):
+            which = ", ".join(f"u[{j}]" for j in tiny[:_NAMED]) + (", ..." if len(tiny) > _NAMED else "")
+            yield (
+                f"The motion of {which} is so small beside the largest one that the error of a step may be a tenth of "
+                "it or more. Give atol, or a smaller rtol, if it matters."
+            )
+        step, end = self.stepper.silence
+        if step:
+            yield (
+                f"The acceleration was zero up to t = {end:.4g}, and rhs reads t: the steps were held short, but a "
+                f"load that acts for less than {step:.2g} there may have been jumped over; h_max sets the longest step."
+            )
 
     def _solution(self, rows: Rows) -> Solution:
         """Return a solution without what is followed."""
@@ -438,8 +470,10 @@ class VariableRun:
         elif ended in (NOT_A_NUMBER, NOT_FINITE):
             raise not_a_number(stepper, t)
         elif ended == TOO_SMALL:
+            relative = "; if hardly anything has moved so far, rtol needs atol beside it"
             self._end(
                 Status.STEP_TOO_SMALL,
                 f"The tolerances need a step below the resolution of t at t = {t:g}: the motion may be singular there, "
-                "rhs may jump or be NaN, or rtol and atol may be too small.",
+                "rhs may jump or be NaN, or rtol and atol may be too small"
+                f"{relative if stepper.tolerances.is_relative else ''}.",
             )

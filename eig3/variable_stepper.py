@@ -19,8 +19,9 @@ from .growing import Rows
 from .guard import first_acceleration, guarded
 from .inlining import inlined
 from .kernels.fixed import STACKED_DEGREES
-from .kernels.pair import A, U, V
+from .kernels.pair import U_MOST, A, U, V
 from .kernels.protocol import (
+    BY_SPAN,
     ENDED_BY,
     ERROR,
     EVALUATIONS,
@@ -28,18 +29,23 @@ from .kernels.protocol import (
     EVENTS,
     REJECTED,
     SCALAR,
+    SILENT_END,
+    SILENT_STEP,
     STEP,
     STEP_BEFORE,
     TIME,
+    U_SIZE,
     Span,
 )
-from .kernels.variable import FULL, GOING, WORK, inline_variable_kernel, variable_kernel
+from .kernels.variable import FULL, GOING, WORK, inline_variable_kernel, least_size, variable_kernel
 from .memory import aligned
 from .methods import Method
 from .slices import Slices
 from .stepper import Cancel
 from .tolerances import Tolerances
 from .watching import Watching
+
+_STANDING = 1e-12  # a motion of this part of the largest one is round-off
 
 
 class VariableStepper:
@@ -76,20 +82,23 @@ class VariableStepper:
         self.params = guarded(check_params(params))
         self.method, self.tolerances = method, tolerances
         self.t0, self.t_end = t_span
-        self.n = n = 1 if self.form is SCALAR else u.size
+        self.n = 1 if self.form is SCALAR else u.size
         self._callback = check_callback(rhs, "rhs", self.form)
         a = first_acceleration(self._callback, self.form, self.t0, u, v, self.params)
         self.watching = Watching(events, t_eval, self.form, (u, v), t_span, self.params, WORK)
         self._prepare(rhs, inline)
-        formulas = importlib.import_module(f"eig3.kernels.{method.variable}").variable
+        self._begin(u, v, a)
+
+    def _begin(self, u: Any, v: Any, a: Any) -> None:
+        formulas = importlib.import_module(f"eig3.kernels.{self.method.variable}").variable
         self.order = formulas.order
-        self._state = aligned((formulas.rows, n))
+        self._state = aligned((formulas.rows, self.n))
         self._state[U], self._state[V], self._state[A] = u, v, a
         self._tally = np.zeros(EVENTS + EVENT_VALUES * len(self.watching.events))
         self._tally[TIME], self._tally[ERROR], self._tally[STEP] = (
             self.t0,
             1.0,
-            min(tolerances.h_first, tolerances.h_max),
+            min(self.tolerances.h_first, self.tolerances.h_max),
         )
         self.watching.begin(self._tally, self.t0, u, v)
         self.index, self.ended, self.seconds = 0, GOING, 0.0
@@ -138,6 +147,23 @@ class VariableStepper:
     def h_before(self) -> float:
         """The length of the last step."""
         return float(self._tally[STEP_BEFORE])
+
+    @property
+    def follows_span(self) -> bool:
+        """Whether a run to another end would have taken other steps, not only another last one."""
+        return self._tally[BY_SPAN] != 0
+
+    @property
+    def silence(self) -> tuple[float, float]:
+        """The longest step in which no force acted though rhs reads t, or 0, and the time of its end."""
+        return float(self._tally[SILENT_STEP]), float(self._tally[SILENT_END])
+
+    @property
+    def tiny(self) -> np.ndarray:
+        """The degrees of freedom that move, but by less than ten times the error that a step may have."""
+        rtol, largest, sizes = self.tolerances.rtol, self._tally[U_SIZE], self._state[U_MOST]  # zeros with atol
+        tolerance = rtol * least_size(rtol) * largest
+        return np.flatnonzero((sizes > _STANDING * largest) & (sizes < 10 * tolerance))
 
     def finish(self) -> None:
         """Write the state at the event that ended the run at the wanted times that differ from it by round-off only."""
@@ -224,6 +250,7 @@ class VariableStepper:
             tolerances.atol,
             int(tolerances.is_relative),
             int(self._may_shorten),
+            int(self._callback.reads_time),
             *rows,
             dense,
         )
@@ -273,6 +300,15 @@ class VariableStepper:
         watching = self.watching.extended(self.t0, t_end)
         other = self.fork()
         other.t_end, other.watching, other._may_shorten = t_end, watching, False
+        return other
+
+    def restarted(self, u: np.ndarray, v: np.ndarray, t_end: float) -> VariableStepper:
+        """Return an independent stepper at the start, where the state is the rows u and v, for a run to another end."""
+        other = copy.copy(self)
+        other.t_end, other.watching = t_end, self.watching.extended(self.t0, t_end)
+        other.watching.forget_from(0)
+        start = (float(u[0]), float(v[0])) if self.form is SCALAR else (u, v)
+        other._begin(*start, first_acceleration(self._callback, self.form, self.t0, *start, self.params))
         return other
 
     def _component(self, row: int) -> Any:

@@ -23,7 +23,7 @@ from .jit import bound, element, outlined
 class _Formulas:
     """The formulas, with the names of `eig3.kernels.pair.Pair`."""
 
-    rows, order, evaluations, dense_evaluations = 7, 3, 1, 0
+    rows, order, evaluations, dense_evaluations = 9, 3, 1, 0
 
     def functions(self, accelerate: Any) -> dict[str, Any]:
         found = {function.__name__: element(function) for function in (square, advance, restart)}
@@ -31,7 +31,7 @@ class _Formulas:
 
 
 def trial(f, t, h, h_before, p, n, y):
-    u, v, a, u_end, v_end, a_end, a_before = y
+    u, v, a, u_end, v_end, a_end, _, _, a_before = y
     alpha = h_before / h
     for j in range(n):
         rise = alpha * (a[j] - a_before[j])
@@ -39,18 +39,18 @@ def trial(f, t, h, h_before, p, n, y):
     accelerate(f, t + h, u_end, v_end, p, a_end)  # noqa: F821
 
 
-def square(h, h_before, n, y, rtol, atol, u_size, v_size):
-    u, _, a, u_end, _, a_end, _ = y
+def square(h, h_before, n, y, rtol, atol, u_least, v_least):
+    u, _, a, u_end, _, a_end, u_most, _, _ = y
     most, total = 0.0, 0.0
     for j in range(n):
-        part = (a_end[j] - a[j]) / (atol[0, j] + rtol * max(abs(u[j]), abs(u_end[j]), u_size) + 1e-300)
+        part = (a_end[j] - a[j]) / (atol[0, j] + rtol * max(abs(u[j]), abs(u_end[j]), u_most[j], u_least) + 1e-300)
         most = max(most, part * part)
         total += part
     return (h * h / 6) ** 2 * most if total - total == 0 else total - total
 
 
 def advance(y, n):
-    u, v, a, u_end, v_end, a_end, a_before = y
+    u, v, a, u_end, v_end, a_end, _, _, a_before = y
     for j in range(n):
         a_before[j] = a[j]
         u[j], v[j], a[j] = u_end[j], v_end[j], a_end[j]
@@ -59,11 +59,11 @@ def advance(y, n):
 def restart(y, n):
     """At the start and after a reset, there is no acceleration before."""
     for j in range(n):
-        y[6][j] = y[2][j]
+        y[8][j] = y[2][j]
 
 
 def dense(f, t, h, p, n, y, coefficients):
-    u, v, a, u_end, v_end, a_end, _ = y
+    u, v, a, u_end, v_end, a_end, _, _, _ = y
     quintic(h, n, u, v, a, u_end, v_end, a_end, coefficients)
 
 

@@ -23,8 +23,9 @@ from .jit import element, outlined
 from .source import after_sum, define
 from .tableau import Tableau
 
-#: The rows of a step of variable length: the state at its start and at its end. Other rows follow.
-U, V, A, U_END, V_END, A_END = range(6)
+#: The rows of a step of variable length: the state at its start and at its end, and the sizes of u and v of each degree
+#: of freedom so far. Other rows follow.
+U, V, A, U_END, V_END, A_END, U_MOST, V_MOST = range(8)
 _STAGE = ("u_stage", "v_stage")
 
 
@@ -56,7 +57,7 @@ class Pair:
         self._accelerations = ["a0", *(f"a{i}" for i in range(1, self._stages)), "a_end"]
         self._accelerations += [f"a{i}" for i in range(self._stages + 1, width)]
         others = [name for name in self._accelerations if name not in ("a0", "a_end")]
-        self._rows = ["u", "v", "a0", "u_end", "v_end", "a_end", *_STAGE, *others]
+        self._rows = ["u", "v", "a0", "u_end", "v_end", "a_end", "u_most", "v_most", *_STAGE, *others]
         self.rows = len(self._rows)
         self.evaluations, self.dense_evaluations = self._stages, len(extra_c)
         self._text = "\n".join([self._trial(), self._error(errors), self._dense()])
@@ -110,12 +111,12 @@ class Pair:
         return "\n".join([*lines, "    accelerate(f, t + h, u_end, v_end, p, a_end)", ""])
 
     def _error(self, errors: Sequence[Sequence[float]]) -> str:
-        lines = ["def square(h, h_before, n, y, rtol, atol, u_size, v_size):", self._unpacked()]
+        lines = ["def square(h, h_before, n, y, rtol, atol, u_least, v_least):", self._unpacked()]
         lines += ["    total = 0.0", *(f"    most{k} = 0.0" for k in range(len(errors)))]
         lines += [
             "    for j in range(n):",
-            "        u_scale = 1 / (atol[0, j] + rtol * max(abs(u[j]), abs(u_end[j]), u_size) + 1e-300)",
-            "        v_scale = 1 / (atol[1, j] + rtol * max(abs(v[j]), abs(v_end[j]), v_size) + 1e-300)",
+            "        u_scale = 1 / (atol[0, j] + rtol * max(abs(u[j]), abs(u_end[j]), u_most[j], u_least) + 1e-300)",
+            "        v_scale = 1 / (atol[1, j] + rtol * max(abs(v[j]), abs(v_end[j]), v_most[j], v_least) + 1e-300)",
         ]
         for k, weights in enumerate(errors):
             exact = [Fraction(x) for x in weights]

@@ -20,10 +20,14 @@ EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 TIME, STEP, STEP_BEFORE, ERROR, REJECTED, U_SIZE, V_SIZE = range(4, 11)
 NEXT, LOGGED, ANEW, GAP, ENDED_BY, WITHIN = range(11, 17)
 
+#: Further entries for a run with tolerances: 1 if the length of the span decided about a step before its last one; the
+#: longest step in which nothing acted, and the time of its end.
+BY_SPAN, SILENT_STEP, SILENT_END = range(17, 20)
+
 #: Four values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the
 #: next step; the time of its last reset; the sign of g before this reset, if it left g at zero, or else 0; and g after
 #: it.
-EVENTS, EVENT_VALUES = 17, 4
+EVENTS, EVENT_VALUES = 20, 4
 
 
 class Run(NamedTuple):
@@ -45,9 +49,9 @@ class Span(NamedTuple):
     The run began at `t0`.
 
     Every `every`-th state is written to the rows, and `atol` has a row for u and one for v. If `is_relative` is 1,
-    `rtol` is relative to the largest value so far of all degrees of freedom whose `atol` is finite. If `may_shorten` is
-    0, a last step that would have to be shortened is not taken. If `dense` has rows, the dense output of each step is
-    written to the row of its end; `every` is 1 then.
+    `rtol` is relative to the largest value so far of each degree of freedom whose `atol` is finite. If `may_shorten` is
+    0, a step that reaches the end is not taken. If `reads_time` is 1, the force may change though nothing moves. If
+    `dense` has rows, the dense output of each step is written to the row of its end; `every` is 1 then.
     """
 
     t0: Any
@@ -61,6 +65,7 @@ class Span(NamedTuple):
     atol: Any
     is_relative: Any
     may_shorten: Any
+    reads_time: Any
     t_rows: Any
     h_rows: Any
     u_rows: Any
@@ -116,7 +121,7 @@ _integers = Array(int64, 2, "C")
 WATCH = types.NamedTuple((_integers, matrix_type, float64, *(vector_type,) * 2, *(matrix_type,) * 4), Watch)
 SPAN = types.NamedTuple(
     (
-        *(float64, float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64),
+        *(float64, float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64, int64),
         *(vector_type, vector_type, matrix_type, matrix_type, Array(float64, 3, "C")),
     ),
     Span,

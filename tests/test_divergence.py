@@ -337,7 +337,7 @@ def test_a_high_grade_with_a_force_that_reads_the_velocity_is_noted(grade):
 
 
 QUIET = {
-    "single_dof": (problems.single_dof, [0.01, 0.1, 0.3], None),
+    "single_dof": (problems.single_dof, [0.01, 0.1, 0.25], None),
     "hardening_spring": (problems.hardening_spring, [1e-4, 1e-3], None),
     "two_frequency_oscillator": (problems.two_frequency_oscillator, [2e-4, 1.7e-3], 50.0),
     "elastic_bar": (lambda: problems.elastic_bar(50), [2e-7, 1.6e-6, 3.3e-6], None),

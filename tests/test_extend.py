@@ -137,6 +137,62 @@ def test_an_interrupted_run_goes_on_from_where_it_stopped():
     assert caught.value.solution.n_steps == 100
 
 
+@eig3.jit
+def pushed(t, u, v, p):
+    """A spring, on which a force acts from t = p[0] on."""
+    return (1.0 if t >= p[0] else 0.0) - u - 0.1 * v
+
+
+STARTS = {"rest": (0.0, 0.0, 0.0), "silence": (0.0, 0.0, 2.0), "displaced": (1.0, 0.0, 0.0), "pushed": (0.0, 1.0, 9.0)}
+
+
+@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize("method", ["rk5", "rk8", "eig3"])
+def test_an_extended_run_with_tolerances_is_one_run(method, start):
+    """Also from rest, where the first span is shorter than a unit of time, and where it is shorter than a step."""
+    u0, v0, begin = STARTS[start]
+    for save_every in (1, 7, None):
+        options = {"rtol": 1e-6, "method": method, "save_every": save_every, "params": begin}
+        options |= {"invariants": {"energy": energy}, "outputs": {"f": (forces, 2)}}
+        whole = eig3.integrate(pushed, (0, 5), u0, v0, **options)
+        for first in (1e-9, 1e-3, 0.3, 0.9, 1.7):
+            run = eig3.integrate(pushed, (0, first), u0, v0, **options)
+            before = run.t.copy()
+            extended = run.extend(first + 0.1).extend(4.0).extend(5.0)
+            assert_same(extended, whole)
+            np.testing.assert_array_equal(extended.steps, whole.steps)
+            assert extended.n_rejected == whole.n_rejected
+            np.testing.assert_array_equal(run.t, before)
+
+
+@pytest.mark.parametrize("first", [1e-3, 0.3, 2.2])
+def test_events_go_on_with_tolerances(first):
+    options = {"rtol": 1e-6, "params": 99.0, "events": {"zero": eig3.Event(crossing, direction=-1, apply=restitution)}}
+    whole = eig3.integrate(pushed, (0, 20), 0.0, 0.5, **options)
+    extended = eig3.integrate(pushed, (0, first), 0.0, 0.5, **options).extend(8.0).extend(20.0)
+    assert_same(extended, whole)
+    assert len(whole.events["zero"]) > 1
+    np.testing.assert_array_equal(extended.events["zero"].t, whole.events["zero"].t)
+
+
+@pytest.mark.parametrize("save_every", [1, 7, None])
+def test_an_interrupted_run_with_tolerances_goes_on(save_every, monkeypatch):
+    """The last state of the interrupted run is not in the new one if it was saved only because it was the last."""
+    chunks = iter(range(3))
+
+    class AfterSomeChunks(threading.Event):
+        def is_set(self):
+            return next(chunks, None) is None
+
+    monkeypatch.setattr("eig3.variable_run._CHUNK_SECONDS", 1e-6)  # chunks of few steps
+    options = {"rtol": 1e-6, "params": 0.0, "save_every": save_every}
+    whole = eig3.integrate(pushed, (0, 100), 2.0, 0.0, **options)
+    stopped = eig3.integrate(pushed, (0, 100), 2.0, 0.0, **options, cancel=AfterSomeChunks())
+    assert stopped.status is eig3.Status.INTERRUPTED
+    assert 0 < stopped.n_steps < whole.n_steps
+    assert_same(stopped.extend(100), whole)
+
+
 @pytest.mark.parametrize(
     ("t_end", "nearest"),
     [(2.01, 2 + H), (2 + 1.4 * H, 2 + H), (2 + 1.6 * H, 2 + 2 * H), (2.0, 2 + H), (1.5, 2 + H), (-1e3, 2 + H)],
