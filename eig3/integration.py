@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import storage
+from .analysis.coarseness import coarseness
 from .analysis.divergence import Divergence, find_blow_up, find_divergence
-from .analysis.resolution import coarseness
 from .checks import (
     check_cancel,
     check_count,
