@@ -203,21 +203,18 @@ class VariableRun:
         if not t_end > end:
             raise ValueError(f"t_end must be after the end of the run at t = {end!r}, not {t_end!r}.")
         place = None if save_to is None else Place.of(save_to)
-        rows = self._rows or self.history.rows()
-        mark = self._start_to(rows, t_end) if self.stepper.follows_span else self._going_on(t_end)
+        mark = self._start_to(t_end) if self.stepper.follows_span else self._going_on(t_end)
         stepper = mark.stepper
         shapes = {name: output.quantity.shape for name, output in self.outputs.items()}
         history = GrowingHistory(stepper.form, stepper.n, shapes, place.directory if place else None)
-        history.append(rows.at(slice(mark.rows)))
+        history.append((self._rows or self.history.rows()).at(slice(mark.rows)))
         return VariableRun(mark, self.every, history, progress, place)
 
-    def _start_to(self, rows: Rows, t_end: float) -> _Mark:
+    def _start_to(self, t_end: float) -> _Mark:
         """Return the start, for a run to another end."""
-        stepper = self.stepper.restarted(rows.u[0], rows.v[0], t_end)
-        invariants, outputs = (
-            {name: type(followed)(followed.quantity, stepper) for name, followed in group.items()}
-            for group in (self.invariants, self.outputs)
-        )
+        stepper = self.stepper.restarted(t_end)
+        invariants = {name: FollowedInvariant(each.quantity, stepper) for name, each in self.invariants.items()}
+        outputs = {name: Followed(each.quantity, stepper) for name, each in self.outputs.items()}
         return _Mark(stepper, 1, invariants, outputs)
 
     def _going_on(self, t_end: float) -> _Mark:

@@ -302,13 +302,14 @@ class VariableStepper:
         other.t_end, other.watching, other._may_shorten = t_end, watching, False
         return other
 
-    def restarted(self, u: np.ndarray, v: np.ndarray, t_end: float) -> VariableStepper:
-        """Return an independent stepper at the start, where the state is the rows u and v, for a run to another end."""
+    def restarted(self, t_end: float) -> VariableStepper:
+        """Return an independent stepper at the start, for a run to another end."""
         other = copy.copy(self)
+        other._slices = copy.copy(self._slices)
         other.t_end, other.watching = t_end, self.watching.extended(self.t0, t_end)
         other.watching.forget_from(0)
-        start = (float(u[0]), float(v[0])) if self.form is SCALAR else (u, v)
-        other._begin(*start, first_acceleration(self._callback, self.form, self.t0, *start, self.params))
+        u, v = self.start
+        other._begin(u, v, first_acceleration(self._callback, self.form, self.t0, u, v, self.params))
         return other
 
     def _component(self, row: int) -> Any:

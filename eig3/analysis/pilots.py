@@ -101,6 +101,7 @@ class Pilots:
         self._compiled: set[tuple[Method, str]] = set()
         self._events = {name: event for name, event in problem.events.items() if event.apply is not None}
         self._survey: History | None = None
+        self._reference: np.ndarray | None = None  # the states of the best run, if they are what errors are measured by
         self._growth: float | None = None  # the error over the whole span, relative to that in the window, if known
         self._largest = math.inf  # a motion that is larger is unstable
         self._sizes = -np.ones(2)  # the largest |u| and |v| of the motion; negative if none is known
