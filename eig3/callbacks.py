@@ -5,6 +5,7 @@ from __future__ import annotations
 import dis
 import functools
 import inspect
+import operator
 import re
 import types
 from collections.abc import Callable
@@ -160,8 +161,8 @@ def is_present(known: Callback, function: Dispatcher) -> bool:
     """Return whether the function is still the one that was compiled, and so is each value from outside."""
     # The user may have compiled the function anew. `dict.values` is used because the `values` method of Numba's ordered
     # dictionary hashes every type, which takes longer than the rest of this call.
-    is_compiled = any(known.compiled is result for result in dict.values(function.overloads))
-    return is_compiled and not any(captured.differs() for captured in known.captured)
+    is_compiled = any(map(functools.partial(operator.is_, known.compiled), dict.values(function.overloads)))
+    return is_compiled and not any(map(Captured.differs, known.captured))
 
 
 def _refuse_random(function: Dispatcher, name: str) -> None:

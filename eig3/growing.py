@@ -33,15 +33,11 @@ class Rows(NamedTuple):
 
     def at(self, which: slice | np.ndarray) -> Rows:
         """Return some of the rows."""
-        return Rows(*(x[which] for x in self))
+        return Rows(self.t[which], self.h[which], self.u[which], self.v[which])
 
     def in_form(self, form: Form) -> tuple[np.ndarray, np.ndarray]:
         """Return u and v, of the shape (rows,) for one degree of freedom."""
         return (self.u[:, 0], self.v[:, 0]) if form is SCALAR else (self.u, self.v)
-
-    @property
-    def nbytes(self) -> int:
-        return sum(x.nbytes for x in self)
 
 
 class GrowingHistory:
@@ -94,8 +90,9 @@ class GrowingHistory:
                 self._is_full = True  # the rows that are left out would be a gap before later ones
                 raise
             return
-        if rows.nbytes > _BLOCK_BYTES:  # those of a run that goes on
-            self._check(rows.nbytes)
+        size = len(rows.t) * self._row_bytes
+        if size > _BLOCK_BYTES:  # those of a run that goes on
+            self._check(size)
         block_bytes = 0
         while len(rows.t):
             if not self._free:

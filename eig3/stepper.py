@@ -362,9 +362,10 @@ class Stepper:
             If u or v has another shape than u0.
         """
         # The compiled function would read any other array as if it were a contiguous one of this size.
-        u, v = (np.ascontiguousarray(x, dtype=np.float64).reshape(np.shape(x)) for x in (u, v))
-        if not u.shape == v.shape == np.shape(self.start[0]):
-            raise ValueError(f"u and v must have the shape of u0, {np.shape(self.start[0])}, not {u.shape}, {v.shape}.")
+        u, v = np.asarray(u, dtype=np.float64, order="C"), np.asarray(v, dtype=np.float64, order="C")
+        shape = () if self.form is SCALAR else (self.n,)
+        if not u.shape == v.shape == shape:
+            raise ValueError(f"u and v must have the shape of u0, {shape}, not {u.shape}, {v.shape}.")
         if self.form is SCALAR:
             return self._callback.call(float(t), float(u), float(v), self.params)
         a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
@@ -420,7 +421,7 @@ class Stepper:
 
     def _compiled(self, running: Method, jacobian: Any) -> Any:
         """Return the kernel of a record."""
-        formulas, form = running.formulas, self.form
+        formulas, form = self._formulas, self.form
         if self.inline:
             stacked = self.n if form is VECTOR and self.n <= STACKED_DEGREES else 0
             make = partial(inline_kernel, formulas, form, n=stacked)
@@ -535,4 +536,3 @@ class _Position:
     changed_at: float | None
     state: np.ndarray
     tally: np.ndarray
-    work: np.ndarray | None = None  # of a stepper with events, within a step

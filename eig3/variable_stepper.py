@@ -53,8 +53,6 @@ class VariableStepper:
 
     Attributes
     ----------
-    order : int
-        The power of the step with which its estimated error grows.
     index : int
         Number of steps taken.
     ended : int
@@ -90,9 +88,7 @@ class VariableStepper:
         self._begin(u, v, a)
 
     def _begin(self, u: Any, v: Any, a: Any) -> None:
-        formulas = importlib.import_module(f"eig3.kernels.{self.method.variable}").variable
-        self.order = formulas.order
-        self._state = aligned((formulas.rows, self.n))
+        self._state = aligned((self._formulas.rows, self.n))
         self._state[U], self._state[V], self._state[A] = u, v, a
         self._tally = np.zeros(EVENTS + EVENT_VALUES * len(self.watching.events))
         self._tally[TIME], self._tally[ERROR], self._tally[STEP] = (
@@ -107,6 +103,7 @@ class VariableStepper:
 
     def _prepare(self, rhs: Any, inline: bool) -> None:
         n = self.n
+        self._formulas = importlib.import_module(f"eig3.kernels.{self.method.variable}").variable
         self._pace_key = self.method.variable, n, inline
         self._slices = Slices(self.pace)
         if check_flag(inline, "inline"):
@@ -117,6 +114,11 @@ class VariableStepper:
         else:
             self._callbacks = (self._callback.address,)
             self._kernel = variable_kernel(self.method.variable, self.form, n if n <= 2 else 0)
+
+    @property
+    def order(self) -> int:
+        """The power of the step with which its estimated error grows."""
+        return self._formulas.order
 
     @property
     def t(self) -> float:

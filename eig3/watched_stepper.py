@@ -49,7 +49,6 @@ class WatchedStepper(Stepper):
         t_eval: ArrayLike | None,
         **options: Any,
     ) -> None:
-        self.watching: Any = None
         self.ended, self._t_end, self._options = GOING, t_end, options
         super().__init__(rhs, u0, v0, **options)
         span = self.t0, t_end
@@ -119,7 +118,7 @@ class WatchedStepper(Stepper):
         self._before = self._position()
 
     def _compiled(self, running: Method, jacobian: Any) -> Any:
-        formulas, order, form = running.formulas, self.method.order, self.form
+        formulas, order, form = self._formulas, self.method.order, self.form
         if not self.inline:
             return watched_kernel(formulas, order, form, jacobian is not None)
         make = partial(inline_watched_kernel, formulas, order, form)
@@ -135,22 +134,9 @@ class WatchedStepper(Stepper):
 
     def _save(self) -> None:
         super()._save()
-        self._before.work = self._work()
         self._n_found = self.watching.n_found
-
-    def _position(self) -> Any:
-        position = super()._position()
-        position.work = self._work()
-        return position
-
-    def _work(self) -> np.ndarray | None:
-        """Return a copy of the rows that the next call of the kernel needs, if the last one ended within a step."""
-        is_within = self.watching is not None and self._tally[WITHIN] == 1
-        return self.watching.watch.work.copy() if is_within else None
 
     def _go_back(self) -> None:
         super()._go_back()
-        if self._before.work is not None:
-            np.copyto(self.watching.watch.work, self._before.work)
         self.watching.forget_from(self._n_found)
         self.ended = GOING

@@ -84,7 +84,7 @@ class History:
             self._t, self._u, self._v = np.empty(self.most), np.empty(shape), np.empty(shape)
 
     def _refer(self, arrays: Mapping[str, np.ndarray]) -> None:
-        self.t, self.u, self.v = (arrays[x] for x in "tuv")
+        self.t, self.u, self.v = arrays["t"], arrays["u"], arrays["v"]
         self.outputs = {name: arrays[file] for name, file in self._output_files.items()}
 
     def take(self, earlier: Saved, stepper: Stepper) -> None:
