@@ -17,7 +17,7 @@ def checked(record: Any) -> Any:
     Raises
     ------
     TypeError
-        If one of its fields has not the type of its annotation.
+        If one of its fields does not have the type of its annotation.
     """
     for name, kind in _kinds(record.__class__).items():
         if not fits(getattr(record, name), kind):
@@ -51,7 +51,7 @@ def fits(value: Any, kind: Any) -> bool:
 def check_positive(numbers: Iterable[float]) -> None:
     """Raise a ValueError if a number is not positive, or so small or large that no computer measured it."""
     if not all(1 / _LARGEST < number < _LARGEST for number in numbers):
-        raise ValueError("a number is not positive, too small or too large")
+        raise ValueError("a number is zero, negative, too small or too large")
 
 
 def check_known(names: Iterable[str], known: Iterable[str]) -> None:

@@ -46,8 +46,8 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
 
     Notes
     -----
-    Numba compiles a global variable as a constant. If its value is another one when the next run begins, the function
-    is compiled again, which takes some tenths of a second: pass values that change often as parameters. A cached
+    Numba compiles a global variable as a constant. If its value has changed when the next run begins, the function is
+    compiled again, which takes some tenths of a second: pass values that change often as parameters. A cached
     function is compiled again if its own file changes, but not if the file of a function that it calls does. Numba does
     not check indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
     """
@@ -175,7 +175,7 @@ def _refuse_random(function: Dispatcher, name: str) -> None:
 
 
 def _renew(function: Dispatcher) -> None:
-    """Compile a function, and those that it calls, anew if values were compiled into them that are others now."""
+    """Compile a function, and those that it calls, anew if values that were compiled into them have changed."""
     renewed: list[Dispatcher] = []
     for each, captured in helpers_first(function):
         before = _captured.get(each)

@@ -80,7 +80,10 @@ def check_resolution(h: float, t0: float, t1: float) -> None:
 
 
 def check_count(value: Any, name: str) -> int:
-    """Return a whole number of at least 1 as an int; a number that no count reaches, as a smaller such number."""
+    """Return a whole number of at least 1 as an int.
+
+    Of a number that no count reaches, return a smaller one that no count reaches either, which fits in 64 bits.
+    """
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
     if not is_whole or value < 1:
         raise ValueError(f"{name} must be a whole number of at least 1, not {shown(value)}.")

@@ -31,7 +31,7 @@ class Family:
     Attributes
     ----------
     members : list of jitted functions
-        They can be called from Python too, or from compiled functions. They are compiled for that only.
+        They can be called from Python and from compiled functions too. Only such a call compiles them.
     """
 
     def __init__(self, function: Dispatcher, count: int) -> None:

@@ -113,7 +113,8 @@ def integrate(
     u0, v0 : float or array_like, shape (n,)
         Displacement and velocity at the first time. Floats need the scalar form of rhs, arrays the vector form.
     h : float
-        The step. If it does not divide the span, the run uses the next shorter step that does.
+        The step. If it does not divide the span, the run uses the next shorter step that does. If it is long for the
+        motion, `solution.notes` says so.
     rtol : float
         The relative tolerance, such as 1e-6. The steps then have such lengths that the estimated error of each step is
         at most ``atol + rtol * size``, for u and v of each degree of freedom. With EIG-3, this holds for u only. The
@@ -152,7 +153,7 @@ def integrate(
         with their times. With a fixed step, these are the extremes over the ends of all steps and the states before and
         after events: the peak of a sine of angular frequency omega is up to the part ``(omega * h)**2 / 8`` too low.
         With tolerances, they are those of the motion, also within the steps: for a value that is smooth within a step,
-        their error is of the size of the run's. This takes `n_rhs` up by 3 in each step of RK8.
+        their error is of the size of the run's. This takes 3 more evaluations of rhs in each step of RK8.
     h_max, first_step : float, optional
         With tolerances: the longest step, and the first one. As long as the acceleration is zero and rhs reads t, a
         step is at most 2 % of the time since the start: give h_max if a load may act for less than that.

@@ -34,8 +34,8 @@ def _taken(path: Path, what: str) -> FileExistsError:
 class MappedRows:
     """Arrays whose rows are in the files of a directory, one .npy file for each array.
 
-    The number of rows in the header of a file is that of the reserved rows until `close`. Who reads the files before
-    must know the number of rows that are complete.
+    Until `close`, the header of a file has the number of reserved rows. A reader must then know from elsewhere how many
+    rows are complete.
 
     Parameters
     ----------

@@ -102,7 +102,7 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def available_memory() -> float:
-    """Return the free memory in bytes, also of a container; infinity if the system does not provide it."""
+    """Return the free memory of the machine or of the container, in bytes; infinity if the system does not tell."""
     return min(_machine_memory(), _group_memory())
 
 
@@ -122,7 +122,7 @@ def _machine_memory() -> float:
 
 
 def _group_memory() -> float:
-    """Return what the control groups of the process, such as those of a container, let it use beyond its memory."""
+    """Return how much more memory the control groups of the process, such as those of a container, let it use."""
     try:
         lines = (_PROC / "self" / "cgroup").read_text().splitlines()
     except OSError:

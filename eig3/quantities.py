@@ -24,7 +24,7 @@ _NOTHING = np.array([[np.inf], [-np.inf], [np.nan], [np.nan]])  # the extremes o
 class EnergyLessWork(NamedTuple):
     """An energy less the work, among the `invariants` of a problem that follows the work.
 
-    The work is the velocity of the degree of freedom `work`.
+    The velocity of the degree of freedom `work` is the work.
     """
 
     energy: Any

@@ -22,8 +22,11 @@ class Samples(NamedTuple):
     before : ndarray, shape (k,)
         The values at the start of the next step.
     values, times : ndarray, shape (m + 2, k) and (m + 2,)
+        Scratch for the values and the times at the points, and at one more.
     coefficients : ndarray, shape (m + 1,)
+        Scratch for the coefficients of a polynomial.
     state : ndarray, shape (2, n)
+        Scratch for u and v.
     """
 
     points: np.ndarray

@@ -24,7 +24,7 @@ from .labels import Labels
 from .methods import Method
 from .resolution import Resolution
 
-_COARSE = 1e-2  # the relative error from which on states are too far apart to be interpolated
+_TOO_FAR = 1e-2  # the relative error from which on states are too far apart to be interpolated
 
 _NO_STATES = "the run ended before the first time of t_eval"
 
@@ -222,8 +222,8 @@ class Solution:
         UserWarning
             If the saved states around a time are too far apart: the error of the interpolation is there more than a
             hundredth of the motion of a degree of freedom, as it is with less than two or three states in a period, or
-            across a contact that lies between two states. `eig3.resolution` says how the error is estimated. A run that
-            saves every step is never too coarse.
+            across a contact that lies between two states. `eig3.resolution` says how the error is estimated. There is
+            no warning about a run that saves every step.
 
         Notes
         -----
@@ -245,7 +245,7 @@ class Solution:
             )
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
             raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
-        self._warn_of_coarse_states(times.ravel())
+        self._warn_of_distant_states(times.ravel())
         return self._interpolated(times)
 
     def _interpolated(self, times: np.ndarray) -> tuple[Any, Any]:
@@ -275,9 +275,9 @@ class Solution:
             return np.zeros((2, len(times)))
         return self._interpolation[1].errors(times)
 
-    def _warn_of_coarse_states(self, times: np.ndarray) -> None:
+    def _warn_of_distant_states(self, times: np.ndarray) -> None:
         error = self._errors(times)[0]
-        if (error > _COARSE).any():
+        if (error > _TOO_FAR).any():
             t = times[np.argmax(error)]
             warnings.warn(
                 f"the saved states around t = {t:g} are too far apart to interpolate between them, with an error of "

@@ -23,7 +23,7 @@ def check_fields(fields: Mapping[str, Any]) -> None:
     """Raise a ValueError if a field of a solution does not have its type and shape."""
     t, u = fields["t"], fields["u"]
     if not (_is_array(t) and t.ndim == 1 and _is_array(u) and u.ndim in (1, 2) and len(u) == len(t)):
-        raise ValueError("t and u are no history.")
+        raise ValueError("t and u do not have the shapes of a history.")
     degrees = u.shape[1:]
 
     def is_history(x: Any) -> bool:

@@ -30,7 +30,7 @@ _RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
 _ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there, as those of outputs have
 _COUNTS = "counts.npy"  # a file of version 1 with the number of rows, and with what a run had counted up to there
-_TRIALS, _PAUSE = 5, 0.02  # to read a directory that a run may be writing to, and the seconds between them
+_TRIALS, _PAUSE = 5, 0.02  # to read or replace a file that another process uses, and the seconds between them
 _LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and the part of its time they may take
 _FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
 _PARTS = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
@@ -119,12 +119,22 @@ def _write(
             file.flush()
             if is_lasting:
                 os.fsync(file.fileno())  # a system may find only now that the disk is full
-        temporary.replace(target)
+        _rename(temporary, target)
     except BaseException:
         with contextlib.suppress(OSError):
             temporary.unlink()
         raise
     return target
+
+
+def _rename(source: Path, target: Path) -> None:
+    """Replace a file by another one. Windows refuses this while another process reads the file."""
+    for _ in range(_TRIALS - 1):
+        with contextlib.suppress(PermissionError):
+            source.replace(target)
+            return
+        time.sleep(_PAUSE)
+    source.replace(target)
 
 
 def load(path: str | PathLike[str]) -> Solution:

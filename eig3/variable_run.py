@@ -50,9 +50,7 @@ class Stop(Protocol):
 class Followed:
     """An invariant or an output along a run with tolerances."""
 
-    _floor = (
-        0.0  # what changes within a step by this multiple of rtol at most, relative to itself, has no extreme there
-    )
+    _floor = 0.0  # a smaller relative change within a step, as a multiple of rtol, is not looked at
 
     def __init__(self, quantity: Quantity, stepper: VariableStepper) -> None:
         self.quantity, self._params = quantity, stepper.params
@@ -114,7 +112,7 @@ class FollowedInvariant(Followed):
     """
 
     drift = 0.0
-    _floor = 1.0  # what is nearly constant needs few evaluations within steps
+    _floor = 1.0  # an invariant that is nearly constant takes few evaluations
 
     def _note(self, values: np.ndarray) -> None:
         self.drift = float(np.max(np.abs(values - self._start), initial=self.drift))

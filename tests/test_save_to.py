@@ -8,6 +8,7 @@ import sys
 import textwrap
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -331,6 +332,31 @@ def test_a_directory_is_read_again_if_its_run_ends_meanwhile(tmp_path, monkeypat
 
     monkeypatch.setattr(np, "load", cut)
     assert_same(eig3.load(tmp_path), run)
+
+
+@pytest.mark.parametrize("refusals", [4, 5])
+def test_a_file_that_is_being_read_is_replaced_later(refusals, tmp_path, monkeypatch):
+    """Windows does not replace a file while another process reads it."""
+    (tmp_path / "new").write_text("new")
+    (tmp_path / "old").write_text("old")
+    replace, asked, waited = Path.replace, [], []
+
+    def refusing(path, target):
+        asked.append(path)
+        if len(asked) <= refusals:
+            raise PermissionError(errno.EACCES, "Access is denied")
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", refusing)
+    monkeypatch.setattr(storage.time, "sleep", waited.append)
+    if refusals < storage._TRIALS:
+        storage._rename(tmp_path / "new", tmp_path / "old")
+        assert (tmp_path / "old").read_text() == "new"
+    else:
+        with pytest.raises(PermissionError):
+            storage._rename(tmp_path / "new", tmp_path / "old")
+        assert (tmp_path / "old").read_text() == "old"
+    assert waited == 4 * [storage._PAUSE]
 
 
 def test_a_directory_is_sound_at_every_moment_of_a_run(tmp_path, monkeypatch):

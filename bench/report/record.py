@@ -166,7 +166,7 @@ class Record:
         Raises
         ------
         RecordError
-            If the file is no WebP picture: a page would carry a foreign file, or a link to one, to other people.
+            If the file is not a WebP picture: a page would carry a foreign file, or a link to one, to other people.
         """
         path = self.folder / motion_file(name)
         if not path.exists():
@@ -177,7 +177,7 @@ class Record:
         except OSError as error:
             raise RecordError(f"{path} cannot be read: {error.strerror or error}.") from None
         if (head[:4], head[8:]) != (b"RIFF", b"WEBP"):
-            raise RecordError(f"{path} is no WebP picture: remove it.")
+            raise RecordError(f"{path} is not a WebP picture: remove it.")
         return path
 
     def _parts(self, kind: str) -> list[Measured]:
@@ -209,7 +209,7 @@ def part_name(kind: str, name: str) -> str:
 def _read(path: Path, convert: Callable[[Any], Any]) -> Any:
     try:
         content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
-        json.dumps(content, ensure_ascii=False).encode()  # half a character of two is an error here
+        json.dumps(content, ensure_ascii=False).encode()  # raises an error for half of a surrogate pair
         return convert(content)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}.") from None
@@ -218,7 +218,7 @@ def _read(path: Path, convert: Callable[[Any], Any]) -> Any:
 
 
 def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number of JSON")
+    raise ValueError(f"{text} is not a number of JSON")
 
 
 def _run(content: Any) -> Run:

@@ -83,9 +83,9 @@ class Pilots:
         The error to reach.
     span : float
     part : float
-        The part of the span that is run,
+        The length of the time that is run, as a part of the span.
     window : tuple of float
-        and its beginning and end.
+        The beginning and the end of this time.
     needs_reference : bool
     compiling : float
         The time that the compilation took, s.

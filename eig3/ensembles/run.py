@@ -104,8 +104,8 @@ def ensemble(
     -------
     EnsembleSolution or list
         A list with `reduce`. A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite
-        state; the others go on. So does a member whose rhs is not finite at the start, which ends there, even if no
-        member can start. The result says the same of each member as `eig3.integrate` would say.
+        state; the others go on. A member whose rhs is not finite at the start is DIVERGED too, and ends there, even if
+        no member can start. The result says the same of each member as `eig3.integrate` would say.
 
     Raises
     ------
