@@ -72,7 +72,7 @@ def check_members_history(m: int, rows: int, n: int, n_outputs: int = 0) -> None
         )
 
 
-def check_members(m: int, values: int) -> None:
+def check_study(m: int, values: int) -> None:
     """Raise a ValueError if a study of m members, with this number of values each, does not fit."""
     needed = _VALUE * m * values
     if needed > NOT_WORTH_A_LOOK and needed > (free := available_memory()):

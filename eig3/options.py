@@ -9,15 +9,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_MOST_DIGITS = 15  # of a count
+MOST_DIGITS = 15  # of a count; more members, steps or files fit in no memory
 _LONGEST = 100  # bytes of a file name without its ending; most systems allow 255 with it
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)  # Windows takes these for devices
 
 
 def count(text: str) -> int:
     """Convert the text of an option to a whole number of at least 1."""
-    if not text.isdecimal() or len(text) > _MOST_DIGITS or int(text) < 1:
-        words = f"must be a whole number of at least 1, of {_MOST_DIGITS} digits at most, not {text[:40]!r}"
+    if not text.isdecimal() or len(text) > MOST_DIGITS or int(text) < 1:
+        words = f"must be a whole number of at least 1, of {MOST_DIGITS} digits at most, not {text[:40]!r}"
         raise argparse.ArgumentTypeError(words)
     return int(text)
 

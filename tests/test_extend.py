@@ -9,29 +9,8 @@ import pytest
 
 import eig3
 
-from .conftest import coupled, hardening, hardening_chain, oscillator
-
-H = 2.0**-6  # exact in binary, so that every span has the same step
-
-SCALAR = {"rhs": oscillator, "u0": 1.0, "v0": 0.0, "params": (2.0, 0.1)}
-VECTOR = {"rhs": coupled, "u0": [1.0, 2.0, 3.0], "v0": [0.0, 1.0, 0.0], "params": (1.0, 2.0, 3.0)}
-SCALAR_WITHOUT_V = {"rhs": hardening, "u0": 1.0, "v0": 0.0, "params": (2.0,)}
-VECTOR_WITHOUT_V = {"rhs": hardening_chain, "u0": [1.0, 2.0, 3.0], "v0": [0.0] * 3, "params": (1.0, 2.0, 3.0)}
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return u * u + v * v
-
-
-@eig3.jit
-def steady(t, u, v, p):
-    return t + 0.1 * u
-
-
-@eig3.jit
-def forces(t, u, v, p, out):
-    out[0], out[1] = u * t, v
+from .conftest import oscillator
+from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, energy, forces, steady
 
 
 def integrate(system, t_end, **options):

@@ -285,7 +285,7 @@ def test_damaged_files_are_drawn_or_refused_by_name(tmp_path, monkeypatch, capsy
         capsys.readouterr()
     for content in (b"", b"a secret"):  # a picture may be a link to a file of the user
         (whole / "motion_bouncing_ball.webp").write_bytes(content)
-        with pytest.raises(SystemExit, match=r"motion_bouncing_ball.webp is no WebP picture: remove it\.$"):
+        with pytest.raises(SystemExit, match=r"motion_bouncing_ball.webp is not a WebP picture: remove it\.$"):
             command("--from", whole, "--out", tmp_path / "page")
     assert all(message == expected for message, expected in refused)
     assert 60 < len(refused) < 120  # some changes, as that of a word or of a digit, leave a report

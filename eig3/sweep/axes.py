@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..methods import shown
+from ..options import MOST_DIGITS
 
 _NUMBER = r"[^:=]+"
 _FORM = re.compile(rf"([^:=]+)=({_NUMBER}):({_NUMBER})(?::(\d+))?(:log)?")
 MOST_WHOLE = 2.0**53  # of the whole numbers that a parameter takes: above, not every one is a float
-_MOST_DIGITS = 15  # of a count; more members fit in no memory
 _NEAR = 1e-9  # a value this close to a whole number, relative to it, is one: a logarithmic grid has round-off
 
 
@@ -64,7 +64,7 @@ class Axis:
         if is_log and low <= 0:
             raise ValueError(f"--set {name} must start above 0 for logarithmic spacing, not at {low:g}.")
         digits = (match[4] or "").lstrip("0")
-        if len(digits) > _MOST_DIGITS:
+        if len(digits) > MOST_DIGITS:
             raise ValueError(f"--set {name} cannot have so many values: their number has {len(digits)} digits.")
         count = None if random else int(digits or 0)
         if count is not None and count < 2:

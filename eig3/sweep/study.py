@@ -13,7 +13,7 @@ import numpy as np
 
 from ..checks import check_h, check_method, check_span, check_time
 from ..first_step import first_step
-from ..memory import check_members
+from ..memory import check_study
 from ..methods import Method, shown
 from ..observers.progress import Progress
 from ..problem import Problem
@@ -155,7 +155,7 @@ class Study:
         if seed < 0:
             raise ValueError(f"--seed must be a whole number of at least 0, not {shown(seed)}.")
         m = math.prod(axis.count or 0 for axis in axes) if random is None else random
-        check_members(m, len(axes) + len(measures) + 1)
+        check_study(m, len(axes) + len(measures) + 1)
         columns = _columns(axes, parameters, random, seed)
         corners = list(_corners(parameters, columns, fixed))
         for problem, measure in itertools.product(corners, measures):
