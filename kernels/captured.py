@@ -129,7 +129,7 @@ def _is_random(value: Any) -> bool:
 def _is_same(now: Any, then: Any) -> bool:
     if isinstance(then, np.ndarray):
         has_type = type(now) is type(then) and now.dtype == then.dtype and now.shape == then.shape
-        return has_type and now.tobytes() == then.tobytes()
+        return has_type and _is_same_in_memory(now, then)
     if now is then:
         return True
     if type(now) is not type(then) or not _is_plain(then):
@@ -137,6 +137,13 @@ def _is_same(now: Any, then: Any) -> bool:
     if isinstance(then, tuple):
         return len(now) == len(then) and all(map(_is_same, now, then))
     return bool(now == then or (now != now and then != then))
+
+
+def _is_same_in_memory(now: np.ndarray, then: np.ndarray) -> bool:
+    """Compare the bytes of two arrays of one type and shape, so that NaN is the same as NaN."""
+    if not (now.flags.c_contiguous and then.flags.c_contiguous) or now.dtype.itemsize != 8 or not now.ndim:
+        return now.tobytes() == then.tobytes()
+    return np.array_equal(now.view(np.int64), then.view(np.int64))
 
 
 def _text(value: Any) -> str:

@@ -46,7 +46,7 @@ def _say(what: str) -> None:
         was_said, _series["is said"] = _series["is said"], True
     if was_said:
         return
-    text = f"eig3 compiles {what}. The first run of new code waits for this, some seconds."
+    text = f"eig3 compiles {what}. The first run of new code waits some seconds for this."
     if sys.stderr is not None and sys.stderr.isatty():
         print(text, file=sys.stderr, flush=True)
     else:

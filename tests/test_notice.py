@@ -13,7 +13,7 @@ import eig3
 from eig3.kernels import notice
 from eig3.kernels.jit import compiled
 
-SAID = "eig3 compiles {}. The first run of new code waits for this, some seconds."
+SAID = "eig3 compiles {}. The first run of new code waits some seconds for this."
 
 
 class Terminal(io.StringIO):
