@@ -281,10 +281,10 @@ def with_functions(
     """Give a loaded solution the functions of its run, as `eig3.load` describes it, and return it."""
     state = solution._state
     if state is None:
-        raise ValueError(
-            f"this run cannot go on: its status is {solution.status.name}, or it is a copy, has t_eval, is a member of "
-            "an ensemble, or ended with an exception; load it without functions."
-        )
+        why = "it is a copy, has t_eval, is a member of an ensemble, or ended with an exception"
+        if not solution.can_go_on:
+            why = f"its status is {solution.status.name}"
+        raise ValueError(f"this run cannot go on: {why}; load it without functions.")
     given: dict[str, Any] = {"events": check_events(events), **check_functions(invariants, outputs)._asdict()}
     names: dict[str, Mapping[str, Any]]
     names = {"events": solution.events, "invariants": solution.drift, "outputs": solution.outputs}
