@@ -312,7 +312,8 @@ class Solution:
             the same h or tolerances, and `save_every` counts from the first state on: the last state of this solution
             is not in the new one if it was saved only because it was the last. `drift`, `extremes`, `outputs` and the
             counts are those of the whole span too. With tolerances, a run whose steps follow from the length of its
-            span is taken again: one from rest over less than a unit of time, or over less than its first step.
+            span is taken again: one from rest over less than a unit of time, or over less than its first step. Only
+            resets that end as ZENO may differ: how close to each other they are is judged by the length of the span.
 
         Raises
         ------

@@ -224,6 +224,8 @@ def departure(address, free, level, since, g_end, t, h, n, coefficients, u, v, p
         if is_last:
             break
         s *= 2
+    if sign * free < 0 and g_end * free > 0:  # the polynomial of a step over a jump of the force dips, not the motion
+        return s, g, free
     if not sign * free < 0 or abs(moved_later) <= from_rest:
         return s, g, sign
     while s > tolerance:

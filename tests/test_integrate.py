@@ -123,13 +123,13 @@ def test_invariant_that_becomes_nan_has_a_drift_of_nan():
 
 
 def test_kernel_seconds_hold_neither_compiling_nor_invariants(monkeypatch):
-    """The clock of the stepper is read just around its kernel: twice a call, and by nothing else."""
+    """The clock of the slices is read just around its kernel: twice a call, and by nothing else."""
     readings = []
     tick = 2.0**-20
     clock = type(
         "clock", (), {"perf_counter": lambda: readings.append(0) or len(readings) * tick, "thread_time": lambda: 0.0}
     )
-    monkeypatch.setattr(eig3.stepper, "time", clock)
+    monkeypatch.setattr(eig3.slices, "time", clock)
     run = oscillate(inline=True, invariants={"energy": oscillator_energy})
     assert len(readings) > 0
     assert run.kernel_seconds == tick * len(readings) / 2  # each call lasts one tick

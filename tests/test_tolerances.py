@@ -700,12 +700,12 @@ JOINED = """
     def peak():
         return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
-    history, n, size = GrowingHistory(VECTOR, 500), 500, 0
+    history, n, size = GrowingHistory(VECTOR, 500, {}), 500, 0
     while size < 450e6:
         first = history.count
         rows = Rows(*(first + np.arange(64.0)[:, None] + np.zeros(shape) for shape in (1, 1, n, n)))
         history.append(Rows(rows.t[:, 0], rows.h[:, 0], rows.u, rows.v))
-        size += rows.nbytes
+        size += sum(x.nbytes for x in rows)
     before = peak()
     joined = history.rows()
     assert (joined.t == np.arange(history.count)).all() and (joined.u[:, -1] == joined.t).all()
