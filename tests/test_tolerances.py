@@ -13,8 +13,10 @@ import pytest
 
 import eig3
 from eig3 import Status, growing
+from eig3.growing import Rows
 from eig3.kernels import eig3_variable
 from eig3.kernels.jit import bound
+from eig3.variable_run import VariableRun
 
 from .conftest import oscillator, oscillator_vector, spring
 
@@ -742,3 +744,15 @@ def test_a_history_that_outgrows_memory_is_kept(monkeypatch):
     for name in ("t", "u", "v", "steps"):
         np.testing.assert_array_equal(getattr(kept, name), getattr(whole, name)[: len(kept.t)])
     np.testing.assert_array_equal(kept.outputs["height"], kept.u)
+
+
+def test_a_reset_at_the_start_of_a_step_is_a_step():
+    """A run that follows something chooses the rows to save from those of all steps: the kernel would choose the same.
+
+    The steps end at t = 1, at t = 1 by a reset at the start, and at t = 2 with the states before and after a reset.
+    """
+    run = object.__new__(VariableRun)
+    run.every = 2
+    t, h, u = np.array([1.0, 1.0, 2.0, 2.0, 3.0]), np.array([1.0, 0.0, 1.0, 1.0, 1.0]), np.arange(5.0)[:, None]
+    np.testing.assert_array_equal(run._chosen(Rows(t, h, u, u), 0).u[:, 0], [1, 4])
+    np.testing.assert_array_equal(run._chosen(Rows(t, h, u, u), 1).u[:, 0], [0, 3])
