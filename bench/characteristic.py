@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from eig3.kernels.eig import kappa, ordinates, sigma
+from eig3.kernels.methods.eig import kappa, ordinates, sigma
 
 _ITERATIONS = 4  # each adds about ten digits: the derivative is that at the first root
 

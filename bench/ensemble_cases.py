@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from eig3 import problems
-from eig3.kernels.jit import OPTIONS
+from eig3.kernels.compile.jit import OPTIONS
 from eig3.problem import Problem
 
 

@@ -8,7 +8,7 @@ from fractions import Fraction
 from itertools import count
 from math import factorial
 
-from eig3.kernels.eig import ordinates, sigma
+from eig3.kernels.methods.eig import ordinates, sigma
 from eig3.methods import EIG, EIG3
 from eig3.stability import NEGLIGIBLE, limit, practical_limit
 

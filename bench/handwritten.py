@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from eig3.kernels import ldu
+from eig3.kernels.methods import ldu
 
 
 def eig3_scalar(f, u, v, p, h, n, u_rows, v_rows):

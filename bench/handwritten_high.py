@@ -7,7 +7,7 @@ their tables, as most users would. The coefficients of the tables are those of t
 import numba
 import numpy as np
 
-from eig3.kernels import bm6, rk5, rk8
+from eig3.kernels.methods import bm6, rk5, rk8
 
 A5, B5, C5 = rk5.A, rk5.B, rk5.C
 A8 = np.array([[*row, *[0.0] * (12 - len(row))] for row in [(), *rk8.A, rk8.B]])

@@ -11,7 +11,7 @@ import numpy as np
 
 import eig3
 from eig3 import problems
-from eig3.kernels import bm6, rk8
+from eig3.kernels.methods import bm6, rk8
 from eig3.methods import EIG, METHODS, Method
 from eig3.problem import Problem
 from eig3.problems.bouncing_ball import impact_times

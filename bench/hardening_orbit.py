@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eig3.kernels.eig import ordinates, sigma
+from eig3.kernels.methods.eig import ordinates, sigma
 from eig3.methods import Method
 from eig3.problems import hardening_spring
 

@@ -9,7 +9,7 @@ import numpy as np
 from numba.types import FunctionType
 
 from eig3 import problems
-from eig3.kernels.jit import OPTIONS
+from eig3.kernels.compile.jit import OPTIONS
 from eig3.kernels.protocol import SCALAR, VECTOR
 from eig3.problem import Problem
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import eig3
-from eig3.analysis.planner import EXTRAPOLATED, Plan, Prediction
-from eig3.integration import divide
 from eig3.methods import LIBRARY, Method
+from eig3.planning.planner import EXTRAPOLATED, Plan, Prediction
 from eig3.problem import Problem
+from eig3.run.integration import divide
 
 from . import text
 from .environment import in_words

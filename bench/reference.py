@@ -9,7 +9,7 @@ import numpy as np
 
 from eig3.problem import Problem
 from eig3.problems.hertz_impact import contact_time, largest_indentation
-from eig3.solution import Solution
+from eig3.result.solution import Solution
 
 from .rivals import EXPRESSIONS, Answer, heyoka_form, scipy_form
 

@@ -16,8 +16,8 @@ from typing import Any
 import numba
 import numpy as np
 
-from eig3.callbacks import jit
-from eig3.checks import check_params
+from eig3.functions.callbacks import jit
+from eig3.functions.checks import check_params
 from eig3.problem import Problem
 
 from .rival_events import HEYOKA_EVENTS, restarted, states

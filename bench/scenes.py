@@ -14,12 +14,12 @@ import numpy as np
 import eig3
 from eig3 import effects
 from eig3.effects import Body
-from eig3.kernels.jit import compiled
+from eig3.kernels.compile.jit import compiled
 from eig3.kernels.protocol import VECTOR
 from eig3.options import Files, add_out
 from eig3.problem import Problem
 from eig3.scene import Scene, codegen
-from eig3.stepper import Stepper
+from eig3.stepping.stepper import Stepper
 
 from . import pictures, text
 from .environment import in_words

@@ -12,7 +12,7 @@ from eig3.drawing import NO_PICTURES
 from eig3.methods import BM6, Method
 from eig3.options import Files, add_out
 from eig3.stability import NEGLIGIBLE, explain, limit, practical_limit, spectral_radius
-from eig3.stepper import Stepper
+from eig3.stepping.stepper import Stepper
 
 from . import pictures, stability_pictures, text
 from .stability_sets import DAMPED, GROWING, UNDAMPED, MethodLimit, weakly_growing

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from eig3 import problems
-from eig3.kernels.eig import sigma
+from eig3.kernels.methods.eig import sigma
 from eig3.methods import AB2, AB3, BM6, EIG, EIG3, RK2, RK3, RK4, RK5, RK8, CentralDifference, Method
 from eig3.stability import alternating_limit, growth_in_words
 

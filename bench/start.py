@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import eig3
-from eig3.solution import Solution
+from eig3.result.solution import Solution
 
 
 def new_function() -> Any:

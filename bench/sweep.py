@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from eig3.integration import divide
 from eig3.methods import METHODS, Method
 from eig3.problem import Problem
-from eig3.solution import Solution
+from eig3.result.solution import Solution
+from eig3.run.integration import divide
 from eig3.stability import limit
 
 from . import text

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from eig3.integration import divide
-from eig3.memory import available_memory
 from eig3.problem import Problem
-from eig3.stepper import Stepper
+from eig3.result.memory import available_memory
+from eig3.run.integration import divide
+from eig3.stepping.stepper import Stepper
 
 from . import text
 

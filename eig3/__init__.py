@@ -4,19 +4,19 @@ import importlib
 from typing import Any
 
 from ._version import __version__
-from .analysis.critical import CriticalStep, NoCriticalStepError, critical_step
-from .analysis.planner import Plan, plan
-from .callbacks import jit
+from .diagnosis.critical import CriticalStep, NoCriticalStepError, critical_step
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
-from .events import Event, Occurrences
-from .extremes import Extremes
-from .integration import IntegrationError, integrate
-from .loading import load
+from .functions.callbacks import jit
+from .functions.events import Event, Occurrences
+from .functions.extremes import Extremes
 from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, CentralDifference, Method
+from .planning.planner import Plan, plan
 from .problem import Problem
-from .solution import Solution, Status
-from .stepper import Stepper
+from .result.solution import Solution, Status
+from .run.integration import IntegrationError, integrate
+from .run.loading import load
+from .stepping.stepper import Stepper
 
 __all__ = [
     "AB2",

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from .labels import Labels
-from .solution import Solution
+from .result.labels import Labels
+from .result.solution import Solution
 
 #: A command prints this after the names of the files that it wrote, if it cannot draw.
 NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"

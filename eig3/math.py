@@ -17,8 +17,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from .kernels.cache import keep_on_disk
-from .kernels.jit import callable_element
+from .kernels.compile.cache import keep_on_disk
+from .kernels.compile.jit import callable_element
 
 __all__ = ["cos", "exp", "log", "sin", "sincos", "sqrt", "tanh"]
 

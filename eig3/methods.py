@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from .kernels.fixed import Formulas, formulas
+from .kernels.loops.fixed import Formulas, formulas
 
 #: Largest number of degrees of freedom n for which "auto" changes to Newton's method, whose differences take n + 1
 #: evaluations in each iteration.
@@ -161,7 +161,7 @@ class EIG3(_MayIgnoreVelocity):
     @property
     def kernel(self) -> str:  # type: ignore[override]
         staggered = self.ignores_velocity and self.settings == (1.0, 0.5)
-        return "eig3.kernels.eig3_staggered" if staggered else "eig3.kernels.eig3"
+        return "eig3.kernels.methods.eig3_staggered" if staggered else "eig3.kernels.methods.eig3"
 
     @property
     def variable(self) -> str:  # type: ignore[override]
@@ -241,9 +241,9 @@ class CentralDifference(Method):
     @property
     def kernel(self) -> str:  # type: ignore[override]
         if not self.is_implicit:
-            return "eig3.kernels.cd"
+            return "eig3.kernels.methods.cd"
         newton = self.solver == "newton" or self.jacobian is not None
-        return "eig3.kernels.cd_newton" if newton else "eig3.kernels.cd_fixed_point"
+        return "eig3.kernels.methods.cd_newton" if newton else "eig3.kernels.methods.cd_fixed_point"
 
     @property
     def order(self) -> int:  # type: ignore[override]
@@ -287,7 +287,7 @@ class RK2(Method):
 
     name: ClassVar[str] = "rk2"
     label: ClassVar[str] = "RK2"
-    kernel: ClassVar[str] = "eig3.kernels.rk2"
+    kernel: ClassVar[str] = "eig3.kernels.methods.rk2"
     order: ClassVar[int] = 2
     evaluations: ClassVar[int] = 2
 
@@ -298,7 +298,7 @@ class RK3(Method):
 
     name: ClassVar[str] = "rk3"
     label: ClassVar[str] = "RK3"
-    kernel: ClassVar[str] = "eig3.kernels.rk3"
+    kernel: ClassVar[str] = "eig3.kernels.methods.rk3"
     order: ClassVar[int] = 3
     evaluations: ClassVar[int] = 3
 
@@ -309,7 +309,7 @@ class RK4(Method):
 
     name: ClassVar[str] = "rk4"
     label: ClassVar[str] = "RK4"
-    kernel: ClassVar[str] = "eig3.kernels.rk4"
+    kernel: ClassVar[str] = "eig3.kernels.methods.rk4"
     order: ClassVar[int] = 4
     evaluations: ClassVar[int] = 4
 
@@ -320,7 +320,7 @@ class AB2(Method):
 
     name: ClassVar[str] = "ab2"
     label: ClassVar[str] = "AB2"
-    kernel: ClassVar[str] = "eig3.kernels.ab2"
+    kernel: ClassVar[str] = "eig3.kernels.methods.ab2"
     order: ClassVar[int] = 2
 
 
@@ -330,7 +330,7 @@ class AB3(Method):
 
     name: ClassVar[str] = "ab3"
     label: ClassVar[str] = "AB3"
-    kernel: ClassVar[str] = "eig3.kernels.ab3"
+    kernel: ClassVar[str] = "eig3.kernels.methods.ab3"
     order: ClassVar[int] = 3
 
 
@@ -340,7 +340,7 @@ class RK5(Method):
 
     name: ClassVar[str] = "rk5"
     label: ClassVar[str] = "RK5"
-    kernel: ClassVar[str] = "eig3.kernels.rk5"
+    kernel: ClassVar[str] = "eig3.kernels.methods.rk5"
     variable: ClassVar[str] = "rk5"
     order: ClassVar[int] = 5
     evaluations: ClassVar[int] = 6
@@ -352,7 +352,7 @@ class RK8(Method):
 
     name: ClassVar[str] = "rk8"
     label: ClassVar[str] = "RK8"
-    kernel: ClassVar[str] = "eig3.kernels.rk8"
+    kernel: ClassVar[str] = "eig3.kernels.methods.rk8"
     variable: ClassVar[str] = "rk8"
     order: ClassVar[int] = 8
     evaluations: ClassVar[int] = 12
@@ -364,7 +364,7 @@ class BM6(Method):
 
     name: ClassVar[str] = "bm6"
     label: ClassVar[str] = "BM6"
-    kernel: ClassVar[str] = "eig3.kernels.bm6"
+    kernel: ClassVar[str] = "eig3.kernels.methods.bm6"
     order: ClassVar[int] = 6
     evaluations: ClassVar[int] = 11
     ignores_velocity: ClassVar[bool] = True
@@ -389,7 +389,7 @@ class EIG(_MayIgnoreVelocity):
 
     grade: int
     velocity: str = field(default="auto", repr=False)
-    kernel: ClassVar[str] = "eig3.kernels.eig"
+    kernel: ClassVar[str] = "eig3.kernels.methods.eig"
 
     def __post_init__(self) -> None:
         is_whole = isinstance(self.grade, numbers.Integral) and not isinstance(self.grade, bool)

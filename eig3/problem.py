@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import storage
-from .analysis.critical import CriticalStep, critical_step
 from .animation import Curves
 from .animation.animate import View, animate
-from .callbacks import check_callback, reads_velocity
-from .checks import check_names, check_params, check_span, check_state, reals
+from .diagnosis.critical import CriticalStep, critical_step
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
-from .events import Event
-from .integration import integrate, with_functions
-from .labels import Labels
+from .functions.callbacks import check_callback, reads_velocity
+from .functions.checks import check_names, check_params, check_span, check_state, reals
+from .functions.events import Event
+from .functions.quantities import EnergyLessWork
 from .methods import Method
-from .quantities import EnergyLessWork
-from .solution import Solution
-from .stepper import Stepper
-from .storage import Place
-from .tolerances import Motion
+from .result import storage
+from .result.labels import Labels
+from .result.solution import Solution
+from .result.storage import Place
+from .run.integration import integrate, with_functions
+from .stepping.stepper import Stepper
+from .stepping.tolerances import Motion
 
 _START = ("u0", "v0", "params")
 _OF_RHS = ("rhs", "integrals")  # these fields change only with the right-hand side

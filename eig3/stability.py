@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .callbacks import cached_jit, check_callback
-from .checks import check_method
-from .kernels.eig import kappa, sigma
-from .kernels.fixed import pointer_kernel
+from .functions.callbacks import cached_jit, check_callback
+from .functions.checks import check_method
+from .kernels.loops.fixed import pointer_kernel
+from .kernels.methods.eig import kappa, sigma
 from .kernels.protocol import VECTOR, Run
 from .methods import EIG3, Method
 

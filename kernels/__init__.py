@@ -1,7 +1,7 @@
-"""The kernels: the compiled loops of the methods, one method per file.
+"""The kernels: the compiled loops of the methods.
 
-A method's file contains the formulas of the method. `eig3.kernels.fixed` makes the kernel from them. The file defines
-these names, of which all but the first three may be left out:
+A file of `eig3.kernels.methods` contains the formulas of one method. `eig3.kernels.loops.fixed` makes the kernel from
+them. The file defines these names, of which all but the first three may be left out:
 
 ROWS : int
     Number of rows of n values in the vector form: u, v, the past values, and scratch.
@@ -17,7 +17,7 @@ EVALUATIONS : int
 start(u, v, a, h)
     The past values before the first step, as a tuple, from a = f(t0, u0, v0); zeros by default.
 START : str, START_STEPS : int
-    The file of this folder whose method takes the first steps, and the number of these steps.
+    The file of `eig3.kernels.methods` whose method takes the first steps, and the number of these steps.
 start_step_scalar(f, at, y, c), start_step_vector(f, at, y, c, n)
     A starting step for a method whose own step cannot record the past values. c of the vector form is (c, scratch). It
     calls ``u, v, success = STARTER(f, at, u, v)`` or ``success = STARTER(f, at, u, v, scratch, n)``, the starter.

@@ -28,9 +28,9 @@ from numba.extending import intrinsic
 from numba.np import arrayobj
 from numba.types import float64, int64
 
-from .jit import KERNEL_OPTIONS, bound, compiled, element
+from .compile.jit import KERNEL_OPTIONS, bound, compiled, element
+from .compile.wide import wide_vectors
 from .protocol import SCALAR, VECTOR, Form, matrix_type, vector_type
-from .wide import wide_vectors
 
 #: Functions of the C library that have no vector instruction.
 _NAMES = (

@@ -4,7 +4,7 @@ import math
 
 from eig3 import drawing
 from eig3.animation import Mechanism, in_plane
-from eig3.callbacks import cached_jit
+from eig3.functions.callbacks import cached_jit
 from eig3.problem import Problem
 
 PERIOD = 17.0652165601579625588917206249  # of the orbit from the default start

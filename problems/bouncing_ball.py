@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.animation import Oscillator
-from eig3.callbacks import cached_jit
-from eig3.events import Event
+from eig3.functions.callbacks import cached_jit
+from eig3.functions.events import Event
 from eig3.problem import Problem
 
 

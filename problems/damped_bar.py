@@ -3,7 +3,7 @@
 import numpy as np
 
 from eig3.animation import Profile
-from eig3.callbacks import cached_jit
+from eig3.functions.callbacks import cached_jit
 from eig3.problem import Problem
 
 from .elastic_bar import drawing_of_bar, gaussian_pulse, lumped_frequencies, standing_waves, stiffness

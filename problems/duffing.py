@@ -2,7 +2,7 @@
 
 from eig3 import drawing
 from eig3.animation import Portrait
-from eig3.callbacks import cached_jit
+from eig3.functions.callbacks import cached_jit
 from eig3.math import cos
 from eig3.problem import Problem
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.animation import Profile
-from eig3.callbacks import cached_jit
+from eig3.functions.callbacks import cached_jit
 from eig3.problem import Problem
 
 

@@ -4,7 +4,7 @@ import math
 
 from eig3 import drawing
 from eig3.animation import Oscillator
-from eig3.callbacks import cached_jit
+from eig3.functions.callbacks import cached_jit
 from eig3.problem import Problem
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from eig3 import drawing
 from eig3.animation import Profile
-from eig3.callbacks import cached_jit
+from eig3.functions.callbacks import cached_jit
 from eig3.problem import Problem
 
 

@@ -4,7 +4,7 @@ import math
 
 from eig3 import drawing
 from eig3.animation import Mechanism, in_plane
-from eig3.callbacks import cached_jit
+from eig3.functions.callbacks import cached_jit
 from eig3.problem import Problem
 
 ESCAPE = 1 / 6  # energy of the saddles of the potential

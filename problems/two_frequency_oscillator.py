@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.animation import Curves
-from eig3.callbacks import cached_jit
-from eig3.labels import Labels
+from eig3.functions.callbacks import cached_jit
 from eig3.problem import Problem
+from eig3.result.labels import Labels
 
 
 @cached_jit

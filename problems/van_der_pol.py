@@ -4,7 +4,7 @@ from functools import partial
 
 from eig3 import drawing
 from eig3.animation import Portrait
-from eig3.callbacks import cached_jit
+from eig3.functions.callbacks import cached_jit
 from eig3.problem import Problem
 
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.kernels.accelerations import acceleration_kernel
-from eig3.kernels.fixed import pointer_kernel
+from eig3.kernels.loops.accelerations import acceleration_kernel
+from eig3.kernels.loops.fixed import pointer_kernel
+from eig3.kernels.loops.quantity import extent_kernel
 from eig3.kernels.protocol import SCALAR, VECTOR
-from eig3.kernels.quantity import extent_kernel
 
 ROOT = Path(__file__).parent.parent
-README_FILES = ("README.md", "bench/README.md", "eig3/analysis/README.md", "eig3/ensembles/README.md")
+README_FILES = ("README.md", "bench/README.md", "eig3/diagnosis/README.md", "eig3/ensembles/README.md")
 README_FILES += ("eig3/scene/README.md", "kernels/README.md", "problems/README.md")
 #: The fenced blocks of each README, as (language, text).
 BLOCKS = {

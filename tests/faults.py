@@ -287,7 +287,7 @@ def full_disk(number):
 
 
 METHOD = """
-from eig3.kernels.jit import element
+from eig3.kernels.compile.jit import element
 from coefficients import GAIN
 
 ROWS, EVALUATIONS = 3, 1

@@ -16,8 +16,9 @@ from mpl_toolkits.mplot3d import art3d
 from PIL import Image
 
 import eig3
+from eig3 import account as run_module
 from eig3 import problems
-from eig3 import run as run_module
+from eig3.account import _resolved, _steps
 from eig3.animation import Curves, Film, Mechanism, Portrait
 from eig3.animation import animate as animate_module
 from eig3.animation import film as film_module
@@ -37,7 +38,6 @@ from eig3.effects import (
     SampledMotion,
     SupportMotion,
 )
-from eig3.run import _resolved, _steps
 from eig3.scene import Scene
 
 

@@ -14,7 +14,7 @@ import numba
 import pytest
 
 import eig3
-from eig3.kernels import cache, jit
+from eig3.kernels.compile import cache, jit
 
 from .conftest import ALL_METHODS
 

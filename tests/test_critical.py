@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
-from eig3.analysis.critical import _sees_rates, critical, longest_stable_step
-from eig3.analysis.linear import Linearised
-from eig3.kernels import eig
+from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
+from eig3.diagnosis.linear import Linearised
+from eig3.kernels.methods import eig
 from eig3.stability import alternating_limit, limit, practical_limit
 
 from .conftest import gyroscope, hardening, oscillator, oscillator_vector, structure
@@ -450,7 +450,7 @@ def test_a_projected_step_has_the_limit_of_all_directions(monkeypatch):
     method, coupled = eig3.EIG(13), Linearised(*system("full", 24), 0)
     projected, _, _ = longest_stable_step(method, coupled)
     assert projected > 0
-    monkeypatch.setattr("eig3.analysis.critical._VALUES", 10**4)
+    monkeypatch.setattr("eig3.diagnosis.critical._VALUES", 10**4)
     assert projected == pytest.approx(longest_stable_step(method, coupled)[0], rel=2e-3)
 
 

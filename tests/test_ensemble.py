@@ -712,6 +712,6 @@ def test_the_shape_of_a_start_is_checked_before_integrals_are_added():
 
 
 def test_histories_that_do_not_fit_are_refused(monkeypatch):
-    monkeypatch.setattr(eig3.memory, "available_memory", lambda: 1e6)
+    monkeypatch.setattr(eig3.result.memory, "available_memory", lambda: 1e6)
     with pytest.raises(MemoryError, match="take a larger save_every, or reduce="):
         eig3.ensemble(spring, (0, 1), np.ones(1000), 0.0, h=0.01, params=1.0, save_every=1)

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 import eig3
 from eig3 import Event, Status
 from eig3.problems.bouncing_ball import bouncing_ball, impact_times
-from eig3.watched_stepper import WatchedStepper
+from eig3.stepping.watched_stepper import WatchedStepper
 
 from .conftest import spring
 

@@ -8,7 +8,7 @@ import pytest
 
 import eig3
 from eig3 import stability
-from eig3.kernels import eig
+from eig3.kernels.methods import eig
 
 from .conftest import gyroscope, hardening
 

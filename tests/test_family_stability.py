@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.kernels import bm6, eig, rk5, rk8
+from eig3.kernels.methods import bm6, eig, rk5, rk8
 from eig3.stability import (
     alternating_limit,
     damping_ratio,

@@ -14,9 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
-from eig3 import integrate, memory
-from eig3.integration import divide
-from eig3.observers import history
+from eig3 import integrate
+from eig3.result import memory
+from eig3.run import history
+from eig3.run.integration import divide
 
 from .conftest import coupled, oscillator, oscillator_vector
 
@@ -129,7 +130,7 @@ def test_kernel_seconds_hold_neither_compiling_nor_invariants(monkeypatch):
     clock = type(
         "clock", (), {"perf_counter": lambda: readings.append(0) or len(readings) * tick, "thread_time": lambda: 0.0}
     )
-    monkeypatch.setattr(eig3.slices, "time", clock)
+    monkeypatch.setattr(eig3.stepping.slices, "time", clock)
     run = oscillate(inline=True, invariants={"energy": oscillator_energy})
     assert len(readings) > 0
     assert run.kernel_seconds == tick * len(readings) / 2  # each call lasts one tick

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.kernels.interrupt import DeferredInterrupt
+from eig3.kernels.compile.interrupt import DeferredInterrupt
 
 pytestmark = pytest.mark.usefixtures("python_handler")
 
@@ -122,7 +122,7 @@ def test_a_motion_that_grew_is_not_complete_before_its_growth_is_judged(monkeypa
 
 
 def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch):
-    monkeypatch.setattr(eig3.stepper, "first_acceleration", press)
+    monkeypatch.setattr(eig3.stepping.stepper, "first_acceleration", press)
     with pytest.raises(KeyboardInterrupt) as caught:
         eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)
     assert caught.value.solution is None

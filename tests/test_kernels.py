@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
-from eig3.kernels.fixed import formulas
+from eig3.kernels.loops.fixed import formulas
 from eig3.stability import amplification_matrix
 
 from .conftest import (
@@ -225,7 +225,7 @@ def test_n_rhs_counts_the_calls():
 
 
 def test_a_thread_waits_while_another_imports_a_kernel(tmp_path, monkeypatch):
-    text = "import time\n\ntime.sleep(0.2)\n\nfrom eig3.kernels.eig3_staggered import *\n"
+    text = "import time\n\ntime.sleep(0.2)\n\nfrom eig3.kernels.methods.eig3_staggered import *\n"
     (tmp_path / "kernel_imported_slowly.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     with ThreadPoolExecutor(2) as threads:

@@ -10,8 +10,8 @@ from typing import ClassVar
 import pytest
 
 import eig3
-from eig3.checks import check_method
 from eig3.cli import main
+from eig3.functions.checks import check_method
 from eig3.options import method_name
 
 
@@ -41,9 +41,11 @@ def test_a_name_is_not_taken_twice():
 def test_a_kernel_file_that_lacks_a_name_is_refused():
     @dataclass(frozen=True)
     class Incomplete(eig3.Method):
-        kernel: ClassVar[str] = "eig3.kernels.march"
+        kernel: ClassVar[str] = "eig3.kernels.loops.march"
 
-    with pytest.raises(TypeError, match=r"kernel 'eig3.kernels.march' must define ROWS, step_scalar, step_vector"):
+    with pytest.raises(
+        TypeError, match=r"kernel 'eig3.kernels.loops.march' must define ROWS, step_scalar, step_vector"
+    ):
         _ = Incomplete().formulas
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import eig3
-from eig3.kernels import ldu
+from eig3.kernels.methods import ldu
 from eig3.stability import limit
 
 from .conftest import oscillator

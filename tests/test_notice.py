@@ -10,8 +10,8 @@ import numba
 import pytest
 
 import eig3
-from eig3.kernels import notice
-from eig3.kernels.jit import compiled
+from eig3.kernels.compile import notice
+from eig3.kernels.compile.jit import compiled
 
 SAID = "eig3 compiles {}. The first run of new code waits some seconds for this."
 

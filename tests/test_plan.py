@@ -12,11 +12,11 @@ import pytest
 
 import eig3
 from eig3 import problems
-from eig3.analysis import pilots, planner, search
-from eig3.checks import check_method
 from eig3.cli import main
 from eig3.effects import LinearDamper, LinearSpring
+from eig3.functions.checks import check_method
 from eig3.methods import LIBRARY
+from eig3.planning import pilots, planner, search
 from eig3.scene import Scene
 
 ANY_FORCE = [name for name in LIBRARY if name != "bm6"]  # the methods for a force that depends on the velocity

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3 import storage, watching
+from eig3.result import storage
+from eig3.stepping import watching
 
 from .conftest import coupled, oscillator
 from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, energy, forces, steady
@@ -148,11 +149,11 @@ class After:
 def test_an_interrupted_run_goes_on_from_anywhere(options, tmp_path, monkeypatch):
     """The log of events has so little room that calls of the kernel end within steps, which costs evaluations."""
     counts = ("n_steps", "n_rejected")
-    monkeypatch.setattr("eig3.slices._SECONDS", 1e-7)
-    monkeypatch.setattr("eig3.slices._FIRST_SECONDS", 1e-7)
+    monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-7)
+    monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-7)
     monkeypatch.setattr(watching, "_LOG_ROWS", 2)
     monkeypatch.setattr(watching, "_LOG_VALUES", 0)
-    monkeypatch.setattr("eig3.variable_run._FIRST_STEPS", 2)
+    monkeypatch.setattr("eig3.run.variable_run._FIRST_STEPS", 2)
     options = {**options, "events": EVENTS, "outputs": {"energy": energy}}
     if "rtol" not in options:
         options["h"] = 0.5

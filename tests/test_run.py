@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from eig3 import Status, drawing, problems
+from eig3.account import Balance, draw, run
 from eig3.cli import main
 from eig3.options import file_name
-from eig3.run import Balance, draw, run
 
 
 def drawn(problem, method="eig3", status=None, **options):
@@ -283,6 +283,6 @@ def test_a_run_that_is_interrupted_before_it_begins_ends_the_command(monkeypatch
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("eig3.stepper.first_acceleration", interrupted)
+    monkeypatch.setattr("eig3.stepping.stepper.first_acceleration", interrupted)
     assert main(["run", "duffing", "--h", "0.1", "--t-end", "1"]) == 130
     assert capsys.readouterr().err == "\nInterrupted.\n"

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3 import mapped, storage
-from eig3.mapped import MappedRows, read_mapped
+from eig3.result import mapped, storage
+from eig3.result.mapped import MappedRows, read_mapped
 
 from .conftest import coupled, oscillator
 
@@ -228,7 +228,7 @@ class Usage:
 
 
 def test_the_free_memory_is_no_limit(tmp_path, monkeypatch):
-    monkeypatch.setattr("eig3.memory.available_memory", lambda: 1e5)
+    monkeypatch.setattr("eig3.result.memory.available_memory", lambda: 1e5)
     arguments, options = SCALAR
     options = {**options, "h": 1e-4}
     with pytest.raises(MemoryError):
@@ -241,10 +241,10 @@ def test_a_full_disk_loses_no_more_than_the_steps_since_the_last_record(options,
     """These are in memory, and a run that goes on from the record finds them again."""
     monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
     monkeypatch.setattr(storage, "_LARGEST_SHARE", 1e9)
-    monkeypatch.setattr("eig3.integration._CHUNK_SECONDS", 1e-6)
-    monkeypatch.setattr("eig3.slices._SECONDS", 1e-6)
-    monkeypatch.setattr("eig3.variable_run._CHUNK_SECONDS", 1e-6)
-    monkeypatch.setattr("eig3.variable_run._FIRST_STEPS", 2)
+    monkeypatch.setattr("eig3.run.integration._CHUNK_SECONDS", 1e-6)
+    monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-6)
+    monkeypatch.setattr("eig3.run.variable_run._CHUNK_SECONDS", 1e-6)
+    monkeypatch.setattr("eig3.run.variable_run._FIRST_STEPS", 2)
     options = {**options, "params": (2.0, 0.1)}
     writes = iter(4 * [False] + 2 * [True])
     savez = np.savez
@@ -362,7 +362,7 @@ def test_a_file_that_is_being_read_is_replaced_later(refusals, tmp_path, monkeyp
 def test_a_directory_is_sound_at_every_moment_of_a_run(tmp_path, monkeypatch):
     """A thread reads it again and again while runs begin and end."""
     monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
-    monkeypatch.setattr("eig3.integration._CHUNK_SECONDS", 1e-4)
+    monkeypatch.setattr("eig3.run.integration._CHUNK_SECONDS", 1e-4)
     options = {**SCALAR[1], "h": 1e-3, "events": {"down": eig3.Event(crossing)}, "outputs": {"o": energy}}
     over, failures, seen = threading.Event(), [], set()
 
@@ -394,7 +394,7 @@ def test_a_directory_is_sound_at_every_moment_of_a_run(tmp_path, monkeypatch):
 LIMITED = """
     import pathlib, resource, sys
     import numpy as np
-    from eig3.mapped import MappedRows
+    from eig3.result.mapped import MappedRows
 
     resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
     rows = MappedRows(pathlib.Path(sys.argv[1]), {"t": (), "u": (3,)})

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3 import slices, stepper, variable_stepper, watched_stepper
 from eig3.ensembles import run as ensemble_run
+from eig3.stepping import slices, stepper, variable_stepper, watched_stepper
 
 SLICE = 5e-4  # s, the duration of a slice
 PER_STEP = 1e-7  # s

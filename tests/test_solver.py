@@ -145,7 +145,7 @@ def assigns_v_only(t, u, v, p):
     ids=lambda x: x.py_func.__name__ if hasattr(x, "py_func") else str(x),
 )
 def test_bytecode_tells_whether_a_function_may_read_v(rhs, reads):
-    assert eig3.callbacks.reads_velocity(rhs) is reads
+    assert eig3.functions.callbacks.reads_velocity(rhs) is reads
 
 
 def test_a_large_system_does_not_change_to_newtons_method():

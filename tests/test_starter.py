@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import eig3
-from eig3.kernels.jit import element
+from eig3.kernels.compile.jit import element
 
 PAST, ROWS, EVALUATIONS = 6, 9, 1
 START, START_STEPS = "rk4", 3

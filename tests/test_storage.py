@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3 import storage
-from eig3.events import Occurrences
-from eig3.solution import TRANSIENT
+from eig3.functions.events import Occurrences
+from eig3.result import storage
+from eig3.result.solution import TRANSIENT
 
 from .conftest import coupled, oscillator, structure
 

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3 import Status, growing
-from eig3.growing import Rows
-from eig3.kernels import eig3_variable
-from eig3.kernels.jit import bound
-from eig3.variable_run import VariableRun
+from eig3 import Status
+from eig3.kernels.compile.jit import bound
+from eig3.kernels.methods import eig3_variable
+from eig3.result import growing
+from eig3.result.growing import Rows
+from eig3.run.variable_run import VariableRun
 
 from .conftest import oscillator, oscillator_vector, spring
 
@@ -696,7 +697,7 @@ def test_words_are_refused():
 JOINED = """
     import resource, sys
     import numpy as np
-    from eig3.growing import GrowingHistory, Rows
+    from eig3.result.growing import GrowingHistory, Rows
     from eig3.kernels.protocol import VECTOR
 
     def peak():

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eig3.analysis.planner import Plan, Prediction, plan
+from eig3.planning.planner import Plan, Prediction, plan
 from eig3.problem import Problem
 
 from .. import text

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eig3.problem import Problem
-from eig3.solution import Solution
+from eig3.result.solution import Solution
 
 from ..reference import Reference
 

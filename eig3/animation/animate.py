@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from .. import drawing
-from ..checks import check_time
-from ..solution import Solution
+from ..functions.checks import check_time
+from ..result.solution import Solution
 from .film import RATE, Film
 from .writers import WRITERS, check_writer, kind_of, write_film
 

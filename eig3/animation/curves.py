@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..labels import Labels
+from ..result.labels import Labels
 from .film import Film
 from .shapes import coils, limits
 

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..solution import Solution
+from ..result.solution import Solution
 
 RATE = 20  # frames a second
 _SECONDS = 8.0  # about the duration of a film

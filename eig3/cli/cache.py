@@ -15,12 +15,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    from .. import integrate, plan, problems
-    from ..kernels.cache import clear, folder_of
-    from ..kernels.fixed import scalar
+    from .. import critical_step, problems, scene, stability
+    from ..kernels.compile.cache import clear, folder_of
+    from ..kernels.loops.fixed import scalar
 
     failures = []
-    for function in (scalar, problems.duffing, integrate, plan):  # one function in each folder with compiled code
+    for function in (scalar, problems.duffing, stability.limit, scene.Scene.add, critical_step):  # one in each folder
         try:
             folder = folder_of(function)
             done = f": {clear(folder)} files deleted" if options.clear else ""

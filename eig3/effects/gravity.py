@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import callable_element
+from ..kernels.compile.jit import callable_element
 from ..scene.effect import Body
 from .vector import dot
 

@@ -2,7 +2,7 @@
 
 import math
 
-from ..kernels.jit import callable_element
+from ..kernels.compile.jit import callable_element
 
 
 @callable_element

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import callable_element
+from ..kernels.compile.jit import callable_element
 from ..scene.effect import Body
 from .coulomb_friction import on_plane
 from .hertz import damped_push, push, stored

@@ -1,6 +1,6 @@
 """Newton's law of restitution for the events of effects."""
 
-from ..kernels.jit import callable_element
+from ..kernels.compile.jit import callable_element
 
 
 @callable_element

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.jit import callable_element
+from ..kernels.compile.jit import callable_element
 from ..math import tanh
 from ..scene.effect import Link
 

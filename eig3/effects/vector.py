@@ -4,7 +4,7 @@ import math
 
 from numba.extending import overload
 
-from ..kernels.jit import OPTIONS, callable_element
+from ..kernels.compile.jit import OPTIONS, callable_element
 
 _INLINED = {"forceinline": True, **OPTIONS}
 

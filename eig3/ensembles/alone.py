@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..guard import NotFiniteAtStartError
-from ..integration import integrate
+from ..functions.guard import NotFiniteAtStartError
 from ..methods import Method
-from ..solution import Solution, Status
-from ..stepper import Cancel
+from ..result.solution import Solution, Status
+from ..run.integration import integrate
+from ..stepping.stepper import Cancel
 from .histories import Histories
 from .members import Members
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.divergence import became_non_finite
-from ..guard import not_finite_at_start
+from ..diagnosis.divergence import became_non_finite
+from ..functions.guard import not_finite_at_start
 from ..kernels.protocol import SCALAR, VECTOR
-from ..observers.growth import BLOWN_UP, OVERFLOWING
-from ..observers.written import unwritten_entry
-from ..solution import Status
-from ..stepper import Cancel
+from ..result.solution import Status
+from ..run.growth import BLOWN_UP, OVERFLOWING
+from ..run.written import unwritten_entry
+from ..stepping.stepper import Cancel
 from .growth import sizes_with_half_the_step
 from .lane_state import LaneState
 from .shared import Shared
@@ -87,7 +87,7 @@ class Block:
         self._end_broken(state.first_acceleration)
 
     def _set_natural(self) -> None:
-        """Set the natural sizes of u and v, as `eig3.observers.growth` defines them."""
+        """Set the natural sizes of u and v, as `eig3.run.growth` defines them."""
         state = self._state
         u, v = state.sizes
         span = self._ends * state.h

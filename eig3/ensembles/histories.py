@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ..extremes import Extremes
+from ..functions.extremes import Extremes
+from ..functions.quantities import Functions
 from ..kernels.protocol import SCALAR
-from ..memory import check_members_history, n_rows
 from ..methods import Method
-from ..quantities import Functions
-from ..solution import Solution, Status
-from ..stepper import NEVER
+from ..result.memory import check_members_history, n_rows
+from ..result.solution import Solution, Status
+from ..stepping.stepper import NEVER
 from .members import Members
 from .solution import EnsembleSolution
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..guard import written_beyond
+from ..functions.guard import written_beyond
 from ..kernels.lanes import Lanes, Layout
 from ..kernels.protocol import EVALUATIONS, Run
-from ..memory import aligned
-from ..slices import Slices
-from ..stepper import Cancel
+from ..result.memory import aligned
+from ..stepping.slices import Slices
+from ..stepping.stepper import Cancel
 from .members import Members
 from .shared import Shared
 

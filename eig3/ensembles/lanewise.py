@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from ..callbacks import Callback
+from ..functions.callbacks import Callback
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
 from .members import Members

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..callbacks import takes
-from ..checks import check_h, check_resolution, check_span, reals
-from ..integration import divide
+from ..functions.callbacks import takes
+from ..functions.checks import check_h, check_resolution, check_span, reals
 from ..kernels.protocol import SCALAR, VECTOR, Form
+from ..run.integration import divide
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ..memory import n_rows
 from ..methods import Method
-from ..solution import Solution
+from ..result.memory import n_rows
+from ..result.solution import Solution
 from .histories import Histories
 from .members import Members
 from .solution import EnsembleSolution

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..callbacks import check_callback, gist
-from ..checks import check_count, check_method
-from ..guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
-from ..kernels.fixed import wide_kernel
-from ..kernels.interrupt import DeferredInterrupt
+from ..functions.callbacks import check_callback, gist
+from ..functions.checks import check_count, check_method
+from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
+from ..functions.quantities import Functions, check_functions
+from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.lanes import compile_quantity, compile_rhs
+from ..kernels.loops.fixed import wide_kernel
 from ..methods import Method
-from ..observers.progress import Progress, check_progress
-from ..quantities import Functions, check_functions
-from ..stepper import Stepper
+from ..run.progress import Progress, check_progress
+from ..stepping.stepper import Stepper
 from .alone import Alone, alone
 from .block import Block
 from .histories import Histories

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from ..functions.quantities import Quantity
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
-from ..quantities import Quantity
-from ..solution import Solution
-from ..stepper import Cancel
+from ..result.solution import Solution
+from ..stepping.stepper import Cancel
 from .histories import Histories
 from .members import Members
 

@@ -11,10 +11,10 @@ from typing import Any
 
 from numba import cloudpickle  # unlike pickle, it takes functions of the main module and of other functions
 
-from ..callbacks import gist
-from ..kernels.interrupt import DeferredInterrupt
+from ..functions.callbacks import gist
+from ..kernels.compile.interrupt import DeferredInterrupt
 from ..methods import shown
-from ..observers.progress import Progress
+from ..run.progress import Progress
 from .parts import Part, Recipe, Results
 
 _IN_FLIGHT = 128  # parts with the executor; the members of the others do not occupy its memory

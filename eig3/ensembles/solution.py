@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from .. import frames
-from ..accelerations import accelerations
-from ..callbacks import check_callback
-from ..extremes import Extremes
-from ..guard import guarded
+from ..functions.accelerations import accelerations
+from ..functions.callbacks import check_callback
+from ..functions.extremes import Extremes
+from ..functions.guard import guarded
 from ..kernels.protocol import SCALAR, VECTOR
-from ..labels import Labels
 from ..methods import Method
-from ..solution import Solution, Status
+from ..result import frames
+from ..result.labels import Labels
+from ..result.solution import Solution, Status
 
 
 @dataclass(repr=False, eq=False)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..guard import guarded
+from ..functions.guard import guarded
+from ..functions.quantities import Quantity
 from ..kernels.lanes import Lanes
-from ..quantities import Quantity
-from ..stepper import NEVER
+from ..stepping.stepper import NEVER
 from .lane_state import LaneState
 
 _GUARD_ROWS = 4  # of NaN on each side of the values

@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from ..callbacks import cached_jit, jit
-from ..events import Event
-from ..families import Family
-from ..kernels.jit import callable_element
-from ..kernels.source import define
+from ..functions.callbacks import cached_jit, jit
+from ..functions.events import Event
+from ..functions.families import Family
+from ..kernels.compile.jit import callable_element
+from ..kernels.compile.source import define
 from .assembly import STATE, Assembly
 from .effect import FORCES, RESETS
 from .packing import Block, Column, Packing, Symbols, entry

@@ -14,9 +14,9 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from numba.types import unliteral
 
-from ..callbacks import gist
-from ..checks import reals
-from ..kernels.jit import compiled
+from ..functions.callbacks import gist
+from ..functions.checks import reals
+from ..kernels.compile.jit import compiled
 from .fields import annotations_of, check_fields
 
 #: The functions that cause accelerations.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import check_span, reals
+from ..functions.checks import check_span, reals
 from ..problem import Problem
 from . import codegen
 from .assembly import Cloud, Placement, assemble, count_states, note, numbered, sources

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..callbacks import check_callback, jit
 from ..ensembles.solution import EnsembleSolution
+from ..functions.callbacks import check_callback, jit
+from ..kernels.compile.source import define
 from ..kernels.protocol import SCALAR, VECTOR
-from ..kernels.source import define
 from ..problem import Problem
 
 KINDS = {

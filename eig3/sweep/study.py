@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import check_h, check_method, check_span, check_time
-from ..first_step import first_step
-from ..memory import check_study
+from ..functions.checks import check_h, check_method, check_span, check_time
 from ..methods import Method, shown
-from ..observers.progress import Progress
+from ..planning.suggested_step import first_step
 from ..problem import Problem
-from ..solution import Status
+from ..result.memory import check_study
+from ..result.solution import Status
+from ..run.progress import Progress
 from .axes import MOST_WHOLE, Axis
 from .measures import Measure
 from .parameters import Parameters

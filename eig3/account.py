@@ -1,0 +1,245 @@
+"""`eig3 run`: integrate one problem, write its history and a picture, and report its energy balance."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import drawing
+from .animation.film import is_resolved
+from .animation.writers import check_writer
+from .functions.checks import check_h, check_span
+from .methods import Method
+from .options import Files, file_name
+from .planning.suggested_step import first_step
+from .problem import Problem
+from .result.solution import Solution
+
+_STATES = 20_000  # approximate largest number of saved states
+_VALUES = 4_000_000  # largest number of saved displacements and velocities
+_CSV_VALUES = 200_000  # a longer history is written to the NPZ file only
+_PANEL = 6.5, 2.5  # width and height of a panel with its labels, inches
+
+
+def run(
+    build: Callable[..., Problem],
+    *,
+    h: float | None = None,
+    rtol: float | None = None,
+    method: str | Method | None = None,
+    t_end: float | None = None,
+    out: Path | None = None,
+    animate: str | None = None,
+    write: Callable[[str], None] = print,
+) -> Solution:
+    """Integrate one of `eig3.problems` and report on the run.
+
+    Parameters
+    ----------
+    build : callable
+        A function of `eig3.problems`. It is called with `t_end` if that is given, and with ``work=True`` if it has this
+        parameter.
+    h : float, optional
+        The step, s. The default is the step that the problem suggests, or else a tenth of the critical step.
+    rtol : float, optional
+        The relative tolerance, instead of a step. The states are then saved at equal distances in time.
+    method : str or Method, optional
+        The default is "eig3", or with rtol that of `eig3.integrate`.
+    t_end : float, optional
+        Duration, s; the problem's own if not given.
+    out : Path, optional
+        An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
+    animate : {"gif", "mp4", "html"}, optional
+        The format of an animation, which is written to `out` or else to the current folder.
+    write : callable
+        Called with each part of the report.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    TypeError, ValueError
+        For bad arguments, as `eig3.integrate` raises them.
+    ImportError
+        If what an animation needs is not installed.
+    KeyboardInterrupt
+        After Ctrl-C. The run up to then is reported and written before.
+    SystemExit
+        If a file cannot be written. The others are written, and the report is complete.
+    """
+    options: dict[str, Any] = {"work": True} if "work" in inspect.signature(build).parameters else {}
+    if t_end is not None:
+        options["t_end"] = check_span((0.0, t_end))[1]
+    if h is not None and rtol is not None:
+        raise ValueError("h and rtol exclude each other: give one of them.")
+    if animate:
+        check_writer(animate)
+    problem = build(**options)
+    interrupt = None
+    try:
+        solution = problem.integrate(**_steps(problem, h, rtol, method), invariants={})
+    except KeyboardInterrupt as error:
+        if not getattr(error, "solution", None):
+            raise
+        interrupt, solution = error, error.solution  # type: ignore[attr-defined]
+    write(f"{problem.name}: {problem.source}")
+    write("".join(f"  {line}\n" for line in problem.note.splitlines()) + str(solution))
+    balance = Balance.of(problem, solution) if problem.energy is not None and solution.success else None
+    if balance:
+        write(balance.summary())
+    elif solution.success:
+        write("  energy: this problem defines none")
+    if out is not None or animate:
+        files = Files(out or Path(), "eig3 run")
+        lacking = "" if out is None else _save(problem, solution, balance, files)
+        if animate and not interrupt:
+            resolved = _resolved(problem, solution, lambda shorter: _steps(shorter, h, rtol, method))
+            with files.writing(f"{file_name(problem.name)}.{animate}") as path:
+                problem.animate(resolved, path, t_end=solution.t[-1])
+        files.finish(write, lacking)
+    if interrupt:
+        raise interrupt
+    return solution
+
+
+def _steps(problem: Problem, h: float | None, rtol: float | None, method: str | Method | None) -> dict[str, Any]:
+    """Return the options of a run that save some thousand states."""
+    return (
+        _fixed_steps(problem, h, "eig3" if method is None else method)
+        if rtol is None
+        else _tolerances(problem, rtol, method)
+    )
+
+
+def _resolved(problem: Problem, solution: Solution, steps: Callable[[Problem], dict[str, Any]]) -> Solution:
+    """Return a run with states close enough together for an animation, which may be shorter than `solution`."""
+    while not is_resolved(solution) and solution.n_steps > len(solution.t):
+        start, end = problem.t_span
+        problem = problem.with_(t_span=(start, start + (end - start) / 10))
+        solution = problem.integrate(**steps(problem), invariants={})
+    return solution
+
+
+def _fixed_steps(problem: Problem, h: float | None, method: str | Method) -> dict[str, Any]:
+    """Return the options of a run with a fixed step."""
+    span = problem.t_span[1] - problem.t_span[0]
+    h = first_step(problem, method, span) if h is None else check_h(h)
+    every = max(1, round(min(span / h, 2**53) / _most_states(problem)))
+    return {"h": h, "method": method, "save_every": every}
+
+
+def _tolerances(problem: Problem, rtol: float, method: str | Method | None) -> dict[str, Any]:
+    """Return the options of a run with tolerances, the number of whose steps is not known before."""
+    return {"rtol": rtol, "method": method, "t_eval": np.linspace(*problem.t_span, _most_states(problem) + 1)}
+
+
+def _most_states(problem: Problem) -> int:
+    return min(_STATES, _VALUES // (2 * np.size(problem.u0)))
+
+
+@dataclass(frozen=True)
+class Balance:
+    """The energy balance of a run.
+
+    Attributes
+    ----------
+    t : ndarray, shape (m,)
+    energy : ndarray, shape (m,)
+        The mechanical energy at the saved states.
+    work : ndarray, shape (m,), or None
+        The work done up to each saved state; None if the problem does not follow it.
+    unit : str
+        Unit of energy and work.
+    """
+
+    t: np.ndarray
+    energy: np.ndarray
+    work: np.ndarray | None
+    unit: str
+
+    @classmethod
+    def of(cls, problem: Problem, solution: Solution) -> Balance:
+        energy = problem.energy_of(solution.u, solution.v, solution.t)
+        return cls(solution.t, energy, solution.integrals.get("work"), problem.energy_unit)
+
+    def summary(self) -> str:
+        """Describe the energy at both ends, and the largest change of energy that the work does not explain."""
+        energy, work, unit = self.energy, self.work, self.unit
+        change = energy if work is None else energy - work
+        unexplained = np.abs(change - change[0]).max()
+        lines = [
+            f"  energy: {energy[0]:.6g} {unit} at the start, {energy[-1]:.6g} {unit} at the end, "
+            f"between {energy.min():.6g} and {energy.max():.6g} {unit}"
+        ]
+        if work is None:
+            lines.append(f"  change of energy: at most {unexplained:.3g} {unit}; the exact solution keeps its energy")
+        else:
+            lines.append(
+                f"  work done: {work[-1]:.6g} {unit} at the end, between {work.min():.6g} and {work.max():.6g} {unit}; "
+                f"change of energy minus work: at most {unexplained:.3g} {unit}"
+            )
+        return "\n".join(lines)
+
+    def draw(self, figure: Any) -> None:
+        """Draw the change of energy since the start, and the work done."""
+        change = self.energy - self.energy[0]
+        if self.work is None:
+            drawing.lines(drawing.time_panel(figure, f"change of energy\n({self.unit})"), self.t, change)
+            return
+        axes = drawing.time_panel(figure, f"since the start\n({self.unit})")
+        drawing.lines(axes, self.t, np.column_stack([change, self.work]), ["change of\nenergy", "work done"])
+        axes.lines[1].set_linestyle("--")
+        drawing.legend(axes)
+
+
+def _save(problem: Problem, solution: Solution, balance: Balance | None, files: Files) -> str:
+    """Write the files; return what to add to the list of written files."""
+    t, u, v = solution.t, solution.u, solution.v
+    name = file_name(problem.name)
+    arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.integrals}
+    with files.writing(f"{name}.npz") as path:
+        np.savez_compressed(path, **arrays)
+    table = np.column_stack([t, u, v, *solution.integrals.values()])
+    if table.size <= _CSV_VALUES:
+        columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
+        header = ",".join(["t", *columns, *solution.integrals])
+        with files.writing(f"{name}.csv") as path:
+            np.savetxt(path, table, delimiter=",", header=header, comments="")
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        return drawing.NO_PICTURES
+    figure = Figure(layout="constrained")
+    draw(figure, problem, solution, balance)
+    with files.writing(f"{name}.png") as path:
+        figure.savefig(path, dpi=130)
+    return ""
+
+
+def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | None = None) -> None:
+    """Draw the problem's own picture and the energy balance. If the run blew up, draw the part before the growth."""
+    shown = drawing.before_growth(solution)
+    (problem.draw or drawing.histories)(figure, shown)
+    if balance:
+        balance.draw(figure)
+    step = "h" if solution.steps is None else "mean h"
+    title = f"{problem.name}, {solution.method.label}, {step} = {solution.h:.3g} s"
+    if not solution.success:
+        what, n = solution.status.value, len(shown.t)
+        title += f"\n{what}; the last state is at t = {solution.t[-1]:.4g} s"
+        if n < len(solution.t):
+            title += f"\nshown up to t = {shown.t[-1]:.4g} s, where the growth begins"
+            drawing.growth(figure, solution, n)
+            what = "growth begins"
+        drawing.mark(figure, shown.t[-1], what)
+    figure.suptitle(title, parse_math=False)  # the name of a problem may contain dollar signs
+    width, height = _PANEL
+    is_wide = bool(drawing.pictures(figure))
+    figure.set_size_inches((2 if is_wide else 1.4) * width, max(2, len(drawing.time_panels(figure))) * height + 0.5)

@@ -1,0 +1,105 @@
+"""Find out whether a run with a fixed step has too few steps in a period of its motion. This takes some microseconds.
+
+A harmonic motion with theta = omega h has the second differences u_{n+1} - 2 u_n + u_{n-1} = -(2 sin(theta/2))^2 u_n.
+The sums of their squares over all degrees of freedom give a mean theta of the motion, in which small vibrations of high
+modes do not count.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..kernels.protocol import SCALAR
+from ..methods import Method
+from ..stability import limit
+from ..stepping.stepper import Stepper
+
+_SUFFICIENT = 20  # steps in a period, for the step to suggest
+_FEW, _FEW_OF_HIGH_ORDER = 6, 3  # least steps in a period, for methods up to and above _LOW_ORDER
+_LOW_ORDER = 4
+_SHORT = 8  # a run of fewer steps does not show its period: any motion is curved like that
+_ROWS, _VALUES = 64, 2**14  # the largest part of the history that is looked at
+_STANDING = 1e-10  # a motion of this part of |u| is round-off
+_OVERDAMPED = 5.0  # damping ratio at which the limit of c h is found
+
+
+def coarseness(stepper: Stepper, u: np.ndarray | None) -> str:
+    """Describe a step that is too long for the motion; empty if it is short enough.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        It stands at the end of the run.
+    u : ndarray, shape (m,) or (m, n), or None
+        The displacements after every step, if they were saved.
+    """
+    if u is None or len(u) <= _SHORT:
+        return _at_start(stepper)
+    theta = _theta(u[-max(_SHORT + 1, min(_ROWS, _VALUES // stepper.n)) :])
+    return _few(stepper.h, theta, "end", "") if theta > _most(stepper.method) else ""
+
+
+def _theta(u: np.ndarray) -> float:
+    """Return the mean of omega h over equidistant states; 0.0 if they stand still."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        about = u - u.mean(axis=0)
+        bend = about[2:] - 2 * about[1:-1] + about[:-2]
+        spread, bends = np.vdot(about, about), np.vdot(bend, bend)
+        if not (spread > (_STANDING * np.abs(u).max()) ** 2 and bends < math.inf):
+            return 0.0
+    return 2 * math.asin(min(1.0, (bends / spread) ** 0.25 / 2))
+
+
+def _most(method: Method) -> float:
+    return 2 * math.pi / (_FEW if method.order <= _LOW_ORDER else _FEW_OF_HIGH_ORDER)
+
+
+def _at_start(stepper: Stepper) -> str:
+    """Judge h by the changes of the acceleration along the first step, at a fixed time.
+
+    A single degree of freedom has one period. Many have a range of them, of which the shortest may be only just stable.
+    """
+    h, (u, v), a = stepper.h, stepper.start, stepper.first_acceleration
+    with np.errstate(over="ignore", invalid="ignore"):
+        try:
+            theta = math.sqrt(h * h * _rate(stepper, a, u + h * (v + h / 2 * a), v))
+            damping = h * _rate(stepper, a, u, v + h * a)
+        except Exception:  # rhs may fail beyond the states of the motion
+            return ""
+    if theta > _most(stepper.method):
+        most = limit(stepper.running)
+        if theta > most:
+            beyond = f"; {stepper.method.label} is unstable beyond h = {h * most / theta:.2g}"
+            return _few(h, theta, "start", beyond)
+        if stepper.n == 1:
+            return _few(h, theta, "start", "")
+    if damping > 1 and not stepper.running.is_implicit:
+        most = 2 * _OVERDAMPED * limit(stepper.running, _OVERDAMPED)
+        if damping > most:
+            return (
+                f"h = {h:g} is beyond the critical step: with the damping at the start, {stepper.method.label} is "
+                f"stable up to h = {h * most / damping:.2g}."
+            )
+    return ""
+
+
+def _rate(stepper: Stepper, a: Any, u: Any, v: Any) -> float:
+    """Return |change of f| / |change of the state| from the start to the state u, v; 0.0 if it does not change."""
+    u0, v0 = stepper.start
+    size: Any = abs if stepper.form is SCALAR else np.linalg.norm
+    change = size(u - u0) + size(v - v0)  # one of them is zero
+    if not 0 < change < math.inf:
+        return 0.0
+    rate = float(size(stepper.acceleration(stepper.t0, u, v) - a) / change)
+    return rate if rate < math.inf else 0.0
+
+
+def _few(h: float, theta: float, where: str, more: str) -> str:
+    period = 2 * math.pi / theta
+    return (
+        f"h = {h:g} is long for this motion: at the {where} of the run, a period has about {period:.2g} steps{more}. "
+        f"Take h = {h * period / _SUFFICIENT:.2g} for {_SUFFICIENT} steps in a period, or the step of eig3.plan."
+    )

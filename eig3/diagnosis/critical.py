@@ -1,0 +1,410 @@
+"""The longest stable step of a method for a system at a state."""
+
+from __future__ import annotations
+
+import functools
+import math
+import numbers
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..functions.callbacks import cached_jit
+from ..functions.checks import check_method, check_time, velocity_refused
+from ..methods import Method
+from ..stability import (
+    NEGLIGIBLE,
+    NEGLIGIBLE_GROWTH,
+    eigenvalues,
+    first_above,
+    first_exit,
+    growth_in_words,
+    oscillator_matrices,
+    state_size,
+    step_once,
+)
+from ..stability import limit as limit_of
+from ..stepping.stepper import Stepper
+from .linear import Linearised, linearise
+
+_COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
+_RIGID = 1e-7  # rates below this fraction of the largest are errors of the differences: the motion is rigid
+_RIGID_PROJECTED = 1e-6  # the same for a projected system, whose differences have more round-off
+_ROUND_OFF = 1e-8  # round-off in the eigenvalues of the step of one oscillator
+_COUPLED_ROUND_OFF = 1e-6  # round-off in the eigenvalues of the step of many coupled degrees of freedom
+_NEAR = 1e-7  # relative accuracy of the search for the limit of coupled modes
+_NEAR_PROJECTED = 5e-4  # the same for a projected system, where the projection is less accurate than that
+_SAME = 1e-3  # eigenvalues closer than this are equal: round-off is less, the difference of two methods is more
+_STEPPED = 22  # directions of each of three kinds, for an explicit method: all of them up to 64 degrees of freedom
+_SOLVED = 12  # the same for an implicit method, which needs a solve for each unit state
+_VALUES = 320  # largest size of the matrix of a step on the three kinds; its eigenvalues then take some 20 ms
+_SOLVED_TOGETHER = 32  # degrees of freedom in one solve: its cost grows with their cube
+_STEADY = ("eig3", "cd", "rk4")  # methods to suggest if the requested one has no stable step
+_SHORTEST, _LONGEST = 1e-3, 100.0  # first and last step of the search, in radians of the fastest and the slowest mode
+_COUPLED_SHORTEST = 0.03  # longest first step of the search for coupled modes
+_FIRST_PART = 0.25  # the first step is at most this part of the limit with critical damping
+_SHORTER = 0.8  # factor to a step at which growth as a power of h is still seen
+_FINE, _COARSE = 1.02, 1.3  # ratio of one step of the search to the one before: for separate and for coupled modes
+_BEYOND = np.array([1.00001, 1.0005, 1.002, 1.01])  # where a short interval of unstable steps may begin at a limit
+
+
+@dataclass(frozen=True)
+class CriticalStep:
+    """The longest stable step at a state, as `critical_step` finds it.
+
+    Attributes
+    ----------
+    h : float
+        The step to take, in the unit of time of rhs: `limit` times the safety factor.
+    omega_max : float
+        Undamped angular frequency of the mode that limits the step, in radians per unit of time; 0.0 if the mode has no
+        restoring force.
+    xi : float
+        Damping ratio of that mode: negative if the system excites it, infinite if it has no restoring force.
+    evaluations : int
+        Number of evaluations of the right-hand side that the search took.
+    limit : float
+        The longest stable step. Beyond it the linearised system is unstable or, with fixed-point iteration, the solve
+        does not converge.
+    """
+
+    h: float
+    omega_max: float
+    xi: float
+    evaluations: int
+    limit: float
+
+
+class NoCriticalStepError(ValueError):
+    """There is no longest stable step: every step is stable, or none is."""
+
+
+class NoStableStepError(NoCriticalStepError):
+    """The method is unstable at every step."""
+
+
+def critical_step(
+    rhs: Any,
+    u0: ArrayLike,
+    v0: ArrayLike,
+    params: ArrayLike = (),
+    *,
+    method: str | Method = "eig3",
+    t: float = 0.0,
+    safety: float = 0.9,
+) -> CriticalStep:
+    """Find the longest stable step of a method for the system linearised at a state.
+
+    Parameters
+    ----------
+    rhs : jitted function
+        As for `eig3.integrate`.
+    u0, v0 : float or array_like, shape (n,)
+        The state.
+    params : float or array_like
+    method : str or Method
+    t : float
+        The time of the state.
+    safety : float
+        Factor from `limit` to `h`, above 0 and up to 1. A nonlinear system can have higher frequencies at later states.
+        A stable step is not always an accurate one: `eig3.plan` finds a step for a given accuracy.
+
+    Returns
+    -------
+    CriticalStep
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `eig3.integrate` would refuse the arguments, if rhs is not finite close to the state, or if a method with
+        velocity="none" is given a rhs that reads v.
+    NoCriticalStepError
+        A ValueError. It is raised if nothing at this state limits the step, and if the method is unstable at every
+        step, as RK2, AB2 and EIG of the grades 6, 7, 10 and 11 are without damping. If the growth is slow, the message
+        names the step up to which it is below 1e-5 a step.
+
+    Notes
+    -----
+    K = -df/du and C = -df/dv come from differences of rhs. At a kink the stiffer side counts. Up to 64 degrees of
+    freedom K and C are full matrices, and the limit of a smooth rhs is accurate to about 1e-6. For larger systems they
+    are projected on 60 to 90 directions, which Arnoldi's iteration finds, and the limit is up to some 0.1 % too long.
+
+    If K and C have common modes, each mode is an oscillator u'' + c u' + k u = 0, and a growth below 1e-8 a step is
+    round-off. If they have none, the step of a Runge-Kutta or Adams method still depends on the rates of the system's
+    own modes only. The step of EIG-3, of EIG of any grade and of central difference does not: the kernel then takes one
+    step of the whole system from each unit state, and the limit follows from the eigenvalues of the matrix of these
+    steps, with a round-off of 1e-6. An implicit method takes these steps on the 36 fastest directions at most, EIG of
+    grade 5 on 45, and of grade 13 on 21; with more degrees of freedom, the limit is accurate to 5e-4 or so.
+
+    A solution may grow if the system itself grows, as from an unstable position.
+    """
+    method, t = check_method(method), check_time(t, "t")
+    if isinstance(safety, bool) or not (isinstance(safety, numbers.Real) and 0 < safety <= 1):
+        raise ValueError(f"safety must be a number above 0 and up to 1, not {safety!r}.")
+    start = Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method="rk4")  # checks the arguments
+    return critical(start.acceleration, t, start.u, start.v, method, float(safety))
+
+
+def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:
+    """Do the same as `critical_step` for a function ``acceleration(t, u, v)`` that is finite at the state."""
+    system = linearise(acceleration, t, u, v)
+    if method.ignores_velocity and system.C.any():
+        raise velocity_refused(method)
+    limit, omega, xi = longest_stable_step(method, system)
+    if math.isinf(limit):
+        raise NoCriticalStepError(
+            "nothing that oscillates or decays limits the step at this state; choose h for accuracy, and for the "
+            "states that follow."
+        )
+    if limit == 0:
+        raise NoStableStepError(
+            f"{method!r} is unstable at every step for this system, with a mode of omega = {omega:.4g} and xi = "
+            f"{xi:.2g}; {_growth_of(method, system)}a method that has a stable step for it{_such_as(system)}."
+        )
+    return CriticalStep(safety * limit, omega, xi, system.evaluations, limit)
+
+
+def _growth_of(method: Method, system: Linearised) -> str:
+    """Say how fast the motion grows at short steps, and up to which step that is negligible in most runs."""
+    h, _, _ = longest_stable_step(method, system, NEGLIGIBLE_GROWTH)
+    if h == 0:
+        return "choose "
+    rate = "" if system.C.any() else growth_in_words(method.without_velocity())
+    shown = f" (by {rate}, where Omega = omega h)" if rate else ""
+    return f"it grows weakly, by less than {NEGLIGIBLE} a step up to h = {h:.4g}{shown}; choose a step below that, or "
+
+
+def _such_as(system: Linearised) -> str:
+    """Name methods that have a stable step. EIG-5 is named where EIG-3 has none, as with gyroscopic forces alone."""
+
+    def has_step(name: str) -> bool:
+        return longest_stable_step(check_method(name), system)[0] > 0
+
+    others = [name for name in _STEADY if has_step(name)]
+    if "eig3" not in others and has_step("eig5"):
+        others = ["eig5", *others]
+    return f", such as {', '.join(map(repr, others))}" if others else ""
+
+
+def longest_stable_step(method: Method, system: Linearised, growth: float = 0.0) -> tuple[float, float, float]:
+    """The limit, and the frequency and damping ratio of the mode that sets it.
+
+    The limit is 0 if the method is unstable at every step, and infinite if nothing limits the step. With a `growth`, it
+    is the limit of the steps at which the motion grows by at most this much a step.
+    """
+    rates = system.rates()
+    if not rates.any():
+        return math.inf, 0.0, 0.0
+    if not system.C.any():
+        method = method.without_velocity()  # the same step, without a solve
+    modes = _modes(system)
+    if modes is None and not method.is_implicit and _sees_rates(method):
+        modes = _oscillators_of(rates)
+    if modes is None:
+        system = system.fastest(_directions(method))
+    limit, k, c = _coupled_limit(method, system, growth) if modes is None else _modal_limit(method, *modes, growth)
+    return limit, *_frequency(k, c)
+
+
+def _directions(method: Method) -> int:
+    """Number of directions of each of three kinds for the step of a system without common modes."""
+    return _SOLVED if method.is_implicit else min(_STEPPED, _VALUES // (3 * state_size(method)))
+
+
+def _frequency(k: complex, c: complex) -> tuple[float, float]:
+    """Undamped frequency and damping ratio of a mode u'' + c u' + k u = 0; c is imaginary in a gyroscopic one."""
+    omega = math.sqrt(max(0.0, k.real))
+    if abs(c.imag) > _COMMUTING * abs(c):
+        rate = max(np.roots([1.0, c, k]), key=abs)
+        omega, xi = abs(rate), -rate.real / abs(rate)
+    else:
+        xi = c.real / (2 * omega) if omega > 0 else math.inf
+    return float(omega), 0.0 if abs(xi) < _COMMUTING else float(xi)
+
+
+def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return k and c of each mode u'' + c u' + k u = 0 that K and C have in common; None if they do not share modes."""
+    K, C = system.K, system.C
+    norm_k, norm_c = (float(np.linalg.norm(x, 2)) for x in (K, C))
+    fastest = max(math.sqrt(norm_k), norm_c)
+    norm_k, norm_c = norm_k or 1.0, norm_c or 1.0
+    # The weight is arbitrary: it only has to give different modes different sums.
+    shapes = np.linalg.eig(K / norm_k + 0.7310585786 * C / norm_c)[1]
+    k, c = (np.einsum("ij,ij->j", shapes.conj(), x @ shapes) for x in (K, C))
+    left_k = np.abs(K @ shapes - k * shapes).max() / norm_k
+    left_c = np.abs(C @ shapes - c * shapes).max() / norm_c
+    imaginary = max(np.abs(k.imag).max() / norm_k, np.abs(c.imag).max() / norm_c)
+    if max(left_k, left_c, imaginary) > _COMMUTING:
+        return None
+    k, c = k.real, c.real
+    rigid = _RIGID if system.is_complete else _RIGID_PROJECTED
+    k[np.abs(k) < rigid * norm_k] = 0.0
+    c[np.abs(c) < rigid * fastest] = 0.0
+    return k, c
+
+
+def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray, allowed: float) -> tuple[float, float, float]:
+    """The limit over all modes, and k and c of the mode that sets it."""
+    scale = float(np.maximum(np.sqrt(np.abs(k)), np.abs(c)).max())
+    k, c = k / scale / scale, c / scale
+    moving = (k != 0) | (c != 0)
+    k, c = k[moving], c[moving]
+    root = np.sqrt((c * c / 4 - k).astype(complex))
+    rates = np.stack([-c / 2 + root, -c / 2 - root], axis=-1)
+
+    def growth(h: np.ndarray) -> np.ndarray:
+        h = h[:, None]
+        return _growth(oscillator_matrices(method, h * h * k, h * c), h, rates)
+
+    slowest = float(np.where(k != 0, np.sqrt(np.abs(k)), np.abs(c)).min())
+    steps = _geometric(_SHORTEST, _LONGEST / slowest, _FINE)
+    if not c.any() and k.max() > 0:  # BM6 is unstable in a short interval only
+        steps = np.union1d(steps, limit_of(method) / math.sqrt(k.max()) * _BEYOND)
+        steps = steps[(steps > 0) & np.isfinite(steps)]
+    blocks = np.array_split(steps, len(steps) // 50 + 1)
+
+    def largest(h: np.ndarray) -> np.ndarray:
+        return growth(h).max(axis=1)
+
+    if allowed:
+        limit, _ = first_above(largest, allowed, blocks=blocks)
+    else:
+        limit = first_exit(largest, _ROUND_OFF, blocks=blocks)
+    if math.isinf(limit):
+        return limit, 0.0, 0.0
+    grown = growth(limit * _BEYOND if limit > 0 else np.array([0.1]))
+    first = np.argmax(grown.max(axis=1) > 2 * _ROUND_OFF)  # further on, another mode may grow faster
+    limiting = int(np.argmax(grown[first]))
+    return limit / scale, float(k[limiting]) * scale * scale, float(c[limiting]) * scale
+
+
+def _geometric(first: float, last: float, ratio: float) -> np.ndarray:
+    return first * ratio ** np.arange(math.ceil(math.log(last / first) / math.log(ratio)) + 1)
+
+
+def _growth(matrices: np.ndarray, h: Any, rates: np.ndarray) -> np.ndarray:
+    """The numerical growth in one step, beyond what grows in the system with these rates itself.
+
+    The matrix may have as many roots outside the unit circle as the system has growing rates. These roots may grow at
+    up to twice the fastest of the rates.
+    """
+    sizes = np.abs(eigenvalues(matrices))
+    growing = (rates.real > _RIGID * np.abs(rates).max()).sum(axis=-1)
+    fastest = np.where(growing > 0, rates.real.max(axis=-1), 0.0)
+    with np.errstate(over="ignore"):
+        beyond = sizes.max(axis=-1) - np.exp(2 * h * fastest)
+    allowed = np.arange(sizes.shape[-1]) < growing[..., None]
+    others = np.where(allowed, 0.0, -np.sort(-sizes, axis=-1)).max(axis=-1) - 1
+    return np.where(np.isfinite(sizes).all(axis=-1), np.maximum(beyond, others), np.inf)
+
+
+def _oscillators_of(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """k and c of oscillators with these rates: one for each conjugate pair, one with a double root for a real rate."""
+    upper = rates[rates.imag >= 0]
+    return np.abs(upper) ** 2, -2 * upper.real
+
+
+@functools.cache
+def _sees_rates(method: Method) -> bool:
+    """Whether the method's step depends on the rates of a system only, as for every method of first-order systems.
+
+    The test system has stiffness, damping and gyroscopic forces of similar size, without common modes.
+    """
+    system = Linearised(np.array([[1.0, 0.0], [0.0, 0.5]]), np.array([[0.3, 0.5], [-0.4, 0.6]]), 0)
+    k, c = _oscillators_of(system.rates())
+    by_rates = eigenvalues(oscillator_matrices(method, k, c)).ravel()
+    apart = np.abs(eigenvalues(_step_matrix(method, system, 1.0))[:, None] - by_rates)
+    return bool(apart.min(axis=1).max() < _SAME and apart.min(axis=0).max() < _SAME)
+
+
+def _coupled_limit(method: Method, system: Linearised, allowed: float) -> tuple[float, complex, complex]:
+    """The limit of modes that do not decouple, from the eigenvalues of the method's step of the whole system."""
+    rates = system.rates()
+
+    def is_stable(h: float, tolerance: float = max(allowed, _COUPLED_ROUND_OFF)) -> bool:
+        return bool(_growth(_step_matrix(method, system, h), h, rates) <= tolerance)
+
+    low = high = 0.0
+    for high in _steps(method, system, float(np.abs(rates).max())):
+        if not is_stable(high):
+            break
+        low = high
+    else:
+        return math.inf, 0.0, 0.0
+    near = _NEAR if system.is_complete else _NEAR_PROJECTED
+    while low > 0 and high > (1 + near) * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if is_stable(middle) else (low, middle)
+    # As in `first_exit`: a method that grows at every step passes the tolerance too, but not steeply. Several steps are
+    # tried, because the system can be stable again just beyond a limit.
+    steep = [h for h in (_BEYOND * high).tolist() if not is_stable(h, 2 * _COUPLED_ROUND_OFF)]
+    shape = _limiting_shape(method, system, max(steep, default=high))
+    k, c = (complex(shape.conj() @ x @ shape) for x in (system.K, system.C))
+    # With weak damping, the growth beyond a limit is not steep either. But then nothing grows at a shorter step.
+    grows_at_every_step = not steep and not is_stable(_SHORTER * high, _COUPLED_ROUND_OFF / 100)
+    return 0.0 if grows_at_every_step and not allowed else low, k, c
+
+
+def _limiting_shape(method: Method, system: Linearised, h: float) -> np.ndarray:
+    """Return the displacements, of norm 1, of the mode that is unstable at the step h."""
+    matrix = _step_matrix(method, system, h)
+    if np.isfinite(matrix).all():
+        values, vectors = np.linalg.eig(matrix)
+        # A numerical instability alternates or oscillates from step to step. A growth of the system itself does not.
+        limiting = np.argmax(np.where(np.abs(values) > 1, np.abs(values - 1), 0.0))
+        shape = vectors[: len(system.K), limiting]
+    else:  # the solve for v fails, and it is harder the larger h C is
+        values, vectors = np.linalg.eig(system.C)
+        shape = vectors[:, np.argmax(np.abs(values))]
+    return shape / np.linalg.norm(shape)
+
+
+def _steps(method: Method, system: Linearised, fastest: float) -> list[float]:
+    """The steps at which to look for an instability, from the shortest to the longest.
+
+    They include some just above the undamped limit of the stiffest mode. A solution of central difference that
+    alternates from step to step has zero velocity, so that gyroscopic forces do not act on it: there one mode becomes
+    unstable. At the undamped limit of a second mode, gyroscopic forces can stabilise both again.
+    """
+    stiffness = np.abs(np.linalg.eigvals(system.K))
+    stiffest = math.sqrt(stiffness.max())
+    restored = stiffness[stiffness > _RIGID * stiffness.max()]
+    slowest = math.sqrt(restored.min()) if restored.size else fastest
+    # A method of high order has a short limit with damping.
+    damped = limit_of(method, 0.0 if method.ignores_velocity else 1.0) or math.inf
+    shortest = min(_COUPLED_SHORTEST, _FIRST_PART * damped)
+    steps = _geometric(shortest / fastest, _LONGEST / slowest, _COARSE)
+    if stiffest > 0:
+        beyond = limit_of(method.without_velocity()) / stiffest * _BEYOND
+        steps = np.concatenate([steps, beyond[(beyond > steps[0]) & (beyond < steps[-1])]])
+    return sorted(steps.tolist())
+
+
+def _step_matrix(method: Method, system: Linearised, h: float) -> np.ndarray:
+    """The matrix of one step of the whole system on (u, h v, past ...), column by column from the unit states."""
+    m, rows = len(system.K), state_size(method)
+    size = m * rows
+    params = np.concatenate([[m], h * h * system.K.ravel(), h * system.C.ravel()])
+    units = np.eye(size).reshape(size, rows, m)
+    each = max(1, _SOLVED_TOGETHER // m) if method.is_implicit else size
+    columns = []
+    for first in range(0, size, each):
+        copies = units[first : first + each]
+        state = np.ascontiguousarray(copies.transpose(1, 0, 2).reshape(rows, -1))
+        stepped = step_once(method, _copies, params, state)
+        columns.append(stepped.reshape(rows, len(copies), m).transpose(1, 0, 2).reshape(len(copies), size))
+    return np.concatenate(columns).T
+
+
+@cached_jit
+def _copies(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
+    m = int(p[0])
+    for first in range(0, u.size, m):
+        for i in range(m):
+            total = 0.0
+            for j in range(m):
+                total -= p[1 + i * m + j] * u[first + j] + p[1 + m * m + i * m + j] * v[first + j]
+            a[first + i] = total

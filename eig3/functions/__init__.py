@@ -1,0 +1,1 @@
+"""What a user hands over: callbacks with their checks, quantities and events."""

@@ -1,0 +1,316 @@
+"""The user's compiled functions: the decorator that compiles them, and the checks before a kernel calls them."""
+
+from __future__ import annotations
+
+import dis
+import functools
+import inspect
+import operator
+import re
+import types
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numba
+from numba.core.dispatcher import Dispatcher
+
+from ..kernels.compile.cache import keep_on_disk
+from ..kernels.compile.captured import Captured, helpers_first
+from ..kernels.compile.interrupt import DeferredInterrupt
+from ..kernels.compile.jit import OPTIONS, compiled
+from ..kernels.protocol import SCALAR, VECTOR, Form
+
+__all__ = ["Callback", "cached_jit", "check_callback", "gist", "jit", "reads_time", "reads_velocity"]
+
+
+def jit(function: Callable | None = None, **options: Any) -> Any:
+    """Compile a function with ``numba.njit`` and the compiler options of the kernels.
+
+    The compiler may fuse multiply-adds, a division by zero gives infinity, and the function releases the GIL. A
+    right-hand side decorated with plain ``numba.njit`` works too, but some are a little slower.
+
+    Parameters
+    ----------
+    function : function
+        The function to compile. Without it, ``jit(**options)`` returns a decorator.
+    **options
+        Options of ``numba.njit``, which replace those of the kernels. With ``cache=True``, the compiled function is
+        kept on the disk. A damaged file is then compiled again. In a folder that cannot be written, or that other
+        users can write, each process compiles the function, with a warning.
+
+    Returns
+    -------
+    Numba dispatcher, or a decorator
+
+    Notes
+    -----
+    Numba compiles a global variable as a constant. If its value has changed when the next run begins, the function is
+    compiled again, which takes some tenths of a second: pass values that change often as parameters. A cached
+    function is compiled again if its own file changes, but not if the file of a function that it calls does. Numba does
+    not check indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
+    """
+    if function is None:
+        return functools.partial(jit, **options)
+    options = {**OPTIONS, **options}
+    is_kept = options.pop("cache", False)
+    jitted = numba.njit(**options)(function)
+    return keep_on_disk(jitted) if is_kept else jitted
+
+
+#: The decorator for functions of the library, which are kept on the disk.
+cached_jit = jit(cache=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Callback:
+    """A user's function, compiled for the fixed signature of its kind.
+
+    Attributes
+    ----------
+    address : int
+        The address of its machine code. A kernel in pointer mode calls the function at this address.
+    call : callable
+        Calls the function from Python. It does not check the types of the arguments, which must be those of the
+        signature.
+    compiled : Numba's compile result
+        Keeps the machine code alive.
+    function : function
+        The plain Python function, with the globals that were compiled. A later assignment has no effect on it.
+    reads_velocity : bool
+        False if the function certainly does not read its third argument, v.
+    reads_time : bool
+        False if the function certainly does not read its first argument, t.
+    captured : tuple of Captured
+        The values from outside that were compiled into the function and into those that it calls.
+    pace : dict
+        Measured seconds per step of the kernels that called it, by kernel and number of degrees of freedom.
+    """
+
+    address: int
+    call: Callable
+    compiled: Any
+    function: Callable
+    reads_velocity: bool
+    reads_time: bool
+    captured: tuple[Captured, ...]
+    pace: dict[tuple, float] = field(default_factory=dict)
+
+
+_ARGUMENTS = {
+    ("rhs", SCALAR): "(t, u, v, p) -> a",
+    ("rhs", VECTOR): "(t, u, v, p, a), writing a",
+    ("jacobian", SCALAR): "(t, u, v, p) -> df/dv",
+    ("jacobian", VECTOR): "(t, u, v, p, J), writing J",
+    ("apply", SCALAR): "(t, u, v, p) -> (u, v)",
+    ("apply", VECTOR): "(t, u, v, p), writing u and v",
+    ("output", SCALAR): "(t, u, v, p, out), writing out",
+    ("output", VECTOR): "(t, u, v, p, out), writing out",
+}
+_INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
+
+# The references are weak, so that a program that makes many functions does not keep all of them in memory.
+_checked: WeakKeyDictionary[Dispatcher, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
+_captured: WeakKeyDictionary[Dispatcher, Captured] = WeakKeyDictionary()  # at the time when each was compiled
+
+
+def check_callback(function: Any, kind: str, form: Form, name: str | None = None) -> Callback:
+    """Compile a function for the fixed signature of its kind.
+
+    Parameters
+    ----------
+    function
+        The argument that the user passed.
+    kind : {"rhs", "jacobian", "invariant", "output", "event", "apply"}
+        The signature: an attribute of `Form`.
+    form : Form
+    name : str, optional
+        The name of the argument in error messages; the default is `kind`.
+
+    Returns
+    -------
+    Callback
+        The same object at each call, until the user compiles the function anew, or assigns another value to a variable
+        that was compiled into it: it is then compiled with that value.
+
+    Raises
+    ------
+    TypeError
+        If `function` is not decorated, has other arguments or another return type, or does not compile.
+    ValueError
+        If it draws random numbers.
+    """
+    if isinstance(function, Dispatcher):
+        if hasattr(function, "callback"):  # a member of a `Family`
+            return function.callback(kind, form, name or kind)
+        known = _checked.setdefault(function, {}).get((kind, form.name))
+        if known is not None and is_present(known, function):
+            return known
+    with DeferredInterrupt():
+        result = _compile(function, kind, form, name or kind)
+        address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    captured = tuple(captured for _, captured in helpers_first(function))
+    reads = reads_velocity(function), reads_time(function)
+    callback = Callback(address, result.entry_point, result, _with_present_globals(function), *reads, captured)
+    _checked[function][kind, form.name] = callback
+    return callback
+
+
+def is_present(known: Callback, function: Dispatcher) -> bool:
+    """Return whether the function is still the one that was compiled, and so is each value from outside."""
+    # The user may have compiled the function anew. `dict.values` is used because the `values` method of Numba's ordered
+    # dictionary hashes every type, which takes longer than the rest of this call.
+    is_compiled = any(map(functools.partial(operator.is_, known.compiled), dict.values(function.overloads)))
+    return is_compiled and not any(map(Captured.differs, known.captured))
+
+
+def _refuse_random(function: Dispatcher, name: str) -> None:
+    found = next((captured.random for _, captured in helpers_first(function) if captured.random), "")
+    if found:
+        raise ValueError(
+            f"{name} draws random numbers ({found}), so that no run could be repeated: draw them before the run, and "
+            "pass them in params."
+        )
+
+
+def _renew(function: Dispatcher) -> None:
+    """Compile a function, and those that it calls, anew if values that were compiled into them have changed."""
+    renewed: list[Dispatcher] = []
+    for each, captured in helpers_first(function):
+        before = _captured.get(each)
+        # What was compiled before it came here may have been compiled with any values.
+        is_old = before.differs() if before else bool(captured.values)
+        if each.overloads and (is_old or any(helper in renewed for helper in captured.functions)):
+            each.recompile()
+            renewed.append(each)
+        _captured[each] = captured
+
+
+def _with_present_globals(function: Any) -> Callable:
+    """Return a copy of the Python function whose globals do not change."""
+    f = function.py_func
+    copy = types.FunctionType(f.__code__, dict(f.__globals__), f.__name__, f.__defaults__, f.__closure__)
+    copy.__kwdefaults__, copy.__module__ = f.__kwdefaults__, f.__module__
+    return copy
+
+
+def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
+    wanted = _ARGUMENTS.get((kind, form), _INVARIANT_ARGUMENTS)
+    signature = getattr(form, kind)
+    if not isinstance(function, Dispatcher):
+        if callable(function):
+            raise TypeError(f"{name} must be compiled: decorate it with @eig3.jit or @numba.njit.")
+        raise TypeError(
+            f"{name} must be a function decorated with @eig3.jit or @numba.njit, not {type(function).__name__}."
+        )
+    _check_arguments(function.py_func, name, kind, form, wanted, len(signature.args))
+    result = compile_present(function, signature.args, kind, name, wanted)
+    returned = result.signature.return_type
+    if returned != signature.return_type:
+        raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
+    return result
+
+
+def compile_present(function: Dispatcher, arguments: tuple, kind: str, name: str, wanted: str) -> Any:
+    """Compile a function with the present values from outside, and return Numba's compile result.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `check_callback` does. `name` and `wanted`, the form of the arguments, are in the messages.
+    """
+    _refuse_random(function, name)
+    try:
+        _renew(function)
+        return compiled(function, arguments)
+    except Exception as error:  # Numba raises its own errors and plain Python errors
+        if "readonly array" in str(error):
+            read = "p; it may only read it" if kind == "apply" else "u, v or p; it may only read them"
+            raise TypeError(f"{name} must not write to {read}.") from error
+        raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
+
+
+def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
+    """Compile a checked callback for writable arrays, the type of the arrays in the loop that it is inlined into.
+
+    This must be done before the loop is compiled. The loop is compiled without memory management, and would compile
+    the callback in the same way, so that the callback could not allocate arrays.
+    """
+    arguments = getattr(form, kind).args
+    compiled(function, tuple(x.copy(readonly=False) if isinstance(x, numba.types.Array) else x for x in arguments))
+
+
+def reads_velocity(function: Any) -> bool:
+    """Return False if a right-hand side certainly does not read its third argument, v."""
+    return _reads(function, 2)
+
+
+def reads_time(function: Any) -> bool:
+    """Return False if a right-hand side certainly does not read its first argument, t."""
+    return _reads(function, 0)
+
+
+def _reads(function: Any, place: int) -> bool:
+    """Return False if a function certainly does not read the argument at a place.
+
+    This is so if no instruction of its bytecode names the argument. Numba compiles no access to a local variable except
+    by an instruction that names the variable.
+    """
+    code = getattr(function, "py_func", function).__code__
+    if code.co_argcount <= place:
+        return True
+    name = code.co_varnames[place]
+    named = (i.argval if isinstance(i.argval, tuple) else (i.argval,) for i in dis.get_instructions(code))
+    return name in code.co_cellvars or any(name in names for names in named)
+
+
+def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:
+    if takes(function, count):
+        _check_order(function, name, wanted)
+        return
+    other = SCALAR if form is VECTOR else VECTOR
+    if kind == "rhs" and takes(function, len(other.rhs.args)):
+        u0, remedy = ("a number", "an array") if form is SCALAR else ("an array", "a number")
+        raise TypeError(
+            f"rhs has the {other.name} form {_ARGUMENTS[kind, other]}, but u0 is {u0}; give u0 as {remedy}, "
+            f"or write rhs as {wanted}."
+        )
+    given = len(inspect.signature(function).parameters)
+    raise TypeError(f"{name} takes {given} arguments, but must take {count}: {wanted}.")
+
+
+def _check_order(function: Callable, name: str, wanted: str) -> None:
+    """Refuse t, u, v or p in another order. u, v and p may have the same type, so that no other check finds this."""
+    names = list(inspect.signature(function).parameters)[:4]
+    if any(letter in names and names.index(letter) != place for place, letter in enumerate("tuvp")):
+        raise TypeError(f"{name} takes {', '.join(names)} as its first arguments, but must have the form {wanted}.")
+
+
+def takes(function: Callable, count: int) -> bool:
+    """Return whether a function can be called with `count` arguments."""
+    try:
+        inspect.signature(function).bind(*range(count))
+    except TypeError:
+        return False
+    return True
+
+
+def _described(returned: Any) -> str:
+    if isinstance(returned, numba.types.NoneType):
+        return "nothing"
+    plain = numba.types.unliteral(returned)
+    remedy = "; return float(...) of it, or 0.0 for 0" if isinstance(plain, numba.types.Number) else ""
+    return f"{plain}{remedy}"
+
+
+def gist(error: Exception) -> str:
+    """Return Numba's reason in one line. The chained exception has the details, which can fill pages."""
+    text = str(error)
+    if text == "compilation disabled":
+        return "its decorator must not list signatures"
+    missing = re.search(r">>> (.*)", text)
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
+    where = re.search(r'File "[^"]*", line \d+', text)
+    reason = f"Numba cannot do {missing[1]}" if missing else (lines or [type(error).__name__])[0].rstrip(".")
+    return f"{reason} ({where[0]})" if where else reason

@@ -1,0 +1,161 @@
+"""Checks of the arguments, before anything runs. Each error names the argument and says what it must be."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..kernels.protocol import SCALAR, VECTOR, Form
+from ..methods import METHODS, Method, named, nearest, shown
+
+_NEVER_REACHED = 2**62
+
+
+def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
+    """Return u0 and v0 as two floats or two new arrays, and the form of right-hand side that belongs to them."""
+    if type(u0) is float and type(v0) is float and math.isfinite(u0) and math.isfinite(v0):
+        return u0, v0, SCALAR
+    u, v = reals(u0, "u0"), reals(v0, "v0")
+    if u.ndim > 1:
+        raise ValueError(f"u0 must be a number or a 1-D array, not an array of shape {u.shape}.")
+    if u.shape != v.shape:
+        raise ValueError(f"u0 and v0 must have the same shape, not {u.shape} and {v.shape}.")
+    if u.size == 0:
+        raise ValueError("u0 must hold at least one degree of freedom, but it is empty.")
+    for name, array in (("u0", u), ("v0", v)):
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite, but it holds {array[~np.isfinite(array)].flat[0]}.")
+    return (float(u), float(v), SCALAR) if u.ndim == 0 else (u, v, VECTOR)
+
+
+def check_params(params: ArrayLike) -> np.ndarray:
+    """Return the parameters as a new 1-D array of float64."""
+    p = np.atleast_1d(reals(params, "params"))
+    if p.ndim > 1:
+        raise ValueError(f"params must be a number or a 1-D sequence, not an array of shape {p.shape}.")
+    return p
+
+
+def check_span(t_span: Sequence[float]) -> tuple[float, float]:
+    """Return the first and the last time of the span as floats."""
+    ends = reals(t_span, "t_span")
+    if ends.shape != (2,):
+        raise ValueError(f"t_span must be the two times (t0, t1), not {shown(t_span)}.")
+    t0, t1 = ends.tolist()
+    if not (math.isfinite(t0) and math.isfinite(t1)):
+        raise ValueError(f"t_span must be finite, not ({t0}, {t1}).")
+    if not t1 > t0:
+        raise ValueError(f"t_span must end after it starts, but it is ({t0}, {t1}).")
+    if not math.isfinite(t1 - t0):
+        raise ValueError(f"t_span must have a finite length, but it is ({t0}, {t1}).")
+    return t0, t1
+
+
+def check_time(t: float, name: str) -> float:
+    """Return a finite time as a float."""
+    time = t if type(t) is float else reals(t, name)
+    if np.ndim(time) != 0 or not math.isfinite(time):
+        raise ValueError(f"{name} must be a finite number, not {shown(t)}.")
+    return float(time)
+
+
+def check_h(h: float) -> float:
+    """Return the step, which must be positive and finite, as a float."""
+    step = h if type(h) is float else reals(h, "h")
+    if np.ndim(step) != 0 or not (math.isfinite(step) and step > 0):
+        raise ValueError(f"h must be a positive, finite number of time units, not {shown(h)}.")
+    return float(step)
+
+
+def check_resolution(h: float, t0: float, t1: float) -> None:
+    """Refuse a step that is shorter than four units in the last place of the largest time."""
+    least = 4 * np.spacing(max(abs(t0), abs(t1)))
+    if h < least:
+        raise ValueError(f"h must be at least {least:.3g} for floating-point times up to {max(t0, t1):g}, not {h:g}.")
+
+
+def check_count(value: Any, name: str) -> int:
+    """Return a whole number of at least 1 as an int.
+
+    Of a number that no count reaches, return a smaller one that no count reaches either, which fits in 64 bits.
+    """
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
+    if not is_whole or value < 1:
+        raise ValueError(f"{name} must be a whole number of at least 1, not {shown(value)}.")
+    return min(int(value), _NEVER_REACHED)
+
+
+def check_index(value: Any) -> int:
+    """Return the number of steps taken, a whole number that is not negative."""
+    return 0 if value == 0 else check_count(value, "the number of steps")
+
+
+def check_flag(value: Any, name: str) -> bool:
+    """Return True or False. Other values are refused: the text "False" would count as true."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, not {shown(value)}.")
+    return bool(value)
+
+
+def check_names(names: Iterable[Any], argument: str) -> None:
+    """Refuse names that are not strings."""
+    for name in names:
+        if not isinstance(name, str):
+            raise TypeError(f"the names in {argument} must be strings, not {shown(name)}.")
+
+
+def check_cancel(cancel: Any) -> Any:
+    """Return the event that cancels a run, or None."""
+    if cancel is not None and not callable(getattr(cancel, "is_set", None)):
+        raise TypeError(f"cancel must be a threading.Event, not {shown(cancel)}.")
+    return cancel
+
+
+def check_method(method: str | Method, *, has_tolerances: bool = False) -> Method:
+    """Return the record of a method, which is given by its name or label, as a record, or as a record's class."""
+    found = named(method) if isinstance(method, str) else None
+    if found:
+        record, needs_tolerances = found
+        if needs_tolerances and not has_tolerances:
+            raise ValueError(
+                f"method {shown(method)} is that of a run with tolerances: give rtol in place of h, or "
+                f"method={_default(record).name!r} for a fixed step."
+            )
+        return _default(record)
+    if isinstance(method, Method) and type(method) is not Method:
+        return method
+    if method is not Method and isinstance(method, type) and issubclass(method, Method):
+        return _default(method)  # type: ignore[arg-type]
+    near = nearest(method) if isinstance(method, str) else []
+    raise ValueError(
+        f"method must be one of {', '.join(map(repr, METHODS))} or a record such as EIG3(), not {shown(method)}"
+        f"{': did you mean ' if near else ''}{' or '.join(map(repr, near))}{'?' if near else '.'}"
+    )
+
+
+def velocity_refused(method: Method) -> ValueError:
+    """Return the error of a method that ignores the velocity, for a right-hand side that reads it."""
+    if hasattr(method, "velocity"):
+        return ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
+    return ValueError(f"{method!r} needs a rhs that ignores v, and this one does not; take another method.")
+
+
+@functools.cache
+def _default(record: type[Method]) -> Method:
+    return record()
+
+
+def reals(value: Any, name: str) -> np.ndarray:
+    """Return a new C-contiguous array of float64; `name` is the name of the argument in errors."""
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "buif" or np.ma.is_masked(value):
+            raise TypeError
+        return np.array(array, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be made of real numbers, not {shown(value)}.") from None

@@ -1,0 +1,81 @@
+"""Families of callbacks: functions that differ in one number only, and are compiled once."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from typing import Any
+
+import numba
+from numba.core.dispatcher import Dispatcher
+
+from ..kernels.compile.captured import helpers_first
+from ..kernels.compile.interrupt import DeferredInterrupt
+from ..kernels.compile.members import addresses_of_members
+from ..kernels.protocol import Form
+from .callbacks import Callback, compile_present, is_present, jit, reads_time, reads_velocity
+
+
+class Family:
+    """The members of a function ``f(k, t, u, v, p)``: for each k a callback ``f_k(t, u, v, p)``.
+
+    A kernel calls f itself with the number k of the member, a float: a family of any size takes one compilation.
+
+    Parameters
+    ----------
+    function : jitted function
+        f.
+    count : int
+        The number of members.
+
+    Attributes
+    ----------
+    members : list of jitted functions
+        They can be called from Python and from compiled functions too. Only such a call compiles them.
+    """
+
+    def __init__(self, function: Dispatcher, count: int) -> None:
+        self._function = function
+        self._callbacks: dict[tuple[str, str], list[Callback]] = {}
+        self._libraries: list[Any] = []  # keep the machine code of the members alive
+        self.members = [self._member(k) for k in range(count)]
+
+    def _member(self, k: int) -> Any:
+        function = self._function
+
+        @functools.wraps(function.py_func)
+        def member(t, u, v, p):  # type: ignore[no-untyped-def]
+            return function(float(k), t, u, v, p)
+
+        whole = inspect.signature(function.py_func)
+        member.__signature__ = whole.replace(parameters=list(whole.parameters.values())[1:])  # type: ignore[attr-defined]
+        jitted = jit(member)
+        jitted.callback = functools.partial(self._callback, k)
+        return jitted
+
+    def _callback(self, k: int, kind: str, form: Form, name: str) -> Callback:
+        """Return the member k for the fixed signature of a kind of callback, as `check_callback` does."""
+        key = kind, form.name
+        if key not in self._callbacks or not is_present(self._callbacks[key][k], self._function):
+            with DeferredInterrupt():
+                self._callbacks[key] = self._compiled(kind, form, name)
+        return self._callbacks[key][k]
+
+    def _compiled(self, kind: str, form: Form, name: str) -> list[Callback]:
+        function, arguments = self._function, (numba.float64, *getattr(form, kind).args)
+        result = compile_present(function, arguments, kind, name, "(k, t, u, v, p)")
+        addresses, library = addresses_of_members(result, len(self.members))
+        self._libraries.append(library)
+        captured = tuple(captured for _, captured in helpers_first(function))
+        return [
+            Callback(
+                address,
+                functools.partial(result.entry_point, float(k)),
+                result,
+                member.py_func,
+                reads_velocity(member),
+                reads_time(member),
+                captured,
+            )
+            for k, (address, member) in enumerate(zip(addresses, self.members, strict=True))
+        ]

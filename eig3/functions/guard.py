@@ -1,0 +1,131 @@
+"""Arrays between guard cells, and the first evaluation of a right-hand side, which stays within its arrays.
+
+Numba does not check indices. Each array therefore has cells with the value NaN before and after it. A value that is
+read there makes the result NaN, and a value that is written there is found after the evaluation.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..kernels.protocol import SCALAR, Form
+from .callbacks import Callback
+
+_CELLS = 64  # number of cells on each side of an array
+_DESCRIBED = {"p": "params", "u": "u0", "v": "v0"}
+
+
+class NotFiniteAtStartError(ValueError):
+    """The right-hand side is not finite at the start."""
+
+
+class ReadsBeyondError(NotFiniteAtStartError):
+    """The right-hand side is not finite at the start, because it reads beyond the end of an array."""
+
+
+def guarded(values: np.ndarray, cells: float = np.nan, count: int = _CELLS) -> np.ndarray:
+    """Return a copy of a 1-D array, with `count` cells of the given value before and after it in memory."""
+    buffer = np.empty(values.size + 2 * count)
+    buffer.fill(cells)  # np.full takes four times as long for so few values
+    inside = buffer[count : count + values.size]
+    inside[:] = values
+    return inside
+
+
+def beyond(inside: np.ndarray) -> bool:
+    """Return whether a function has written to the cells around an array from `guarded`."""
+    cells = inside.base
+    assert cells is not None
+    count = (cells.size - inside.size) // 2
+    return not (np.isnan(cells[:count]).all() and np.isnan(cells[-count:]).all())
+
+
+def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> Any:
+    """Evaluate f(t, u, v) and check the result; `p` must come from `guarded`.
+
+    Returns
+    -------
+    float or ndarray, shape (n,)
+
+    Raises
+    ------
+    NotFiniteAtStartError
+        If the result is not finite.
+    ValueError
+        If rhs writes beyond the end of a.
+    """
+    a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
+    if _is_finite(a, form):
+        return a
+    beyond = _read_beyond(rhs, form, t, u, v, p)
+    if beyond:
+        sizes = ", ".join(f"{name} ({np.size({'p': p, 'u': u, 'v': v}[name])} values)" for name in beyond)
+        remedy = " and ".join(_DESCRIBED[name] for name in beyond)
+        raise ReadsBeyondError(
+            f"{_not_finite(a)}, because it reads beyond the end of {sizes}; give {remedy} all the values it reads."
+        )
+    raise NotFiniteAtStartError(not_finite_at_start(a))
+
+
+def is_finite_at_start(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> bool:
+    """Return whether f(t, u, v) is finite; `p` need not come from `guarded`."""
+    return _is_finite(_evaluate(rhs, form, t, {"p": guarded(p), "u": u, "v": v}), form)
+
+
+def _is_finite(a: Any, form: Form) -> bool:
+    return math.isfinite(a) if form is SCALAR else bool(np.isfinite(a).all())
+
+
+def not_finite_at_start(a: Any) -> str:
+    """Say that the acceleration at the start, a float or an array of shape (n,), is not finite."""
+    return f"{_not_finite(a)}; it must give a finite acceleration for every degree of freedom, a[j] in the vector form."
+
+
+def _not_finite(a: Any) -> str:
+    values = np.atleast_1d(a)
+    bad = int(np.argmin(np.isfinite(values)))
+    return f"rhs gives {values[bad]} for degree of freedom {bad} at the start"
+
+
+def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells: dict[str, float] | None = None) -> Any:
+    if form is SCALAR:
+        return rhs.call(t, given["u"], given["v"], given["p"])
+    u, v = (guarded(given[name], (cells or {}).get(name, np.nan)) for name in "uv")
+    row = np.empty(u.size + 2 * _CELLS)
+    row.fill(np.nan)  # an entry that rhs does not write stays NaN
+    a = row[_CELLS:-_CELLS]
+    rhs.call(t, u, v, given["p"], a)
+    kept = np.isnan(row)
+    kept[_CELLS:-_CELLS] = True
+    if not kept.all():
+        raise written_beyond(a.size)
+    return a
+
+
+def written_beyond(n: int) -> ValueError:
+    """Return the error of a right-hand side that writes beyond the end of a."""
+    return ValueError(f"rhs writes beyond the end of a, which has {n} entries, one for each value of u0.")
+
+
+def _read_beyond(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> list[str]:
+    """Return the names of the arrays beyond which rhs reads.
+
+    The result is finite if the cells of all arrays are zero, but not if the cells of one of these arrays are NaN.
+    """
+    names = ["p"] if form is SCALAR else ["p", "u", "v"]
+    given = {"p": p, "u": u, "v": v}
+
+    def is_finite(zeroed: list[str]) -> bool:
+        cells = dict.fromkeys(zeroed, 0.0)
+        filled = {**given, "p": guarded(p, cells.get("p", np.nan))}
+        try:
+            return bool(np.isfinite(_evaluate(rhs, form, t, filled, cells)).all())
+        except Exception:
+            return False
+
+    if not is_finite(names):
+        return []
+    return [name for name in names if not is_finite([other for other in names if other != name])]

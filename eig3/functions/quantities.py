@@ -1,0 +1,242 @@
+"""Quantities: the invariants and outputs of a run, compiled functions that are evaluated at every step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+
+from ..kernels.loops.quantity import extent_kernel
+from ..kernels.loops.within import extent_within_kernel
+from ..kernels.protocol import Form
+from .callbacks import check_callback, takes
+from .checks import check_count, check_names
+from .extremes import Extremes
+from .guard import beyond, guarded
+from .samples import Samples
+
+_NOTHING = np.array([[np.inf], [-np.inf], [np.nan], [np.nan]])  # the extremes of no value
+
+
+class EnergyLessWork(NamedTuple):
+    """An energy less the work, among the `invariants` of a problem that follows the work.
+
+    The velocity of the degree of freedom `work` is the work.
+    """
+
+    energy: Any
+    work: int
+
+
+class Functions(NamedTuple):
+    """The functions that are evaluated at every step, by name, as the user or a problem passed them.
+
+    Attributes
+    ----------
+    invariants : mapping of str to jitted function, or to EnergyLessWork
+    outputs : mapping of str to jitted function, or to (jitted function, k)
+    """
+
+    invariants: Mapping[str, Any]
+    outputs: dict[str, Any]
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shape of the value of each output: () or (k,)."""
+        return {name: (value[1],) if isinstance(value, tuple) else () for name, value in self.outputs.items()}
+
+    @property
+    def n_outputs(self) -> int:
+        """The number of values of all outputs in a state."""
+        return sum(k for shape in self.shapes.values() for k in shape or (1,))
+
+    def work_in(self, name: str) -> int | None:
+        """The degree of freedom whose velocity is the work that an invariant takes away, or None."""
+        invariant = self.invariants[name]
+        return invariant.work if isinstance(invariant, EnergyLessWork) else None
+
+    def quantities(self, form: Form) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
+        """Compile the invariants and the outputs."""
+        invariants = {
+            name: Quantity(f"invariants[{name!r}]", e.energy if isinstance(e, EnergyLessWork) else e, form=form)
+            for name, e in self.invariants.items()
+        }
+        outputs = {
+            name: Quantity(f"outputs[{name!r}]", *(value if isinstance(value, tuple) else (value,)), form=form)
+            for name, value in self.outputs.items()
+        }
+        return invariants, outputs
+
+
+def check_functions(invariants: Any, outputs: Any) -> Functions:
+    """Return the functions that are evaluated at every step.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not a dictionary, a name is not a string, both have the same name, or an output is neither a
+        function nor a pair of a function and a number of values.
+    """
+    if invariants is not None and not isinstance(invariants, Mapping):
+        raise TypeError("invariants must be a dictionary of names and jitted functions, such as {'energy': energy}.")
+    if outputs is not None and not isinstance(outputs, Mapping):
+        raise TypeError(
+            "outputs must be a dictionary of names and jitted functions, such as {'force': force}, or "
+            "{'forces': (forces, k)} for k values."
+        )
+    functions = Functions(invariants or {}, dict(outputs or {}))
+    check_names(functions.invariants, "invariants")
+    check_names(functions.outputs, "outputs")
+    for name, value in functions.outputs.items():
+        if name in functions.invariants:
+            raise ValueError(f"{name!r} is the name of an invariant and of an output; give them different names.")
+        if isinstance(value, tuple):
+            if len(value) != 2:
+                raise TypeError(f"outputs[{name!r}] must be a function or a pair (function, k), not {value!r}.")
+            k = check_count(value[1], f"the number of values k in outputs[{name!r}] = (function, k)")
+            functions.outputs[name] = value[0], k  # NumPy's small integers would overflow in sums
+        elif isinstance(value, Dispatcher) and takes(value.py_func, 5) and not takes(value.py_func, 4):
+            raise TypeError(f"outputs[{name!r}] writes its values: give (function, k) with their number k.")
+    return functions
+
+
+class Quantity:
+    """A function of the state that is evaluated at every step.
+
+    Parameters
+    ----------
+    name : str
+        The name of the argument in error messages, such as "outputs['force']".
+    function : jitted function
+    k : int or None
+        The number of values that the function writes; None if it returns its only value.
+    form : Form
+
+    Attributes
+    ----------
+    callback : Callback
+        The compiled function.
+    shape : tuple of int
+        The shape of a value: () or (k,).
+    width : int
+        Number of values.
+
+    Raises
+    ------
+    TypeError
+        If the function is not valid.
+    """
+
+    def __init__(self, name: str, function: Any, k: int | None = None, *, form: Form) -> None:
+        self.name, self.function, self.form = name, function, form
+        self.shape = () if k is None else (k,)
+        self.width = k or 1
+        self.callback = check_callback(function, "invariant" if k is None else "output", form, name)
+        self._kernel = extent_kernel(form, k is not None)
+        self._out = guarded(np.full(self.width, np.nan))
+        self._values = np.empty((0, self.width))
+
+    def fork(self) -> Quantity:
+        """Return the same quantity with arrays of its own."""
+        return Quantity(self.name, self.function, *self.shape, form=self.form)
+
+    def no_extremes(self) -> np.ndarray:
+        """Return an array for the extremes of values to come, which `evaluate` widens."""
+        return np.repeat(_NOTHING, self.width, axis=1)
+
+    def evaluate(self, t: np.ndarray, u: np.ndarray, v: np.ndarray, p: np.ndarray, extremes: np.ndarray) -> np.ndarray:
+        """Evaluate the function in rows of states, and widen its extremes.
+
+        Parameters
+        ----------
+        t : ndarray, shape (rows,)
+        u, v : ndarray, shape (rows,) or (rows, n)
+        p : ndarray
+        extremes : ndarray, shape (4, width)
+
+        Returns
+        -------
+        ndarray, shape (rows,) or (rows, k)
+            The values. The next call overwrites them.
+
+        Raises
+        ------
+        ValueError
+            If the function writes beyond its k values.
+        """
+        values = self._room(len(t))
+        self._kernel(self.callback.address, p, t, u, v, self._out, values, extremes)
+        self.check_within(self._out)
+        return values if self.shape else values[:, 0]
+
+    def evaluate_within(
+        self, rows: Any, dense: np.ndarray, samples: Samples, p: np.ndarray, extremes: np.ndarray
+    ) -> np.ndarray:
+        """Evaluate the function in rows of states, and widen its extremes by those within the steps that led there.
+
+        Parameters
+        ----------
+        rows : Rows
+        dense : ndarray, shape (rows, COEFFICIENTS, n)
+            The dense output of these steps; see `eig3.kernels.loops.dense`.
+        samples : Samples
+            Where to evaluate the function within a step.
+        p : ndarray
+        extremes : ndarray, shape (4, width)
+
+        Returns
+        -------
+        ndarray, shape (rows,) or (rows, k)
+            The values. The next call overwrites them.
+
+        Raises
+        ------
+        ValueError
+            If the function writes beyond its k values.
+        """
+        values = self._room(len(rows.t))
+        kernel = extent_within_kernel(self.form, bool(self.shape))
+        kernel(self.callback.address, p, *rows, dense, *samples, self._out, values, extremes)
+        self.check_within(self._out)
+        return values if self.shape else values[:, 0]
+
+    def _room(self, count: int) -> np.ndarray:
+        if len(self._values) < count:
+            self._values = np.empty((count, self.width))
+        return self._values[:count]
+
+    def at_start(self, t: float, u: Any, v: Any, p: np.ndarray, extremes: np.ndarray) -> Any:
+        """Evaluate the function in the first state, check that it writes its values, and widen its extremes.
+
+        Raises
+        ------
+        ValueError
+            If the function does not write all of its k values, or writes beyond them.
+        """
+        state = np.array([u]), np.array([v])
+        value = self.evaluate(np.array([t]), *state, p, extremes)[0].copy()
+        if not self.shape or not np.isnan(value).any():
+            return value
+        self._out[:] = 0.0  # a value that the function computes may be NaN too
+        self.callback.call(t, u, v, p, self._out)
+        unwritten = np.flatnonzero(np.isnan(value) & (self._out == 0.0))
+        if unwritten.size:
+            raise ValueError(
+                f"{self.name} does not write out[{unwritten[0]}] at the start; write every value, or give the right "
+                "number k in (function, k)."
+            )
+        return value
+
+    def check_within(self, out: np.ndarray) -> None:
+        """Raise a ValueError if the function has written beyond an array from `guarded`."""
+        if self.shape and beyond(out):
+            raise ValueError(
+                f"{self.name} writes beyond its {self.width} values; give the right number k in (function, k)."
+            )
+
+
+def as_extremes(rows: np.ndarray, shape: tuple[int, ...]) -> Extremes:
+    """Return the rows of an array of extremes as a record, for a quantity whose values have this shape."""
+    return Extremes(*(row.copy() if shape else float(row[0]) for row in rows))

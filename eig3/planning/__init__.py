@@ -1,0 +1,1 @@
+"""Plans: which method and step reach an accuracy first, found by short runs."""

@@ -1,0 +1,426 @@
+"""Pilot runs: runs of any method with a known error, over the span of a problem or over a part of it.
+
+Their time is bounded by the time of the processor, which the load of the machine does not change.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..functions.checks import check_params, check_state
+from ..functions.quantities import Quantity, as_extremes
+from ..methods import Method
+from ..problem import Problem
+from ..result.solution import Solution, Status
+from ..stepping.stepper import Stepper
+from ..stepping.watched_stepper import WatchedStepper
+
+FEWEST = 61  # fewest steps of a run. A prime number: states at multiples of a period would hide an error of phase
+_STATES = 976  # most states at which two runs are compared, 16 times the fewest,
+_VALUES = 2**18  # or fewer, so that they have no more values than this
+_STEPS_PER_STATE = 16  # fewest steps from one of these states to the next, in a run of many steps
+_FOLLOWED = 2**22  # most values in the states of a run whose energy is followed
+_PIECES = 32  # of a run, after each of which it is checked,
+_PIECE = 512  # fewest steps of such a piece: the call takes as long as some ten steps
+_DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
+_AT_REST = 1e-150  # a motion below this has decayed
+_SHORT = 0.005  # a run that takes less time, s, is repeated,
+_VERY_SHORT = 0.0005  # and more often if it takes less than this
+_LONGEST_TIMED = 0.02  # longest run that measures the time of a step, s
+_IMPLICIT = 2  # fewest evaluations per step of an implicit method
+_CALL = 16  # an evaluation takes as long as for this number of degrees of freedom more in a long vector
+_LATEST = 10.0  # processor time, s, after which no run begins that could be left out
+_LONGEST_PIECE = 0.25  # time of a piece of a run, s
+CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
+_STILL = 1e-9  # a path below this part of the displacement is round-off: nothing has moved
+_REST = 1e-3  # an acceleration at the start below this part of that of the motion: the motion begins later
+
+
+@dataclass(frozen=True)
+class History:
+    """What a run took, some of its states and, if the energy was followed, its largest change.
+
+    Of a run that was cut short, which is not whole, `seconds` and `n_rhs` are extrapolated.
+    """
+
+    seconds: float
+    n_rhs: float
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    drift: float
+    is_whole: bool
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run: its steps over the part of the span, its error over the whole span, and the cost of a step."""
+
+    n_steps: int
+    error: float  # infinite if the run diverged
+    seconds: float = math.nan
+    evaluations: float = math.nan
+
+
+class Pilots:
+    """The pilot runs of all methods on one problem.
+
+    For the metric "energy", a run gives its error itself, from all its steps or, in a large system, many of them. For
+    "trajectory", the error is the difference from the run that `refer_to` sets, at states that both runs have: the
+    numbers of steps are multiples of `FEWEST`. It is relative to the largest displacement that is known, of the whole
+    span after a survey.
+
+    Attributes
+    ----------
+    problem : Problem
+    aim : float
+        The error to reach.
+    span : float
+    part : float
+        The length of the time that is run, as a part of the span.
+    window : tuple of float
+        The beginning and the end of this time.
+    needs_reference : bool
+    compiling : float
+        The time that the compilation took, s.
+    """
+
+    def __init__(self, problem: Problem, metric: str, aim: float) -> None:
+        self.problem, self.aim = problem, aim
+        self.span = problem.t_span[1] - problem.t_span[0]
+        self.needs_reference = metric == "trajectory"
+        self.compiling = 0.0
+        self._begin, self._busy_before = time.perf_counter(), time.thread_time()
+        self._paces: dict[Method, float] = {}  # processor time of a step in the last run of each method
+        self._compiled: set[tuple[Method, str]] = set()
+        self._events = {name: event for name, event in problem.events.items() if event.apply is not None}
+        self._survey: History | None = None
+        self._reference: np.ndarray | None = None  # the states of the best run, if they are what errors are measured by
+        self._growth: float | None = None  # the error over the whole span, relative to that in the window, if known
+        self._largest = math.inf  # a motion that is larger is unstable
+        self._sizes = -np.ones(2)  # the largest |u| and |v| of the motion; negative if none is known
+        zeros = np.zeros(0 if self.needs_reference else len(problem.integrals))
+        u0, v0 = (np.append(x, zeros) if zeros.size else x for x in (problem.u0, problem.v0))
+        u0, v0, self._form = check_state(u0, v0)
+        self._at_start = u0, v0
+        most = min(_STATES, max(FEWEST, _VALUES // np.size(problem.u0)))
+        self._states = FEWEST * 2 ** int(math.log2(most / FEWEST))
+        self._energy = None
+        if metric == "energy":
+            self._energy = Quantity("energy", problem.energy, form=self._form)
+        self._look_from(problem.t_span[0], u0, v0, 1.0)
+        self._first_acceleration = math.nan  # the largest at the start, known from the first run
+
+    @property
+    def spent(self) -> float:
+        """The time since the start, s, without compilation."""
+        return time.perf_counter() - self._begin - self.compiling
+
+    @property
+    def left(self) -> float:
+        """The time of the processor that is left for runs, s."""
+        return _LATEST - (time.thread_time() - self._busy_before)
+
+    @property
+    def seen(self) -> float:
+        """The time up to which a run has shown the motion."""
+        return max(self.window[1], self.problem.t_span[0] if self._survey is None else float(self._survey.t[-1]))
+
+    def evaluations(self, method: Method) -> int:
+        """The evaluations in a step, at least."""
+        running = method.for_force(self.problem.uses_velocity, np.size(self.problem.u0))
+        return running.evaluations or _IMPLICIT
+
+    def work(self, method: Method, n_steps: float) -> float:
+        """The work of a run, in evaluations of one degree of freedom in a long vector."""
+        return n_steps * self.evaluations(method) * (_CALL + np.size(self.problem.u0))
+
+    def predicted(self, method: Method, n_steps: float) -> float:
+        """The processor time of a run, s, by that of the method's last run, or else by a run of one step."""
+        if method not in self._paces:
+            self._compile(method, "h", lambda: self._advance(method, 1e-9 * self.span, 1, 1))
+            self._advance(method, 1e-9 * self.span, 1, 1)
+        return n_steps * self._paces[method]
+
+    def refer_to(self, history: History) -> None:
+        """Let the error of each run be its difference from this one."""
+        self._reference = history.u
+        self.note_sizes(history)
+
+    def note_sizes(self, history: History) -> None:
+        """Let errors be relative to the displacements of this run, or of the whole span if they are larger."""
+        if self.part == 1:
+            self._survey = history
+        known = 0.0 if self._survey is None else self._sizes_of(self._survey)
+        self._sizes = np.maximum(self._sizes_of(history), known)
+
+    def trust(self) -> None:
+        """Take the reference for right: a run with a much larger motion is then unstable."""
+        self._largest = math.inf if math.isnan(self._size) else _DIVERGED * self._size
+
+    @property
+    def is_surveyed(self) -> bool:
+        """Whether states of a run from the start of the span are known."""
+        return self._survey is not None
+
+    def forget_survey(self) -> None:
+        """Forget the states of runs of the whole span, because they are unstable."""
+        if self.part == 1:
+            self._survey = None
+
+    def calibrate(self, method: Method, whole: Run) -> None:
+        """Find how much larger an error is over the whole span than in the window, from runs with the same steps.
+
+        `whole` is a run of the whole span. Where this cannot be done, errors grow with the power of time that they show
+        within the window.
+        """
+        n_steps = round(whole.n_steps * self.part)
+        if n_steps < FEWEST or n_steps != whole.n_steps * self.part or not whole.error < CONVERGING:
+            return
+        coarse, fine = self.history(method, n_steps), self.history(method, 2 * n_steps)
+        if coarse is None or fine is None:
+            return
+        self.refer_to(fine)
+        error, _ = self._error(coarse)
+        if error > 0:
+            self._growth = max(1.0, whole.error / error)
+
+    def look_at(self, part: float) -> None:
+        """Let the next runs cover a part of the span: after a survey, the one in which the motion is fastest."""
+        t0, u0, v0 = self.problem.t_span[0], *self._at_start
+        if part < 1 and self._survey is not None:
+            survey = self._survey
+            t = np.append(t0, survey.t)
+            v = self._motion(np.concatenate([[v0], survey.v]))
+            speeds = np.abs(v.reshape(len(t), -1)).max(axis=1)
+            rows = np.arange(np.searchsorted(t, t[-1] - part * self.span, side="right"))
+            ends = np.maximum(np.searchsorted(t, t[rows] + part * self.span), rows + 1)
+            total = np.append(0.0, np.cumsum(speeds))
+            if rows.size:
+                first = int(np.argmax((total[ends + 1] - total[rows]) / (ends + 1 - rows)))
+                if first > 0:
+                    t0, u0, v0 = t[first], survey.u[first - 1], survey.v[first - 1]
+        self._reference, self._growth = None, None
+        self._look_from(t0, u0, v0, part)
+
+    def _look_from(self, t0: float, u0: Any, v0: Any, part: float) -> None:
+        end = self.problem.t_span[1] if part == 1 else t0 + part * self.span
+        self.part, self.window = part, (float(t0), float(end))
+        self._u0, self._v0 = u0, v0
+
+    def run(self, method: Method, n_steps: int) -> Run:
+        """Run a method over the part of the span."""
+        history = self.history(method, n_steps)
+        if history is None:
+            return Run(n_steps, math.inf)
+        run = self.judged(n_steps, history)
+        # Following the energy takes time, and what else the machine does may take longer than a short run.
+        if self._energy or history.seconds < _SHORT:
+            for _ in range(4 if history.seconds < _VERY_SHORT else 1):
+                again = self._advance(method, self.part * self.span / n_steps, n_steps, n_steps)
+                run = replace(run, seconds=min(run.seconds, again.seconds / n_steps)) if again else run
+        return run
+
+    def history(self, method: Method, n_steps: int, longest: float = math.inf) -> History | None:
+        """Run a method over the part of the span, and follow what gives the error; None if the run diverges.
+
+        The run ends after `longest` seconds of the processor, wherever it is then.
+        """
+        self._compile(method, "h", lambda: self._advance(method, 1e-9 * self.span, 1, 1))
+        h = self.part * self.span / n_steps
+        if self._energy:
+            every = math.ceil(n_steps * np.size(self._u0) / _FOLLOWED)
+            return self._advance(method, h, n_steps, every, longest, follow=True)
+        states = FEWEST
+        while states < self._states and n_steps % (2 * states) == 0:
+            states *= 2
+        return self._advance(method, h, n_steps, n_steps // states, longest)
+
+    def run_with_tolerance(self, method: Method, rtol: float, most: int) -> Run | str:
+        """Run a method with tolerances over the part of the span, in at most `most` steps; if it fails, say why."""
+        self._compile(method, "rtol", lambda: self._solve(method, rtol, 1))
+        solution = self._solve(method, rtol, most, follow=True)
+        if solution.status is Status.TOO_MANY_STEPS:
+            return f"with rtol = {rtol:g} it takes more than {most} steps"
+        if not solution.success:
+            return solution.message
+        drift = solution.drift["energy"] / abs(self._start_energy) if self._energy else 0.0
+        n_rhs = self.evaluations(method) * (solution.n_steps + solution.n_rejected)  # without those for t_eval
+        history = History(solution.kernel_seconds, n_rhs, solution.t, solution.u, solution.v, drift, True)
+        return self.judged(solution.n_steps, history)
+
+    def judged(self, n_steps: int, history: History) -> Run:
+        """The run of this history, with its error extrapolated to the whole span."""
+        error, power = self._error(history)
+        growth = (1 / self.part) ** power if self._growth is None else self._growth
+        return Run(n_steps, error * growth, history.seconds / n_steps, history.n_rhs / n_steps)
+
+    @property
+    def sizes(self) -> tuple[float, float] | None:
+        """The sizes of u and v, if the motion starts from rest and does not show them there; otherwise None."""
+        u, v = self._sizes.tolist()
+        if np.any(self._motion(self._at_start[1])) or u <= 0:
+            return None
+        return (u, v) if self._first_acceleration < _REST * v * v / u else None
+
+    @property
+    def h_max(self) -> float | None:
+        """The longest step of a motion from rest: the time between the states of the whole span that are compared."""
+        return None if self.sizes is None else self.span / self._states
+
+    def time_of_a_step(self, method: Method, total: int, pace: float) -> float:
+        """Seconds, measured in a short run with the step of `total` steps over the span; `pace` is an estimate."""
+        count = max(1, min(total, int(_LONGEST_TIMED / pace)))
+        history = self._advance(method, self.span / total, count, save_every(self.problem, total))
+        return history.seconds / count if history else pace
+
+    def time_of_a_step_with_tolerance(self, method: Method, rtol: float, total: int, pace: float) -> float:
+        """Seconds, measured in a short run; `total` is the number of steps over the span, `pace` an estimate."""
+        every = save_every(self.problem, total)
+        solution = self._solve(method, rtol, max(1, int(_LONGEST_TIMED / pace)), every=every)
+        return solution.kernel_seconds / solution.n_steps
+
+    def possible(self, n_steps: float) -> int:
+        """The number of steps close to `n_steps` with which there are enough states to compare."""
+        n_steps = max(n_steps, FEWEST)
+        if not self.needs_reference:
+            return round(n_steps)
+        unit = min(self._states, FEWEST * 2 ** max(0, int(math.log2(n_steps / _STEPS_PER_STATE / FEWEST))))
+        return unit * round(n_steps / unit)
+
+    def _advance(
+        self, method: Method, h: float, n_steps: int, every: int, longest: float = math.inf, *, follow: bool = False
+    ) -> History | None:
+        """Run in several pieces, and stop as soon as the run has diverged or taken `longest` seconds of the processor.
+
+        Each `every`-th state is kept. With `follow`, its energy is followed, and the last state of each piece is kept.
+        """
+        stepper = self._stepper(method, h, n_steps)
+        if math.isnan(self._first_acceleration):
+            self._first_acceleration = float(np.abs(self._motion(stepper.first_acceleration)).max())
+        states = n_steps // every
+        fewest = 1 if follow else math.ceil(_PIECE / every)
+        each = max(fewest, math.ceil(states / _PIECES))
+        each = max(1, min(each, int(_LONGEST_PIECE / self._paces.get(method, 1e-12) / every)))
+        shape = each if follow else states, *np.shape(self._u0)
+        u, v = np.empty(shape), np.empty(shape)
+        ends: list[tuple[float, Any, Any]] = []
+        decayed, drift, begin = False, 0.0, time.thread_time()
+        while stepper.index < n_steps and time.thread_time() - begin < longest:
+            first = stepper.index // every
+            count = min(each * every, n_steps - stepper.index)
+            rows = slice(0, count // every) if follow else slice(first, first + count // every)
+            taken = stepper.advance(count, every, u[rows], v[rows])
+            self._paces[method] = (time.thread_time() - begin) / max(1, stepper.index)
+            if taken < count or not stepper.is_finite or stepper.sizes[0] > self._largest:
+                return None
+            if follow:
+                drift = max(drift, self._drift(first + 1, h * every, u[rows], v[rows]))
+                ends.append((stepper.t, stepper.u, stepper.v))
+            elif 0 < max(stepper.sizes) < _AT_REST:  # a step with subnormal numbers takes a hundred times as long
+                u[rows.stop :] = v[rows.stop :] = 0.0
+                decayed = True
+                break
+        whole = n_steps / stepper.index
+        if follow:
+            t, u, v = (np.array(x) for x in zip(*ends, strict=True))
+        else:
+            seen = states if decayed else stepper.index // every
+            t = self.window[0] + h * every * np.arange(1, seen + 1)
+            u, v = u[:seen], v[:seen]
+        is_whole = decayed or stepper.index == n_steps
+        return History(stepper.seconds * whole, stepper.n_rhs * whole, t, u, v, drift, is_whole)
+
+    @property
+    def _size(self) -> float:
+        """The displacement to which errors are relative; infinite if none is known, and NaN if nothing has moved."""
+        u, v = self._sizes
+        if u < 0:
+            return math.inf
+        u = max(u, np.abs(self._motion(self._u0)).max())
+        return float(u) if v * self.span > _STILL * u else math.nan
+
+    def _stepper(self, method: Method, h: float, n_steps: int) -> Stepper:
+        """Return a stepper at the start, which follows the events that change the motion."""
+        t0 = self.window[0]
+        options: dict[str, Any] = {"h": h, "t0": t0, "params": self.problem.params, "method": method}
+        if not self._events:
+            return Stepper(self.problem.rhs, self._u0, self._v0, **options)
+        options |= {"t_end": t0 + n_steps * h, "events": self._events, "t_eval": None}
+        return WatchedStepper(self.problem.rhs, self._u0, self._v0, **options)
+
+    def _solve(
+        self, method: Method, rtol: float, most: int, *, follow: bool = False, every: int | None = None
+    ) -> Solution:
+        """Run with tolerances over the part of the span; with `follow`, keep what gives the error."""
+        options: dict[str, Any] = {"save_every": every, "events": self._events}
+        options |= tolerances(rtol, self.sizes, self.h_max)
+        if follow and self.needs_reference:
+            assert self._reference is not None
+            options["t_eval"] = np.linspace(*self.window, len(self._reference) + 1)[1:]
+        if not (follow and self._energy):
+            options["invariants"] = {}
+        window = self.problem.with_(u0=self._motion(self._u0), v0=self._motion(self._v0), t_span=self.window)
+        return window.integrate(method=method, max_steps=most, **options)
+
+    def _motion(self, x: Any) -> Any:
+        """Return u or v without the integrals."""
+        return x[..., : np.size(self.problem.u0)] if self.problem.integrals else x
+
+    def _sizes_of(self, history: History) -> np.ndarray:
+        return np.array([np.abs(self._motion(x)).max() for x in (history.u, history.v)])
+
+    def _compile(self, method: Method, argument: str, run: Callable[[], Any]) -> None:
+        """Compile a method by a first run, whose time does not count."""
+        if (method, argument) not in self._compiled:
+            self._compiled.add((method, argument))
+            begin, busy = time.perf_counter(), time.thread_time()
+            run()
+            self.compiling += time.perf_counter() - begin
+            self._busy_before += time.thread_time() - busy
+
+    @property
+    def _start_energy(self) -> float:
+        return float(self.problem.energy_of(self.problem.u0, self.problem.v0))
+
+    def _drift(self, first: int, spacing: float, u: np.ndarray, v: np.ndarray) -> float:
+        """The largest relative change of the energy over states with this spacing."""
+        assert self._energy is not None
+        t0, params = self.window[0], check_params(self.problem.params)
+        extremes = self._energy.no_extremes()
+        start = self._energy.at_start(t0, self._u0, self._v0, params, extremes)
+        t = t0 + spacing * np.arange(first, first + len(u))
+        self._energy.evaluate(t, u, v, params, extremes)
+        low, high, *_ = as_extremes(extremes, self._energy.shape)
+        return max(start - low, high - start) / abs(self._start_energy)
+
+    def _error(self, history: History) -> tuple[float, float]:
+        """The error within the window, and the power of time with which it grows."""
+        if not self.needs_reference:
+            return history.drift, 1.0
+        assert self._reference is not None
+        u = history.u
+        both = math.gcd(len(u), len(self._reference))
+        u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (u, self._reference))
+        errors = np.abs(u - known).reshape(both, -1).max(axis=1) / self._size
+        error, half = float(errors.max()), float(errors[: both // 2].max())
+        return error, min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
+
+
+def save_every(problem: Problem, n_steps: int) -> int:
+    """The `save_every` with which a run keeps about 2000 states, or fewer of a large system."""
+    most = min(2048, max(64, _VALUES // np.size(problem.u0)))
+    return 2 ** max(0, (n_steps // most).bit_length() - 1)
+
+
+def tolerances(rtol: float, sizes: tuple[float, float] | None, h_max: float | None) -> dict[str, Any]:
+    """The arguments of `Problem.integrate` for errors relative to the sizes of u and v, or to those so far if None."""
+    if sizes is None:
+        return {"rtol": rtol}
+    return {"rtol": rtol, "atol": rtol * np.array(sizes)[:, None], "h_max": h_max}

@@ -1,0 +1,427 @@
+"""Find by short pilot runs which method reaches a given accuracy first, and with which step or tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..functions.checks import check_method
+from ..methods import EIG, LIBRARY, Method
+from ..problem import Problem
+from ..result.solution import Solution
+from .pilots import Pilots, save_every, tolerances
+from .search import NO_TIME, SCOUT, Search, guide
+from .tolerance_search import VARIABLE, ToleranceSearch
+
+EXTRAPOLATED = "extrapolated from longer steps"  # the note of a prediction that is rougher than the others
+#: The order in which the methods of the library are tried: a good method found early shortens the runs of the others.
+_FIRST = ("eig5", "eig4", "eig3", "cd", "bm6", "rk8", *(f"eig{k}" for k in (8, 9, 10, 11, 12, 13, 7, 6)), "rk5", "rk4")
+_WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders have no limit, but grow at every step
+#: Aim for this fraction of the accuracy. The error of the trajectory is measured at some states, the energy's at more.
+_AIM = {"trajectory": 0.75, "energy": 0.9}
+_SECONDS = 0.8  # time after which no method is tried any more,
+_LEAST_SECONDS = 0.4  # or this time after the reference has been found,
+_RUNS = 4  # or as long as this number of runs takes; in any case until the pilot runs have no time left
+_WORK = 2**24  # work that the runs of a method named by the user may do in any case
+_TIMED_SECONDS = 0.2  # time of the last comparison,
+_TIMED_RUNS = 3, 15  # and the fewest and most runs of each method in it
+_SLOW = 2.0  # a method that takes this multiple of the best time is given up
+_HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most this many times as fast
+_CLOSE = 1.6  # methods predicted to take at most this multiple of the shortest time are timed
+_RULED_OUT = "ruled out: "
+AnySearch = Search | ToleranceSearch
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The step, or the tolerance, with which one method reaches the accuracy, and its cost.
+
+    Attributes
+    ----------
+    method : Method
+    h : float
+        The step, or with tolerances the mean of the steps; NaN if none is known to reach the accuracy.
+    n_steps, evaluations : int
+        Number of steps and of evaluations of the right-hand side over the whole span.
+    seconds : float
+        Time in the kernel over the whole span.
+    error : float
+        The error expected.
+    note : str
+        Why the accuracy is not reached, why the method was ruled out, or what limits the step; otherwise empty. A
+        method that was ruled out before it ran has no step.
+    rtol : float or None
+        The tolerance; None for a fixed step, and NaN if no tolerance is known to reach the accuracy.
+    sizes : tuple of float or None
+        With tolerances, for a motion that starts from rest: the sizes of u and of v later on. `options` has atol, which
+        is rtol times these: the motion at the start does not tell what its error may be.
+    h_max : float or None
+        The longest step for such a motion, which would otherwise step over a load that begins later.
+    """
+
+    method: Method
+    h: float
+    n_steps: int
+    evaluations: int
+    seconds: float
+    error: float
+    note: str = ""
+    rtol: float | None = None
+    sizes: tuple[float, float] | None = None
+    h_max: float | None = None
+
+    @property
+    def reaches(self) -> bool:
+        """Whether a step or a tolerance is predicted to reach the accuracy."""
+        return math.isfinite(self.h)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The arguments of `Problem.integrate`: the method, and h or rtol, from rest with atol and h_max."""
+        if self.rtol is None:
+            return {"method": self.method, "h": self.h}
+        return {"method": self.method, **tolerances(self.rtol, self.sizes, self.h_max)}
+
+    @property
+    def label(self) -> str:
+        """The label of the method, with its tolerance if it has one."""
+        name = self.method.label if self.method == check_method(self.method.name) else repr(self.method)
+        if self.rtol is None:
+            return name
+        return f"{name}, rtol {self.rtol:.1e}" if self.reaches else f"{name}, rtol"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Predictions for several methods, the fastest first.
+
+    Attributes
+    ----------
+    problem : Problem
+    accuracy : float
+    metric : {"trajectory", "energy"}
+    predictions : tuple of Prediction
+    pilot_seconds : float
+        Time that the pilot runs and their comparison took, without compilation.
+    compile_seconds : float
+        Time that the compilation of methods took which no run on this machine had used before, and the loading of the
+        others.
+    window : tuple of float
+        The beginning and the end of the pilot runs: the whole span, or the part of it in which the motion is fastest.
+    seen : float
+        The time up to which a run has shown the motion: before the end of the span if the run would take too long.
+    """
+
+    problem: Problem
+    accuracy: float
+    metric: str
+    predictions: tuple[Prediction, ...]
+    pilot_seconds: float
+    compile_seconds: float
+    window: tuple[float, float]
+    seen: float
+
+    @property
+    def best(self) -> Prediction:
+        """The prediction of the fastest method.
+
+        Raises
+        ------
+        ValueError
+            If no method is predicted to reach the accuracy.
+        """
+        if not self.predictions[0].reaches:
+            reasons = "; ".join(f"{p.label}: {p.note}" for p in self.predictions)
+            raise ValueError(f"accuracy {self.accuracy:g} is not reached by any method of this plan ({reasons}).")
+        return self.predictions[0]
+
+    def run(self, **options: Any) -> Solution:
+        """Integrate with the method of `best`, and with its step or tolerance.
+
+        `options` are those of `Problem.integrate`. By default about 2000 states are kept, fewer for a large system, and
+        the energy is computed only if it is the metric.
+        """
+        best = self.best
+        if options.get("t_eval") is None:
+            options.setdefault("save_every", save_every(self.problem, best.n_steps))
+        if self.metric == "trajectory":
+            options.setdefault("invariants", {})
+        return self.problem.integrate(**best.options, **options)
+
+    def __repr__(self) -> str:
+        names = [p.label for p in self.predictions]
+        width = max(14, *map(len, names))
+        lines = [
+            f"Plan for {self.problem.name}: {self.metric} error {self.accuracy:g} up to t = "
+            f"{self.problem.t_span[1]:g} (pilot runs: {self.pilot_seconds:.2g} s, compilation: "
+            f"{self.compile_seconds:.2g} s)",
+            *self._extent,
+            f"  {'method':<{width}} {'h':>9} {'steps':>9} {'evaluations':>12} {'seconds':>9} {'error':>8}",
+        ]
+        for name, p in zip(names, self.predictions, strict=True):
+            if p.reaches:
+                numbers = f"{p.h:>9.3g} {p.n_steps:>9.3g} {p.evaluations:>12.3g} {p.seconds:>9.3g} {p.error:>8.1e}"
+                lines.append(f"  {name:<{width}} {numbers}" + f"  {p.note}" * bool(p.note))
+            else:
+                lines.append(f"  {name:<{width}} {'' if p.note.startswith(_RULED_OUT) else 'not reached: '}{p.note}")
+        return "\n".join(lines)
+
+    @property
+    def _extent(self) -> list[str]:
+        """Say which part of the span the pilot runs have seen, if it is not the whole."""
+        begin, end = self.window
+        if (begin, end) == tuple(self.problem.t_span):
+            return []
+        later = f"; what follows t = {self.seen:g} is not known" if self.seen < self.problem.t_span[1] else ""
+        return [f"  The pilot runs are from t = {begin:g} to {end:g}, and errors are extrapolated{later}."]
+
+
+def plan(
+    problem: Problem,
+    accuracy: float,
+    *,
+    metric: str = "trajectory",
+    methods: Sequence[str | Method] | None = None,
+) -> Plan:
+    """Find the method that reaches an accuracy over the whole span in the shortest time, and its step or tolerance.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its events with `apply` are followed. A terminal event is refused.
+    accuracy : float
+        The largest relative error to allow, above 0 and below 1.
+    metric : {"trajectory", "energy"}
+        The error is max |u - u(t)| / max |u| over all degrees of freedom for "trajectory", and max |E - E0| / |E0| for
+        "energy". For "trajectory", all degrees of freedom should have the same unit or be scaled.
+    methods : sequence of str or Method, optional
+        The methods to compare. Each of them gets a prediction, and RK5 and RK8 a second one with tolerances. If None,
+        all methods of the library are compared, and those that cannot be the fastest are ruled out.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not valid.
+
+    Notes
+    -----
+    The pilot runs of most problems take less than two seconds. Where the fastest stable run of the whole span takes
+    longer than a tenth of a second, they take up to some ten times as long as this run. No pilot run begins that is
+    expected to end after ten seconds of processor time. The first plan on a machine also compiles a kernel for each
+    method that it tries, which takes some seconds each; with events, it may take a minute. The kernels are kept on the
+    disk. `pilot_seconds` and `compile_seconds` tell what a plan took.
+
+    RK8 runs first, each time with twice the steps, until two runs agree to a quarter of the accuracy. The last run is
+    the reference: the difference of another run from it is the error of that run. For the metric "energy", each run
+    gives its error itself.
+
+    If RK8 takes too long, as where stability limits the step, EIG-3 surveys the whole span with a stable step, for at
+    most five seconds. If its runs agree, they are the reference. If not, the runs cover the part of the span in which
+    the survey found the motion to be fastest. Errors are always relative to the displacements of the whole span. They
+    are extrapolated from the part to the whole by the ratio that the errors of EIG-3 show, or else by their growth in
+    the part. Only if no survey is possible, the runs cover the beginning of the span.
+
+    RK8 and RK5 run with tolerances. From the error of each run follows the rtol of the next, until the error is between
+    half of the accuracy and the accuracy. They come last where stability limits the step. If the motion starts from
+    rest, the tolerances are relative to its later size, and the longest step is the time between the states that are
+    compared; `Prediction.options` has both.
+
+    With a fixed step, each method starts with the number of steps that should take as long as the best method so far.
+    From there its longest step is searched for, down to 6 %. A method is given up when it would take twice the time of
+    the best one.
+    A method is ruled out before it runs, and is then not compiled,
+
+    - by its order and evaluations: if another method takes four times as long as the best one, has at least the same
+      order and no more evaluations per step, and is not limited by stability;
+    - by its limit: if it is an EIG method, and stability limits the step of an EIG method of a lower grade, whose limit
+      is longer;
+    - if there is no time left.
+
+    The methods that are close to the fastest are timed at their steps, in turn.
+
+    RK8, and each method that the user names, may take a number of evaluations in any case, so that the load of the
+    machine does not decide which methods are stable.
+    """
+    if not isinstance(problem, Problem):
+        raise TypeError(f"problem must be an eig3.Problem, not {type(problem).__name__}.")
+    if not (isinstance(accuracy, int | float) and 0 < accuracy < 1):
+        raise ValueError(f"accuracy must be a number between 0 and 1, not {accuracy!r}.")
+    if metric not in ("trajectory", "energy"):
+        raise ValueError(f"metric must be 'trajectory' or 'energy', not {metric!r}.")
+    if metric == "energy" and problem.energy is None:
+        raise ValueError(f"metric 'energy' needs a problem with an energy, and {problem.name} has none.")
+    if metric == "energy" and problem.energy_of(problem.u0, problem.v0) == 0:
+        raise ValueError(
+            f"metric 'energy' is relative to the energy at the start, which is 0 in {problem.name}: choose "
+            "metric='trajectory'."
+        )
+    for name, event in problem.events.items():
+        if event.terminal:
+            raise ValueError(
+                f"problem must have no terminal event, such as {name!r} of {problem.name}: let t_span end where it "
+                "occurs, and leave it out, with problem.with_(t_span=..., events={})."
+            )
+    records = [check_method(method) for method in (_in_order_of_trial() if methods is None else methods)]
+    if methods is None and problem.uses_velocity:
+        records = [method for method in records if not method.ignores_velocity]
+    if not records:
+        raise ValueError("methods must name at least one method.")
+    pilots = Pilots(problem, metric, _AIM[metric] * accuracy)
+    first = guide(pilots)
+    if isinstance(first, str):
+        predictions = [_failure(method, first) for method in records]
+    else:
+        predictions = _choose(first, records) if methods is None else _predict_each(first, records)
+    predictions.sort(key=lambda p: (not p.reaches, p.seconds))
+    return Plan(
+        problem,
+        float(accuracy),
+        metric,
+        tuple(predictions),
+        pilots.spent,
+        pilots.compiling,
+        pilots.window,
+        pilots.seen,
+    )
+
+
+def _in_order_of_trial() -> list[str]:
+    return sorted(LIBRARY, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+
+
+def _choose(first: Search, records: list[Method]) -> list[Prediction]:
+    """The predictions of the methods that may be the fastest, and the reasons why the others are not."""
+    pilots = first.pilots
+    enough = _end_of_search(first)
+    best: AnySearch = first
+    fixed: list[Search] = []
+    variable: list[ToleranceSearch] = []
+    ruled_out = []
+    for search in _in_order(first, records):
+        longest, reason = _SLOW * best.seconds, ""
+        if isinstance(search, Search) and search.method != best.method:
+            reason = _ruled_out(search.method, fixed, best)
+        if not reason and search is not first and pilots.spent > enough:
+            reason = NO_TIME
+        if not reason and isinstance(search, ToleranceSearch):
+            search.run(first, longest=longest, enough=enough)
+            variable.append(search)
+        elif not reason and isinstance(search, Search):
+            search.run(best, longest=longest, enough=enough)
+            fixed.append(search)
+            if not search.runs:
+                reason = NO_TIME
+            elif not search.steps:
+                reason = f"in {_SLOW:g} times the time of {best.label}, {search.verdict}"
+        if reason:
+            ruled_out.append(_failure(search.method, _RULED_OUT + reason, search.rtol))
+        best = min(best, search, key=_seconds)
+    failed = [_failed(search) for search in variable if not search.steps]
+    found: list[AnySearch] = [*variable, *fixed]
+    return _timed([search for search in found if search.steps]) + failed + ruled_out
+
+
+def _in_order(first: Search, records: list[Method]) -> list[AnySearch]:
+    """The searches in the order in which they run: a good method found early shortens the runs of the others.
+
+    Where stability limits the step, tolerances do not lengthen it, and methods of few evaluations come first.
+    """
+    pilots = first.pilots
+    fixed: list[AnySearch] = [first if method == first.method else Search(pilots, method) for method in records]
+    variable: list[AnySearch] = [ToleranceSearch(pilots, method) for method in VARIABLE]
+    if not first.is_limited:
+        return variable + fixed
+    return sorted(fixed, key=lambda search: search.method != SCOUT) + variable
+
+
+def _ruled_out(method: Method, tried: Sequence[Search], best: AnySearch) -> str:
+    """Why the method cannot be the fastest; empty if it may be."""
+    for search in tried:
+        other = search.method
+        if search.is_limited:
+            graded = isinstance(method, EIG) and isinstance(other, EIG) and other.order not in _WEAK_ORDERS
+            if graded and other.order < method.order:
+                return f"stability limits its step more than that of {other.label}"
+        elif search.follows_order and method.order <= other.order:
+            factor = search.seconds / best.seconds
+            if factor > _HOPELESS and search.pilots.evaluations(method) >= search.evaluations:
+                return f"{other.label}, of order {other.order}, takes {factor:.2g} times as long as {best.label}"
+    return ""
+
+
+def _predict_each(first: Search, records: list[Method]) -> list[Prediction]:
+    """A prediction for every method, from the runs that its share of the time allows."""
+    pilots = first.pilots
+    searches: list[AnySearch] = []
+    end = _end_of_search(first)
+    for i, method in enumerate(records):
+        search = first if method == first.method else Search(pilots, method)
+        until = pilots.spent + max(0.0, end - pilots.spent) / (len(records) - i)
+        search.run(first, until=until, work=_WORK)
+        searches.append(search)
+        if method in VARIABLE:
+            variable = ToleranceSearch(pilots, method)
+            variable.run(first, longest=until - pilots.spent)
+            searches.append(variable)
+    return _timed(searches)
+
+
+def _end_of_search(first: Search) -> float:
+    """The time of the pilot runs after which no other method is tried."""
+    pilots = first.pilots
+    run = first.seconds * pilots.part if first.steps else 0.0
+    return max(_SECONDS, pilots.spent + max(_LEAST_SECONDS, _RUNS * run))
+
+
+def _seconds(search: AnySearch) -> float:
+    return search.seconds
+
+
+def _timed(searches: Sequence[AnySearch]) -> list[Prediction]:
+    """The predictions of all methods. The times of the fastest are measured in turn."""
+    shortest = min((search.seconds for search in searches), default=math.inf)
+    close = [search for search in searches if search.steps and search.seconds <= _CLOSE * shortest]
+    paces: dict[AnySearch, list[float]] = {search: [] for search in close}
+    pilots, (fewest, most) = searches[0].pilots, _TIMED_RUNS
+    until = pilots.spent + _TIMED_SECONDS
+    for i in range(most):
+        if i >= fewest and (len(close) == 1 or pilots.spent > until):
+            break
+        for search in close:
+            paces[search].append(search.time_a_step())
+    return [_prediction(search, min(paces.get(search, [search.pace]))) for search in searches]
+
+
+def _prediction(search: AnySearch, pace: float) -> Prediction:
+    if not search.steps:
+        return _failed(search)
+    note = "the step is limited by stability" if search.is_limited else ""
+    from_rest: dict[str, Any] = {}
+    if search.rtol is not None and search.pilots.sizes:
+        from_rest = {"sizes": search.pilots.sizes, "h_max": search.pilots.h_max}
+        note = "from rest, with atol and h_max as in options"
+    return Prediction(
+        method=search.method,
+        h=search.pilots.span / search.steps,
+        n_steps=search.steps,
+        evaluations=round(search.steps * search.mean_evaluations),
+        seconds=search.steps * pace,
+        error=search.error,
+        note=note if search.reaches else EXTRAPOLATED,
+        rtol=search.rtol,
+        **from_rest,
+    )
+
+
+def _failed(search: AnySearch) -> Prediction:
+    return _failure(search.method, search.failure, search.rtol)
+
+
+def _failure(method: Method, note: str, rtol: float | None = None) -> Prediction:
+    return Prediction(method, math.nan, 0, 0, math.inf, math.nan, note, rtol)

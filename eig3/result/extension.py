@@ -1,0 +1,46 @@
+"""The states between those of a run by RK8 with tolerances, from the continuous extension of its steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..functions.callbacks import Callback
+from ..kernels.loops.extension import WORK, extension_kernel
+from ..kernels.protocol import SCALAR, VECTOR
+
+
+def states_between(
+    rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return u and v at some times, from a history with the states after all steps.
+
+    Parameters
+    ----------
+    rhs : Callback
+    params : ndarray
+        The parameters, from `guarded`.
+    t : ndarray, shape (m,)
+        Two equal times are those of the states before and after a jump.
+    u, v : ndarray, shape (m,) or (m, n)
+    times : ndarray, shape (k,)
+        Within the span of t.
+
+    Returns
+    -------
+    u, v : ndarray, shape (k,) or (k, n)
+        At the time of a state of the history they are this state; at that of a jump, the state after it.
+    """
+    left = np.searchsorted(t, times, side="right") - 1
+    found = u[left], v[left]
+    inside = np.flatnonzero(t[left] < times)
+    if len(inside):
+        inside = inside[np.argsort(left[inside], kind="stable")]  # the steps are taken in their order
+        rows = [np.ascontiguousarray(x, dtype=np.float64).reshape(len(t), -1) for x in (u, v)]
+        n = rows[0].shape[1]
+        out = np.empty((2, len(inside), n))
+        kernel = extension_kernel(SCALAR if u.ndim == 1 else VECTOR)
+        t = np.ascontiguousarray(t)
+        kernel(rhs.address, params, t, *rows, left[inside], times[inside], *out, np.empty((WORK, n)))
+        for x, values in zip(found, out, strict=True):
+            x[inside] = values.reshape(x[inside].shape)
+    return found

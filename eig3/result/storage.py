@@ -1,0 +1,352 @@
+"""Solutions in files and directories: arrays of NumPy, and a record in JSON of the rest. Nothing is pickled."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import time
+import uuid
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..functions.events import Occurrences
+from ..functions.extremes import Extremes
+from ..methods import METHODS, Method, shown
+from .labels import Labels
+from .mapped import check_directory, output_files, read_mapped
+from .solution import TRANSIENT, Solution, Status
+from .soundness import check_fields
+
+_VERSION = 2  # raise it with every change that an older eig3 would read wrongly
+_RECORD = "eig3"  # the name of the record among the arrays
+_RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
+_ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there, as those of outputs have
+_COUNTS = "counts.npy"  # a file of version 1 with the number of rows, and with what a run had counted up to there
+_TRIALS, _PAUSE = 5, 0.02  # to read or replace a file that another process uses, and the seconds between them
+_LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and the part of its time they may take
+_FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
+_PARTS = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
+WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
+
+
+class _UnknownMethodError(ValueError):
+    """The file is sound, but the class of its method is not known."""
+
+
+def save(solution: Solution, path: str | PathLike[str]) -> Path:
+    """Write a solution to a file, as `Solution.save` describes it."""
+    return _write(solution, {**solution.__getstate__(), "_resume": solution._state}, _file(path))
+
+
+@dataclasses.dataclass
+class Place:
+    """Where a run saves its rows, and what it saves beside them.
+
+    Attributes
+    ----------
+    directory : Path
+    labels : Labels or None
+        Those of the problem that runs.
+    integrals : tuple of str
+        The names of integrals, whose values are the last velocities of a row.
+    """
+
+    directory: Path
+    labels: Labels | None = None
+    integrals: tuple[str, ...] = ()
+    _next: float = dataclasses.field(default=0.0, init=False)  # the time of the next record of a run that goes on
+
+    @classmethod
+    def of(cls, save_to: Any, labels: Labels | None = None, integrals: tuple[str, ...] = ()) -> Place:
+        """Return the place that `save_to` names, which must be a new or an empty directory."""
+        if isinstance(save_to, Place):
+            return save_to
+        if not isinstance(save_to, str | PathLike):
+            raise TypeError(f"save_to must be the path of a directory, not {shown(save_to)}.")
+        directory = Path(save_to)
+        check_directory(directory)
+        return cls(directory, labels, integrals)
+
+    def keep(self, rows: int, solution: Callable[[], Solution]) -> None:
+        """Write now and then what a run has found so far: what is left if its process is killed.
+
+        Parameters
+        ----------
+        rows : int
+            Number of rows that are complete.
+        solution : callable
+            It returns the run up to these rows.
+        """
+        begin = time.perf_counter()
+        if begin >= self._next:
+            self.write(solution(), rows, has_ended=False)
+            end = time.perf_counter()
+            self._next = end + max(_LEAST_PAUSE, (end - begin) / _LARGEST_SHARE)
+
+    def write(self, solution: Solution, rows: int, *, has_ended: bool) -> None:
+        """Write what a solution has beside its rows, whose number is `rows`."""
+        state = {name: None if name in _ROWS else value for name, value in vars(solution).items()}
+        state |= dict.fromkeys(TRANSIENT) | {"_resume": solution._state, "labels": self.labels, "outputs": {}}
+        rest = {"rows": rows, "outputs": list(solution.outputs), "integrals": self.integrals, "has_ended": has_ended}
+        _write(solution, state, self.directory / _RUN, is_lasting=has_ended, **rest)
+
+
+def _write(
+    solution: Solution, values: Mapping[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any
+) -> Path:
+    """Write the values of the fields of a solution, and `rest` in the record beside them.
+
+    The file is there with all of it, or as it was before. If it is lasting, that holds also if the power fails.
+    """
+    state = {name: value for name, value in values.items() if name in _FIELDS}
+    if solution.method.jacobian is not None:
+        state["notes"] = *solution.notes, WITHOUT_JACOBIAN
+    arrays: dict[str, np.ndarray] = {}
+    fields = {name: _plain(value, name.lstrip("_"), arrays) for name, value in state.items()}
+    arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "solution": fields, **rest}))
+    temporary = target.with_name(f".{uuid.uuid4().hex}.part")
+    try:
+        with temporary.open("xb") as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]
+            file.flush()
+            if is_lasting:
+                os.fsync(file.fileno())  # a system may find only now that the disk is full
+        _rename(temporary, target)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise
+    return target
+
+
+def _rename(source: Path, target: Path) -> None:
+    """Replace a file by another one. Windows refuses this while another process reads the file."""
+    for _ in range(_TRIALS - 1):
+        with contextlib.suppress(PermissionError):
+            source.replace(target)
+            return
+        time.sleep(_PAUSE)
+    source.replace(target)
+
+
+def load(path: str | PathLike[str]) -> Solution:
+    """Read a solution that `Solution.save` or a run with `save_to` has written, as `eig3.load` describes it."""
+    target = Path(path)
+    if (target / _RUN).is_file():
+        return _load_directory(target)
+    target = _file(path)
+    if Path(path).is_dir() and not target.exists():
+        raise ValueError(f"{path} is not a directory that save_to has written: name such a directory, or a file.")
+    return _read(target, lambda record, arrays: _solution(record["solution"], arrays))
+
+
+def _load_directory(directory: Path) -> Solution:
+    """Read a directory. If its run ends at this moment, its files change between two of them that are read."""
+    for _ in range(_TRIALS - 1):
+        try:
+            return _read(directory / _RUN, partial(_solution_in, directory))
+        except ValueError as error:
+            if error.__cause__ is None:  # it is not damaged
+                raise
+        time.sleep(_PAUSE)
+    return _read(directory / _RUN, partial(_solution_in, directory))
+
+
+def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str, np.ndarray]) -> Solution:
+    """Return the solution from the files of a directory, and the record and arrays that are not rows."""
+    if record["version"] == 1:
+        counts = _counts_of_version_1(directory)
+        rows, files = counts.pop("rows"), {}
+    else:
+        rows, files, counts = record["rows"], output_files(record["outputs"]), {}
+    if not (isinstance(rows, int) and rows > 0):
+        raise ValueError(f"{rows} is not a number of rows.")
+    arrays = read_mapped(directory, [*_ROWS, *files.values()], rows)
+    given: dict[str, Any] = {name: arrays.get(name) for name in _ROWS}
+    if files:
+        given["outputs"] = {name: arrays[file] for name, file in files.items()}
+    result = _solution(record["solution"], others, given)
+    if not record["has_ended"]:
+        vars(result).update(counts)
+        if counts and result.steps is not None:  # with tolerances, h is the mean of the steps
+            result.h = float(result.t[-1] - result.t[0]) / max(1, result.n_steps)
+        result.status = Status.INTERRUPTED
+        result.message = (
+            f"The process of this run was killed after t = {result.t[-1]:g}, the last state here, or it is still "
+            "running."
+        )
+    if record["integrals"]:
+        result._separate([str(name) for name in record["integrals"]])
+    return result
+
+
+def _counts_of_version_1(directory: Path) -> dict[str, Any]:
+    record = np.load(directory / _COUNTS)
+    return {name: record[name].item() for name in record.dtype.names}
+
+
+def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.ndarray]], Solution]) -> Solution:
+    """Return the solution that a function makes from the record and the arrays of a file."""
+    foreign = f"{target} is not a file that Solution.save has written, or it is damaged: name such a file."
+    with target.open("rb") as file:
+        try:
+            arrays = _Members(file)
+            text = str(arrays[_RECORD])
+        except Exception as error:  # many kinds, from zipfile, zlib and NumPy
+            raise ValueError(foreign) from error
+        try:
+            record = json.loads(text)
+            version = int(record["version"])
+            if version <= _VERSION:
+                return solution(record, arrays)
+        except _UnknownMethodError as error:
+            raise ValueError(f"{target} {error}") from None
+        except Exception as error:
+            raise ValueError(f"{target} is damaged: take a copy of it, or run again.") from error
+    raise ValueError(f"{target} was written by a newer eig3, in version {version} of its format: update eig3.")
+
+
+class _Members(Mapping[str, np.ndarray]):
+    """The arrays of a file, which are read when they are asked for. A compressed one could be larger than memory."""
+
+    def __init__(self, file: Any) -> None:
+        self._content = np.load(file, allow_pickle=False)
+        if any(member.compress_type != zipfile.ZIP_STORED for member in self._content.zip.infolist()):
+            raise ValueError("Solution.save compresses no array.")
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._content[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._content)
+
+    def __len__(self) -> int:
+        return len(self._content)
+
+
+@contextlib.contextmanager
+def going_on() -> Iterator[None]:
+    """While a run takes the state of a file, say of each error that the state is damaged."""
+    try:
+        yield
+    except Exception as error:
+        raise ValueError(
+            f"the run cannot go on from its file ({error}): give the functions of the run; if they are these, the file "
+            "is damaged."
+        ) from error
+
+
+def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return t, u and v of the saved states with all n degrees of freedom, also those of integrals.
+
+    A file of `Solution.save` has the velocities of integrals only: the displacements, which nothing reads, are NaN.
+    """
+    u, v = solution._whole or (solution.u, solution.v)
+    if solution._whole is None and solution.integrals:
+        v = np.column_stack([v, *solution.integrals.values()])
+        u = np.column_stack([u, np.full((len(u), len(solution.integrals)), np.nan)])
+    if (u.shape[1] if u.ndim == 2 else 1) != n:
+        raise ValueError(f"the states have {u.shape[1:]} degrees of freedom and not {n}.")
+    return solution.t, u, v
+
+
+def _file(path: str | PathLike[str]) -> Path:
+    target = Path(path)
+    return target if target.suffix == ".npz" else target.with_name(f"{target.name}.npz")
+
+
+def _solution(
+    fields: Mapping[str, Any], arrays: Mapping[str, np.ndarray], given: Mapping[str, Any] | None = None
+) -> Solution:
+    """Return the solution with the fields of a record, and those that are `given`."""
+    state = {name: _value(plain, arrays) for name, plain in fields.items()} | dict(given or {})
+    check_fields(state)
+    found = {name: state.pop(name) for name in [*state] if not _FIELDS[name].init}
+    solution = Solution(**state)
+    vars(solution).update(found)
+    return solution
+
+
+def _plain(value: Any, key: str, arrays: dict[str, np.ndarray]) -> Any:
+    """Return a value as JSON has it, with its arrays put into `arrays` under names that begin with `key`."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        arrays[key] = value
+        return {"array": key}
+    if isinstance(value, Status):
+        return {"status": value.name}
+    if isinstance(value, Method):
+        return _plain_method(value, key, arrays)
+    if type(value) in _PARTS.values():
+        return {"part": type(value).__name__, "fields": _plain_all(_fields(value), key, arrays)}
+    if isinstance(value, dict):
+        values = _plain_all({str(i): item for i, item in enumerate(value.values())}, key, arrays)
+        return {"names": list(value), "values": list(values.values())}
+    if isinstance(value, tuple | list):
+        return list(_plain_all({str(i): item for i, item in enumerate(value)}, key, arrays).values())
+    raise TypeError(f"{key} of the solution is of the type {type(value).__name__}, which a file cannot keep.")
+
+
+def _plain_all(values: Mapping[str, Any], key: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    return {name: _plain(value, f"{key}.{name}", arrays) for name, value in values.items()}
+
+
+def _plain_method(method: Method, key: str, arrays: dict[str, np.ndarray]) -> Any:
+    cls = type(method)
+    if _method_class(method.name, cls.__qualname__) is not cls:
+        raise TypeError(f"the method {method!r} is not in eig3.METHODS: give its class {cls.__qualname__} a name.")
+    options: dict[str, Any] = _fields(method) if dataclasses.is_dataclass(method) else {}
+    options.pop("jacobian", None)
+    origin = {"method": method.name, "class": cls.__qualname__, "module": cls.__module__}
+    return {**origin, "options": _plain_all(options, key, arrays)}
+
+
+def _method_class(name: str, qualname: str) -> Any:
+    """Return the record class of this name, or None."""
+    # "eig9" stands for a function that makes an EIG, and EIG(grade=3) has the name of another class.
+    classes = (getattr(entry, "func", entry) for entry in (METHODS.get(name), *METHODS.values()))
+    return next((cls for cls in classes if cls is not None and cls.__qualname__ == qualname), None)
+
+
+def _fields(record: Any) -> dict[str, Any]:
+    if isinstance(record, Extremes):
+        return record._asdict()
+    return {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+
+
+def _value(plain: Any, arrays: Mapping[str, np.ndarray]) -> Any:
+    """Return the value that `_plain` has described."""
+    if isinstance(plain, list):
+        return tuple(_value(item, arrays) for item in plain)
+    if not isinstance(plain, dict):
+        return plain
+    if "array" in plain:
+        return arrays[plain["array"]]
+    if "status" in plain:
+        return Status[plain["status"]]
+    if "names" in plain:
+        return dict(zip(plain["names"], _value(plain["values"], arrays), strict=True))
+    if "part" in plain:
+        return _PARTS[plain["part"]](**{name: _value(item, arrays) for name, item in plain["fields"].items()})
+    return _method(plain, {name: _value(item, arrays) for name, item in plain["options"].items()})
+
+
+def _method(plain: Mapping[str, Any], options: Mapping[str, Any]) -> Method:
+    cls = _method_class(plain["method"], plain["class"])
+    if cls is None:
+        raise _UnknownMethodError(
+            f"has a result of the method {plain['method']!r}: import its class {plain['class']} from the module "
+            f"{plain['module']} before you load it."
+        )
+    return cls(**options)

@@ -1,0 +1,84 @@
+"""Detect finite blow-ups: motions that grow by orders of magnitude. This needs no invariant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from typing import Any
+
+import numpy as np
+
+from ..stepping.stepper import Stepper
+from .chunk import Chunk
+
+_STRANGE = 1e3  # from this multiple of its natural size on, the motion may be unstable
+BLOWN_UP = 1e4  # from this multiple of its natural size on, a search for an instability is worth its time
+OVERFLOWING = 1e100  # a motion of this size is suspect, whatever its natural size is
+
+
+class Growth:
+    """The size of the motion at the ends of chunks, relative to its natural size.
+
+    The natural size of v is the largest |v| at the start, plus the change of v that the acceleration at the start would
+    cause over the whole span. The natural size of u is the largest |u| at the start, plus the change of u that the
+    natural size of v would cause. If a motion starts at rest without acceleration, its natural size is its size in the
+    middle of the span.
+    """
+
+    def __init__(self, stepper: Stepper, n_steps: int) -> None:
+        a = stepper.first_acceleration
+        a_size = abs(a) if type(a) is float else float(np.maximum.reduce(np.abs(a)))
+        self._h, self._start = stepper.h, (*stepper.sizes, a_size)
+        self._set_span(n_steps)
+        self._strange: Stepper | None = None
+        self._size, self._is_overflowing = 0.0, False
+
+    def _set_span(self, n_steps: int) -> None:
+        self._half, span = n_steps // 2, n_steps * self._h
+        u, v, a = self._start
+        v_size = v + span * a
+        self._natural = u + span * v_size, v_size
+
+    def extended(self, n_steps: int, index: int) -> Growth:
+        """Return an independent observer for a run of more steps, of which `index` are taken."""
+        other = copy(self)
+        other._set_span(n_steps)
+        if other.needs_half and other._half <= index:
+            other._natural, other._half = self._natural, self._half
+        return other
+
+    def kept(self) -> dict[str, Any]:
+        """Return what this observer needs to go on, in numbers and arrays."""
+        strange = None if self._strange is None else self._strange.kept()
+        sizes = {"natural": self._natural, "half": self._half, "size": self._size}
+        return {**sizes, "is_overflowing": self._is_overflowing, "strange": strange}
+
+    def restore(self, kept: Mapping[str, Any], stepper: Stepper) -> None:
+        """Become the observer that has returned `kept`; `stepper` is that of the run."""
+        u, v = kept["natural"]
+        self._natural, self._half, self._size = (float(u), float(v)), int(kept["half"]), float(kept["size"])
+        self._is_overflowing = bool(kept["is_overflowing"])
+        if kept["strange"] is not None:
+            self._strange = stepper.fork()
+            self._strange.restore(kept["strange"])
+
+    @property
+    def needs_half(self) -> bool:
+        """Whether a chunk should end in the middle of the run."""
+        return self._natural[1] == 0
+
+    def see(self, chunk: Chunk) -> None:
+        stepper = chunk.stepper
+        u, v = stepper.sizes
+        if self._natural[1] == 0 and stepper.index >= self._half > chunk.first:
+            self._natural = u, v
+        u_natural, v_natural = self._natural
+        self._size = max(u / u_natural if u_natural else 0.0, v / v_natural if v_natural else 0.0)
+        self._is_overflowing = max(u, v) > OVERFLOWING
+        if self._strange is None and self._size > _STRANGE:
+            self._strange = stepper.before()
+
+    @property
+    def suspect(self) -> Stepper | None:
+        """A stepper at a state before the growth; None if the motion did not grow much."""
+        return self._strange if self._size > BLOWN_UP or self._is_overflowing else None

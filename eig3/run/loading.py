@@ -1,0 +1,68 @@
+"""Load a saved run, with the functions that it needs to go on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from typing import Any
+
+from ..functions.events import Event
+from ..result import storage
+from ..result.solution import Solution
+from .integration import with_functions
+
+
+def load(
+    path: str | PathLike[str],
+    *,
+    rhs: Any = None,
+    events: Mapping[str, Event] | None = None,
+    invariants: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, Any] | None = None,
+    jacobian: Any = None,
+) -> Solution:
+    """Read a solution that `Solution.save` or a run with `save_to` has written.
+
+    Parameters
+    ----------
+    path : str or path
+        The file, to which ".npz" is added if it does not end with this, or the directory of `save_to`.
+    rhs : jitted function, optional
+        The right-hand side of the run. The solution can then go on with `extend`, as the one that `integrate` returned.
+        `Problem.load` loads a run of a problem in this way.
+    events, invariants, outputs : dict, optional
+        With rhs: the events and functions of the run, as for `eig3.integrate`.
+    jacobian : jitted function, optional
+        With rhs: that of the method, if it had one.
+
+    Returns
+    -------
+    Solution
+        With every number as it was saved. Without rhs, `explain` returns what it had found before, and `at` takes the
+        saved accelerations. A directory has none of these, so that `at` is a cubic polynomial. Its t, u, v and outputs
+        are maps of files that can only be read. If the process of its run was killed, or is still running, the status
+        is INTERRUPTED, and the solution is the run up to the last record that it wrote: some tenths of a second of
+        computing before, or somewhat more for a large system, so that records take at most a twentieth of the time.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    TypeError, ValueError
+        If it is not a file of `Solution.save`, is damaged or comes from a newer eig3, or if its method is a class of
+        the user that is not imported yet. With rhs, if the run cannot go on, or the functions are not those of the run:
+        their names are checked, and the parameters are those of the file, but a function that computes something else
+        is not found out.
+
+    Notes
+    -----
+    A file may come from others: nothing in it is run, and everything is checked to have its type.
+    """
+    solution = storage.load(path)
+    given = {"events": events, "invariants": invariants, "outputs": outputs, "jacobian": jacobian}
+    if rhs is not None:
+        return with_functions(solution, rhs, **given)
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} needs rhs beside it: the right-hand side of the run.")
+    return solution

@@ -1,0 +1,115 @@
+"""The arguments of a run with tolerances: their checks, and the choice of a method."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..functions.checks import check_count, check_method, reals, shown
+from ..methods import METHODS, RK5, RK8, Method
+
+LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off decides about the steps
+_RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
+
+
+class Motion(NamedTuple):
+    """The argument `atol` of a run in which only the first `n` degrees of freedom are a motion.
+
+    The others are integrals over time, which do not act on the motion: they do not decide about the steps.
+    """
+
+    atol: ArrayLike | None
+    n: int
+
+
+@dataclass(frozen=True, eq=False)
+class Tolerances:
+    """What the steps of a run follow from.
+
+    Attributes
+    ----------
+    rtol : float
+        The tolerance relative to the size of u and of v.
+    atol : ndarray, shape (2, n)
+        The absolute tolerances of u and of v.
+    is_relative : bool
+        Whether `rtol` is relative to the largest value so far of each degree of freedom, and not to the value itself.
+    h_first : float
+        The first step; 0.0 to find it.
+    h_max : float
+        The longest step.
+    max_steps : int
+        The largest number of steps.
+    """
+
+    rtol: float
+    atol: np.ndarray
+    is_relative: bool
+    h_first: float
+    h_max: float
+    max_steps: int
+
+
+def check_tolerances(
+    n: int,
+    rtol: float | None,
+    atol: ArrayLike | None,
+    h_max: float | None,
+    first_step: float | None,
+    max_steps: int | None,
+) -> Tolerances:
+    """Check the tolerances of a run with n degrees of freedom."""
+    if rtol is None:
+        raise ValueError("atol needs rtol beside it: the relative tolerance, such as 1e-6.")
+    n_integrals = 0
+    if isinstance(atol, Motion):
+        n_integrals, (atol, n) = n - atol.n, atol
+    relative = reals(rtol, "rtol")
+    if relative.ndim or not LEAST_RTOL <= relative < 1:
+        raise ValueError(
+            f"rtol must be a number from {LEAST_RTOL:.3g}, below which round-off decides, to 1, not {shown(rtol)}."
+        )
+    absolute = np.zeros(()) if atol is None else reals(atol, "atol")
+    if not (np.isfinite(absolute).all() and (absolute >= 0).all()):
+        raise ValueError(f"atol must be finite and not negative, not {shown(atol)}.")
+    try:
+        rows = np.broadcast_to(absolute, (2, n))
+    except ValueError:
+        each = f"{n} numbers for the degrees of freedom, " if n > 1 else ""
+        raise ValueError(
+            f"atol must be a number, {each}or an array of shape (2, {n}) with a row for u and a row for v, not of the "
+            f"shape {absolute.shape}."
+        ) from None
+    rows = np.ascontiguousarray(np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1))
+    return Tolerances(
+        float(relative),
+        rows,
+        atol is None,
+        0.0 if first_step is None else _positive(first_step, "first_step"),
+        math.inf if h_max is None else _positive(h_max, "h_max"),
+        2**62 if max_steps is None else check_count(max_steps, "max_steps"),
+    )
+
+
+def method_for(method: str | Method | None, rtol: float) -> Method:
+    """Return the record of a method that has steps of variable length; for None, the one that suits the tolerance."""
+    if method is None:
+        return RK8() if rtol < _RK8_FROM else RK5()
+    record = check_method(method, has_tolerances=True)
+    if record.variable:
+        return record
+    if record.name == "eig3":
+        raise ValueError("method must be EIG3() with tolerances: alpha and beta follow from the steps.")
+    known = ", ".join(repr(name) for name, other in METHODS.items() if getattr(other(), "variable", ""))
+    raise ValueError(f"method must be one of {known} with tolerances, not {record!r}; the others need h.")
+
+
+def _positive(value: Any, name: str) -> float:
+    number = reals(value, name)
+    if number.ndim or not (math.isfinite(number) and number > 0):
+        raise ValueError(f"{name} must be a positive, finite number of time units, not {shown(value)}.")
+    return float(number)

@@ -1,0 +1,1 @@
+"""Compilation: options, inlined elements, the cache on the disk, and interrupts."""

@@ -1,0 +1,340 @@
+# ruff: noqa: F821
+"""Find the zeros of event functions within a step, write them to the log, and apply their resets.
+
+The names in capitals stand for functions that depend on the form of the right-hand side: `functions` inserts them.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from types import SimpleNamespace
+from typing import Any
+
+from ..compile.jit import bound, element, outlined
+from ..protocol import ENDED_BY, EVENT_VALUES, EVENTS, GAP, LOGGED, NEXT, SCALAR, Form, function_at
+from .dense import evaluate
+
+#: What became of a step with events. A later one of these outcomes takes precedence. A step that is RESTING or
+#: NOT_A_NUMBER is not taken: the state stays at its start.
+PASSED, RESET, TERMINAL, ZENO, RESTING, NOT_A_NUMBER, NOT_FINITE = range(7)
+
+EPSILON = 2.0**-52
+_G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
+_SIDE, _LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the tally, from `EVENTS` on
+_DUE, _CROSSING, _END, _HERE = range(4)  # the rows of `Watch.search`
+_NEVER = math.inf  # stands for the fraction of the step at which g changes its sign, if it does not
+_JUST_AFTER = 2.0**-20  # the fraction of a step after which g has left a zero at the start of the step
+_LATER = 8.0  # the multiple of this time at which g is looked at again, to see how it leaves
+_GROWTH = 4.0  # g moves on by this factor at least, if what is seen is more than round-off
+_SPACINGS, _CLEAR = 4, 4  # spacings of a value that count as round-off; the multiple of it that is certainly a movement
+_GOLDEN = 0.6180339887498949  # the golden ratio: the fractions of its multiples are spread evenly
+_TOGETHER = 4  # events within this multiple of the tolerance of a root occur at the same time
+_SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
+
+
+def is_quiet(watch, tally, t, u, v, p):
+    """Return whether every g still has its sign. A product is used, because it is false for zero and for NaN."""
+    for k in range(len(watch.events)):
+        if not EVENT(watch.events[k, _G], t, u, v, p) * tally[EVENTS + EVENT_VALUES * k + _SIDE] > 0:
+            return False
+    return True
+
+
+def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, p):
+    """Process the events of a step in their order, up to the first that resets the state or ends the run.
+
+    `coefficients` are the dense output of the step from t to t_end, and u_end and v_end the state at its end. Return
+    the outcome, and the fraction s of the step and the time at which it ends: the compiler may round t + s h in two
+    ways if it is computed twice. If the outcome is not PASSED, u and v are changed to the state there. They are scratch
+    otherwise.
+    """
+    count, search = len(watch.events), watch.search
+    tolerance = 2 * EPSILON * max(abs(t), abs(t_end)) / h
+    for k in range(count):
+        mine = EVENTS + EVENT_VALUES * k
+        g_end = EVENT(watch.events[k, _G], t_end, u_end, v_end, p)
+        if g_end != g_end:
+            tally[ENDED_BY] = k
+            return NOT_A_NUMBER, 0.0, t
+        crossing, side = CROSSING(
+            watch.events[k, _G],
+            tally[mine + _SIDE],
+            tally[mine + _FREE],
+            tally[mine + _LEVEL],
+            t - tally[mine + _LAST],
+            g_end,
+            t,
+            h,
+            n,
+            coefficients,
+            u,
+            v,
+            p,
+            tolerance,
+        )
+        if crossing < 0:
+            tally[ENDED_BY] = k
+            return RESTING, 0.0, t
+        is_wanted = watch.events[k, _DIRECTION] != (1 if side > 0 else -1)
+        search[_CROSSING, k], search[_DUE, k] = crossing, crossing if is_wanted else _NEVER
+        search[_END, k], tally[mine + _SIDE] = g_end, side
+        if side != 0:
+            tally[mine + _FREE] = 0.0
+    outcome, s, stop = PASSED, 1.0, t_end
+    while True:
+        k = _earliest(search[_DUE], count)
+        if k < 0 or search[_DUE, k] > (1.0 if outcome == PASSED else s + _TOGETHER * tolerance):
+            break
+        if outcome == PASSED:
+            s = search[_DUE, k]
+            if s < 1.0:
+                stop = t + s * h
+                evaluate(coefficients, s, n, u, v)
+            else:
+                stop = t_end
+                for j in range(n):
+                    u[j], v[j] = u_end[j], v_end[j]
+            for other in range(count):
+                search[_HERE, other] = EVENT(watch.events[other, _G], stop, u, v, p)
+        outcome = max(outcome, TAKE(watch, tally, k, stop, n, u, v, p))
+        search[_DUE, k] = _NEVER
+    if outcome == PASSED:
+        for k in range(count):
+            mine = EVENTS + EVENT_VALUES * k
+            if search[_END, k] != 0 and tally[mine + _FREE] == 0:
+                tally[mine + _SIDE] = search[_END, k]
+        return outcome, 1.0, t_end
+    for k in range(count):
+        _note_side(
+            search,
+            tally,
+            k,
+            abs(search[_CROSSING, k] - s) <= _TOGETHER * tolerance,
+            EVENT(watch.events[k, _G], stop, u, v, p),
+        )
+    return outcome, s, stop
+
+
+@element
+def _earliest(due, count):
+    """Return the event that is due first, or -1."""
+    earliest, least = -1, _NEVER
+    for k in range(count):
+        if due[k] < least:
+            earliest, least = k, due[k]
+    return earliest
+
+
+@element
+def _note_side(search, tally, k, is_crossing, g):
+    """Note the sign of `g`, which is the g of the event k after the resets.
+
+    An event that `is_crossing` is at its zero, on whichever side round-off puts it, unless a reset moved it away: the
+    next step then shows its sign. So it does if a reset moved g to zero. If g is zero by itself, it keeps its sign.
+    """
+    mine = EVENTS + EVENT_VALUES * k
+    here = search[_HERE, k]
+    if abs(g) > (2 * abs(here) if is_crossing else 0.0):
+        tally[mine + _SIDE] = g
+    elif is_crossing or here != 0:
+        tally[mine + _SIDE], tally[mine + _LEVEL] = 0.0, g
+    if not is_crossing or tally[mine + _SIDE] != 0:
+        tally[mine + _FREE] = 0.0
+
+
+def crossing_within(address, side, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance):
+    """Return the fraction of the step at which g changes its sign, or `_NEVER`, and the sign of g before.
+
+    `side` has the sign of g at the start. If it is zero, the sign is that just after the start. `free` has the sign
+    from which the last reset of the event came, if it left g at zero, and is zero otherwise. This reset was at the time
+    `since` before t, and g was `level` after it. If g then leaves to the other side with the rate 0, it rests on its
+    zero: -1 is returned as the fraction.
+
+    The ITP method takes at most one more evaluation than bisection, and as few as the secant method if g is smooth:
+    I. F. D. Oliveira and R. H. C. Takahashi, ACM Transactions on Mathematical Software 47 (2020), 5.
+    """
+    low, high = 0.0, 1.0
+    if not abs(side) > 0:
+        low, g_low, side = DEPARTURE(address, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance)
+    else:
+        evaluate(coefficients, low, n, u, v)
+        g_low = EVENT(address, t, u, v, p)
+    g_high = g_end
+    is_rising = side < 0
+    has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
+    if low < 0:
+        return low, side
+    if side == 0 or not has_changed:
+        return _NEVER, side
+    if g_low == 0 or (g_low < 0) != is_rising:  # zero, up to round-off
+        return low, side
+    spread, radius = _SPREAD / (high - low), high - low
+    while high - low > 2 * tolerance:
+        middle, half = (low + high) / 2, (high - low) / 2
+        secant = (g_high * low - g_low * high) / (g_high - g_low)
+        side_of_root = 1.0 if middle > secant else -1.0
+        shift = spread * (high - low) * (high - low)
+        x = secant + side_of_root * shift if shift <= abs(middle - secant) else middle
+        if abs(x - middle) > radius - half:
+            x = middle - side_of_root * (radius - half)
+        radius /= 2
+        if not low < x < high:
+            x = middle
+            if not low < x < high:
+                break
+        evaluate(coefficients, x, n, u, v)
+        g = EVENT(address, t + x * h, u, v, p)
+        if (g < 0) == is_rising and g != 0:
+            low, g_low = x, g
+        else:
+            high, g_high = x, g
+    return high, side
+
+
+def departure(address, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance):
+    """Return a fraction of the step at which g has left its zero, g there, and the sign that it got.
+
+    The sign is zero if g does not leave it. The fraction is -1 if g rests on its zero: see `crossing_within`. After a
+    reset, at the time `since` before the step, g was `level`. With a rate, g leaves it as this time; from rest, it
+    leaves it as the square of the time at least.
+    """
+    evaluate(coefficients, 0.0, n, u, v)
+    g_start = EVENT(address, t, u, v, p)  # on either side of zero, by round-off
+    noise = _CLEAR * ROUND_OFF(address, t, n, coefficients, g_start, u, v, p)
+    if free == 0:
+        level, since = g_start, 0.0
+    s, sign = _JUST_AFTER, 0.0
+    while True:
+        is_last = _LATER * s == 1.0
+        evaluate(coefficients, s, n, u, v)
+        g = EVENT(address, t + s * h, u, v, p)
+        g_later = g_end
+        if not is_last:
+            evaluate(coefficients, _LATER * s, n, u, v)
+            g_later = EVENT(address, t + _LATER * s * h, u, v, p)
+        moved, moved_later = g - level, g_later - level
+        ratio = (since + _LATER * s * h) / (since + s * h)
+        from_rest = ratio * math.sqrt(ratio) * max(abs(moved), noise)
+        is_seen = abs(moved) > noise and (noise > 0 or abs(moved_later) >= _GROWTH * abs(moved))
+        has_left = is_seen and g * moved > 0 and moved * moved_later > 0
+        if has_left or (is_last and abs(moved) <= noise and abs(moved_later) > from_rest):
+            sign = moved_later
+            break
+        if is_last:
+            break
+        s *= 2
+    if sign * free < 0 and g_end * free > 0:  # the polynomial of a step over a jump of the force dips, not the motion
+        return s, g, free
+    if not sign * free < 0 or abs(moved_later) <= from_rest:
+        return s, g, sign
+    while s > tolerance:
+        s /= 2
+        evaluate(coefficients, s, n, u, v)
+        g = EVENT(address, t + s * h, u, v, p)
+        if g * free > 0 and (g - level) * free > noise:  # it has risen, and fallen back
+            return s, g, free
+    return -1.0, g, free
+
+
+def round_off(address, t, n, coefficients, g, u, v, p):
+    """Return about the change of g at the start of a step by round-off of t, u and v, of some spacings in each value.
+
+    The changes have signs as if by chance, so that they do not cancel in differences of two values.
+    """
+    most = 0.0
+    for bit in range(3):
+        evaluate(coefficients, 0.0, n, u, v)
+        for j in range(n):
+            chance = (j * _GOLDEN) % 1.0
+            change = _SPACINGS * EPSILON * (1 - 2 * (int(chance * 2.0 ** (bit + 1)) % 2))
+            u[j] *= 1 + change
+            v[j] *= 1 + change
+        most = max(most, abs(EVENT(address, t * (1 + _SPACINGS * EPSILON), u, v, p) - g))
+    return most
+
+
+def take(watch, tally, k, t, n, u, v, p):
+    """Write an occurrence of the event k to the log, apply its reset to u and v, and return the outcome."""
+    row, address = watch.log[int(tally[LOGGED])], watch.events[k, _APPLY]
+    mine = EVENTS + EVENT_VALUES * k
+    tally[LOGGED] += 1
+    row[0], row[1] = k, t
+    outcome = PASSED
+    for j in range(n):
+        row[2 + j], row[2 + n + j] = u[j], v[j]
+    if address != 0:
+        APPLY(address, t, u, v, p)
+        tally[mine + _FREE] = 0.0
+        for j in range(n):
+            if u[j] != row[2 + j] or v[j] != row[2 + n + j]:
+                tally[mine + _FREE] = tally[mine + _SIDE]
+            if (u[j] - u[j] != 0 and row[2 + j] - row[2 + j] == 0) or (
+                v[j] - v[j] != 0 and row[2 + n + j] - row[2 + n + j] == 0
+            ):
+                outcome = NOT_FINITE
+        tally[GAP] = t - tally[mine + _LAST]
+        tally[mine + _LAST] = t
+        outcome = max(outcome, RESET if tally[GAP] > watch.zeno else ZENO)
+    for j in range(n):
+        row[2 + 2 * n + j], row[2 + 3 * n + j] = u[j], v[j]
+    if watch.events[k, _IS_TERMINAL] != 0:
+        outcome = max(outcome, TERMINAL)
+    if outcome >= TERMINAL:
+        tally[ENDED_BY] = k
+    return outcome
+
+
+@outlined
+def write_time(watch, tally, t, h, t_end, n, coefficients, u_end, v_end):
+    """Write the state at the next of `watch.times`."""
+    row = int(tally[NEXT])
+    u, v = watch.u_rows[row], watch.v_rows[row]
+    if watch.times[row] == t_end:
+        for j in range(n):
+            u[j], v[j] = u_end[j], v_end[j]
+    else:
+        evaluate(coefficients, (watch.times[row] - t) / h, n, u, v)
+    watch.h_rows[row] = h
+    tally[NEXT] += 1
+
+
+@functools.cache  # so that kernels share the compiled elements
+def functions(form: Form) -> SimpleNamespace:
+    """Return the elements for one form of right-hand side.
+
+    `accelerate`, `is_quiet` and `look_within` take a state as rows of n values, also for one degree of freedom.
+    `is_quiet_now` takes it as the right-hand side does.
+    """
+    event_at, apply_at = function_at(form.invariant), function_at(form.apply)
+    event_now = element(lambda address, t, u, v, p: event_at(address)(t, u, v, p))
+    event_of_row = element(lambda address, t, u, v, p: event_at(address)(t, u[0], v[0], p))
+    event = event_of_row if form is SCALAR else event_now
+    apply = element(bound(_apply_scalar if form is SCALAR else _apply_vector, {"APPLY_AT": apply_at}))
+    names: dict[str, Any] = {"EVENT": event, "APPLY": apply}
+    names["ROUND_OFF"] = outlined(bound(round_off, names))
+    names["DEPARTURE"] = outlined(bound(departure, names))
+    names["CROSSING"] = outlined(bound(crossing_within, names))
+    names["TAKE"] = outlined(bound(take, names))
+    return SimpleNamespace(
+        accelerate=element(_accelerate_scalar if form is SCALAR else _accelerate_vector),
+        is_quiet=element(bound(is_quiet, names)),
+        is_quiet_now=element(bound(is_quiet, {"EVENT": event_now})),
+        look_within=outlined(bound(look_within, names)),
+    )
+
+
+def _accelerate_scalar(f, t, u, v, p, a):
+    a[0] = f(t, u[0], v[0], p)
+
+
+def _accelerate_vector(f, t, u, v, p, a):
+    f(t, u, v, p, a)
+
+
+def _apply_scalar(address, t, u, v, p):
+    u[0], v[0] = APPLY_AT(address)(t, u[0], v[0], p)
+
+
+def _apply_vector(address, t, u, v, p):
+    APPLY_AT(address)(t, u, v, p)

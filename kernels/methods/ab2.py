@@ -1,0 +1,40 @@
+"""AB2, the second-order Adams-Bashforth method on (u, v).
+
+    u_{n+1} = u_n + h (3/2 v_n - 1/2 v_{n-1})
+    v_{n+1} = v_n + h (3/2 a_n - 1/2 a_{n-1})
+
+The past values at the start are v_{-1} = v_0 - h a_0 and a_{-1} = a_0. They make the first step a Taylor step,
+u_1 = u_0 + h v_0 + h^2/2 a_0 and v_1 = v_0 + h a_0.
+"""
+
+from ..compile.jit import element
+
+PAST, ROWS, EVALUATIONS = 2, 5, 1
+
+
+@element
+def update(u, v, a, v_past, a_past, h):
+    return u + h * (1.5 * v - 0.5 * v_past), v - h / 2 * a_past + 1.5 * h * a
+
+
+@element
+def step_scalar(f, at, y, c):
+    u, v, v_past, a_past = y
+    a = f(at.t, u, v, at.p)
+    u_next, v_next = update(u, v, a, v_past, a_past, at.h)
+    return (u_next, v_next, v, a), True
+
+
+@element
+def step_vector(f, at, y, c, n):
+    u, v, v_past, a_past, a = y
+    f(at.t, u, v, at.p, a)
+    for j in range(n):
+        v_now = v[j]
+        u[j], v[j] = update(u[j], v_now, a[j], v_past[j], a_past[j], at.h)
+        v_past[j] = v_now
+    return (u, v, v_past, a, a_past), True
+
+
+def start(u, v, a, h):
+    return v - h * a, a

@@ -1,0 +1,44 @@
+"""RK2, Heun's method (the explicit trapezoidal rule), with the stage velocities eliminated.
+
+    a_1 = f(t, u, v)                        u_{n+1} = u + h v + h^2/2 a_1
+    a_2 = f(t + h, u + h v, v + h a_1)      v_{n+1} = v + h/2 (a_1 + a_2)
+
+The article's tables come from this method, not from the midpoint rule, the other well-known method of two stages.
+"""
+
+from ..compile.jit import element
+
+ROWS, EVALUATIONS = 6, 2
+
+
+@element
+def stage(u, v, a1, h):
+    return u + h * v, v + h * a1
+
+
+@element
+def update(u, v, a1, a2, h):
+    return u + h * v + h * h / 2 * a1, v + h / 2 * a1 + h / 2 * a2
+
+
+@element
+def step_scalar(f, at, y, c):
+    t, h, p = at.t, at.h, at.p
+    u, v = y
+    a1 = f(t, u, v, p)
+    u2, v2 = stage(u, v, a1, h)
+    a2 = f(t + h, u2, v2, p)
+    return update(u, v, a1, a2, h), True
+
+
+@element
+def step_vector(f, at, y, c, n):
+    t, h, p = at.t, at.h, at.p
+    u, v, u2, v2, a1, a2 = y
+    f(t, u, v, p, a1)
+    for j in range(n):
+        u2[j], v2[j] = stage(u[j], v[j], a1[j], h)
+    f(t + h, u2, v2, p, a2)
+    for j in range(n):
+        u[j], v[j] = update(u[j], v[j], a1[j], a2[j], h)
+    return y, True

@@ -1,0 +1,55 @@
+"""RK3, Kutta's third-order method (c = 0, 1/2, 1; b = 1/6, 2/3, 1/6), with the stage velocities eliminated.
+
+a_1 = f(t, u, v)
+a_2 = f(t + h/2, u + h/2 v, v + h/2 a_1)
+a_3 = f(t + h, u + h v + h^2 a_1, v + h (2 a_2 - a_1))
+u_{n+1} = u + h v + h^2/6 (a_1 + 2 a_2)
+v_{n+1} = v + h/6 (a_1 + 4 a_2 + a_3)
+"""
+
+from ..compile.jit import element
+
+ROWS, EVALUATIONS = 7, 3
+
+
+@element
+def stage2(u, v, a1, h):
+    return u + h / 2 * v, v + h / 2 * a1
+
+
+@element
+def stage3(u, v, a1, a2, h):
+    return u + h * v + h * h * a1, v - h * a1 + 2 * h * a2
+
+
+@element
+def update(u, v, a1, a2, a3, h):
+    return u + h * v + h * h / 6 * (a1 + 2 * a2), v + h / 6 * (a1 + 4 * a2) + h / 6 * a3
+
+
+@element
+def step_scalar(f, at, y, c):
+    t, h, p = at.t, at.h, at.p
+    u, v = y
+    a1 = f(t, u, v, p)
+    u2, v2 = stage2(u, v, a1, h)
+    a2 = f(t + h / 2, u2, v2, p)
+    u3, v3 = stage3(u, v, a1, a2, h)
+    a3 = f(t + h, u3, v3, p)
+    return update(u, v, a1, a2, a3, h), True
+
+
+@element
+def step_vector(f, at, y, c, n):
+    t, h, p = at.t, at.h, at.p
+    u, v, u_stage, v_stage, a1, a2, a3 = y
+    f(t, u, v, p, a1)
+    for j in range(n):
+        u_stage[j], v_stage[j] = stage2(u[j], v[j], a1[j], h)
+    f(t + h / 2, u_stage, v_stage, p, a2)
+    for j in range(n):
+        u_stage[j], v_stage[j] = stage3(u[j], v[j], a1[j], a2[j], h)
+    f(t + h, u_stage, v_stage, p, a3)
+    for j in range(n):
+        u[j], v[j] = update(u[j], v[j], a1[j], a2[j], a3[j], h)
+    return y, True
