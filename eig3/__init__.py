@@ -14,8 +14,10 @@ from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8,
 from .planning.planner import Plan, plan
 from .problem import Problem
 from .result.solution import Solution, Status
-from .run.integration import IntegrationError, integrate
+from .run.integration import integrate
 from .run.loading import load
+from .run.prepare import Prepared, prepare
+from .run.run import IntegrationError
 from .stepping.stepper import Stepper
 
 __all__ = [
@@ -40,6 +42,7 @@ __all__ = [
     "NoCriticalStepError",
     "Occurrences",
     "Plan",
+    "Prepared",
     "Problem",
     "Solution",
     "Status",
@@ -53,6 +56,7 @@ __all__ = [
     "load",
     "math",
     "plan",
+    "prepare",
     "problems",
     "report",
     "scene",

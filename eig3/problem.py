@@ -26,7 +26,9 @@ from .result import storage
 from .result.labels import Labels
 from .result.solution import Solution
 from .result.storage import Place
-from .run.integration import integrate, with_functions
+from .run.integration import integrate
+from .run.loading import with_functions
+from .run.prepare import Prepared, prepare
 from .stepping.stepper import Stepper
 from .stepping.tolerances import Motion
 

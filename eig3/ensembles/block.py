@@ -12,7 +12,7 @@ from ..functions.guard import not_finite_at_start
 from ..kernels.protocol import SCALAR, VECTOR
 from ..result.solution import Status
 from ..run.growth import BLOWN_UP, OVERFLOWING
-from ..run.written import unwritten_entry
+from ..run.run import unwritten_entry
 from ..stepping.stepper import Cancel
 from .growth import sizes_with_half_the_step
 from .lane_state import LaneState

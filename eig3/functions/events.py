@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from .checks import check_names
 
 
 @dataclass(frozen=True)
@@ -93,3 +96,13 @@ class Occurrences:
         changed = (self.u != self.u_after) | (self.v != self.v_after)
         some = changed if changed.ndim == 1 else changed.any(axis=1)
         return Occurrences(*(x[some] for x in (self.t, self.u, self.v, self.u_after, self.v_after)))
+
+
+def check_events(events: Any) -> Mapping[str, Event]:
+    """Return the events by name."""
+    if events is None:
+        events = {}
+    if not isinstance(events, Mapping) or not all(isinstance(event, Event) for event in events.values()):
+        raise TypeError("events must be a dictionary of names and events, such as {'impact': eig3.Event(g)}.")
+    check_names(events, "events")
+    return events

@@ -14,7 +14,7 @@ import numpy as np
 from ..kernels.protocol import SCALAR, Form
 from .callbacks import Callback
 
-_CELLS = 64  # number of cells on each side of an array
+CELLS = 64  #: number of cells on each side of an array
 _DESCRIBED = {"p": "params", "u": "u0", "v": "v0"}
 
 
@@ -26,7 +26,7 @@ class ReadsBeyondError(NotFiniteAtStartError):
     """The right-hand side is not finite at the start, because it reads beyond the end of an array."""
 
 
-def guarded(values: np.ndarray, cells: float = np.nan, count: int = _CELLS) -> np.ndarray:
+def guarded(values: np.ndarray, cells: float = np.nan, count: int = CELLS) -> np.ndarray:
     """Return a copy of a 1-D array, with `count` cells of the given value before and after it in memory."""
     buffer = np.empty(values.size + 2 * count)
     buffer.fill(cells)  # np.full takes four times as long for so few values
@@ -40,7 +40,12 @@ def beyond(inside: np.ndarray) -> bool:
     cells = inside.base
     assert cells is not None
     count = (cells.size - inside.size) // 2
-    return not (np.isnan(cells[:count]).all() and np.isnan(cells[-count:]).all())
+    return not (are_untouched(cells[:count]) and are_untouched(cells[-count:]))
+
+
+def are_untouched(cells: np.ndarray) -> bool:
+    """Return whether guard cells, which were NaN, still are."""
+    return bool(np.isnan(cells).all())
 
 
 def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> Any:
@@ -94,12 +99,12 @@ def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells:
     if form is SCALAR:
         return rhs.call(t, given["u"], given["v"], given["p"])
     u, v = (guarded(given[name], (cells or {}).get(name, np.nan)) for name in "uv")
-    row = np.empty(u.size + 2 * _CELLS)
+    row = np.empty(u.size + 2 * CELLS)
     row.fill(np.nan)  # an entry that rhs does not write stays NaN
-    a = row[_CELLS:-_CELLS]
+    a = row[CELLS:-CELLS]
     rhs.call(t, u, v, given["p"], a)
     kept = np.isnan(row)
-    kept[_CELLS:-_CELLS] = True
+    kept[CELLS:-CELLS] = True
     if not kept.all():
         raise written_beyond(a.size)
     return a

@@ -1,8 +1,8 @@
-"""Kernels with a right-hand side inlined. Each is compiled once in a process."""
+"""Kernels with a right-hand side, and the quantities that a run follows, inlined. Each is compiled once in a process."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -10,22 +10,33 @@ import numba
 
 from ..kernels.protocol import Form
 from .callbacks import check_callback, compile_for_own_arrays
+from .quantities import Quantity
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
 _inlined: WeakKeyDictionary[Any, dict[tuple, tuple[tuple, Callable]]] = WeakKeyDictionary()
 _present: WeakKeyDictionary[Any, dict[tuple[str, str], tuple[Any, Any]]] = WeakKeyDictionary()
 
 
-def inlined(make: Callable, key: tuple, form: Form, rhs: Any, *jacobian: Any) -> Callable:
-    """Return the kernel that ``make(rhs, *jacobian)`` compiles; `key` tells it from the other kernels of rhs."""
-    functions = _as_compiled(rhs, "rhs", form), *(each and _as_compiled(each, "jacobian", form) for each in jacobian)
+def inlined(
+    make: Callable, key: tuple, form: Form, rhs: Any, jacobian: Any = None, quantities: Sequence[Quantity] = ()
+) -> Callable:
+    """Return the kernel that ``make(rhs, jacobian, quantities=...)`` compiles.
+
+    `key` tells it from the other kernels of rhs. `make` gets a pair of a function and its number of values for each of
+    the quantities; the number is 0 for a function that returns its only value.
+    """
+    asked = [(rhs, "rhs"), *([(jacobian, "jacobian")] if jacobian else [])]
+    asked += [(quantity.function, quantity.kind) for quantity in quantities]
+    functions = tuple(_as_compiled(function, kind, form) for function, kind in asked)
     known = _inlined.setdefault(rhs, {})
-    key = (*key, form.name, *jacobian)
+    key = (*key, form.name, *(function for function, _ in asked[1:]))
     if key not in known or known[key][0] != functions:
-        for function, kind in zip(functions, ("rhs", "jacobian"), strict=False):
-            if function is not None:
-                compile_for_own_arrays(function, kind, form)
-        known[key] = functions, make(*functions)
+        for function, (_, kind) in zip(functions, asked, strict=True):
+            compile_for_own_arrays(function, kind, form)
+        others = iter(functions[1:])
+        jacobian = next(others) if jacobian else None
+        widths = (quantity.width if quantity.shape else 0 for quantity in quantities)
+        known[key] = functions, make(functions[0], jacobian, quantities=tuple(zip(others, widths, strict=True)))
     return known[key][1]
 
 

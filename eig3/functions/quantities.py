@@ -9,13 +9,11 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from ..kernels.loops.quantity import extent_kernel
-from ..kernels.loops.within import extent_within_kernel
 from ..kernels.protocol import Form
 from .callbacks import check_callback, takes
 from .checks import check_count, check_names
 from .extremes import Extremes
 from .guard import beyond, guarded
-from .samples import Samples
 
 _NOTHING = np.array([[np.inf], [-np.inf], [np.nan], [np.nan]])  # the extremes of no value
 
@@ -133,7 +131,8 @@ class Quantity:
         self.name, self.function, self.form = name, function, form
         self.shape = () if k is None else (k,)
         self.width = k or 1
-        self.callback = check_callback(function, "invariant" if k is None else "output", form, name)
+        self.kind = "invariant" if k is None else "output"
+        self.callback = check_callback(function, self.kind, form, name)
         self._kernel = extent_kernel(form, k is not None)
         self._out = guarded(np.full(self.width, np.nan))
         self._values = np.empty((0, self.width))
@@ -171,37 +170,6 @@ class Quantity:
         self.check_within(self._out)
         return values if self.shape else values[:, 0]
 
-    def evaluate_within(
-        self, rows: Any, dense: np.ndarray, samples: Samples, p: np.ndarray, extremes: np.ndarray
-    ) -> np.ndarray:
-        """Evaluate the function in rows of states, and widen its extremes by those within the steps that led there.
-
-        Parameters
-        ----------
-        rows : Rows
-        dense : ndarray, shape (rows, COEFFICIENTS, n)
-            The dense output of these steps; see `eig3.kernels.loops.dense`.
-        samples : Samples
-            Where to evaluate the function within a step.
-        p : ndarray
-        extremes : ndarray, shape (4, width)
-
-        Returns
-        -------
-        ndarray, shape (rows,) or (rows, k)
-            The values. The next call overwrites them.
-
-        Raises
-        ------
-        ValueError
-            If the function writes beyond its k values.
-        """
-        values = self._room(len(rows.t))
-        kernel = extent_within_kernel(self.form, bool(self.shape))
-        kernel(self.callback.address, p, *rows, dense, *samples, self._out, values, extremes)
-        self.check_within(self._out)
-        return values if self.shape else values[:, 0]
-
     def _room(self, count: int) -> np.ndarray:
         if len(self._values) < count:
             self._values = np.empty((count, self.width))
@@ -217,24 +185,48 @@ class Quantity:
         """
         state = np.array([u]), np.array([v])
         value = self.evaluate(np.array([t]), *state, p, extremes)[0].copy()
-        if not self.shape or not np.isnan(value).any():
-            return value
-        self._out[:] = 0.0  # a value that the function computes may be NaN too
-        self.callback.call(t, u, v, p, self._out)
-        unwritten = np.flatnonzero(np.isnan(value) & (self._out == 0.0))
+        if self.shape:
+            self._check_written(t, u, v, p, value)
+        return value
+
+    def write_at_start(self, t: float, u: Any, v: Any, p: np.ndarray, values: np.ndarray) -> None:
+        """Let the function write its values in the first state.
+
+        Raises
+        ------
+        ValueError
+            As `at_start` does.
+        """
+        out = guarded(values)  # of this thread
+        out.fill(np.nan)
+        self.callback.call(t, u, v, p, out)
+        self.check_within(out)
+        values[:] = out
+        self._check_written(t, u, v, p, values)
+
+    def _check_written(self, t: float, u: Any, v: Any, p: np.ndarray, values: np.ndarray) -> None:
+        """Raise a ValueError if the function has left one of its values NaN which it does not write."""
+        if not np.isnan(values).any():
+            return
+        out = np.zeros(self.width)  # a value that the function computes may be NaN too
+        self.callback.call(t, u, v, p, out)
+        unwritten = np.flatnonzero(np.isnan(values) & (out == 0.0))
         if unwritten.size:
             raise ValueError(
                 f"{self.name} does not write out[{unwritten[0]}] at the start; write every value, or give the right "
                 "number k in (function, k)."
             )
-        return value
 
     def check_within(self, out: np.ndarray) -> None:
         """Raise a ValueError if the function has written beyond an array from `guarded`."""
         if self.shape and beyond(out):
-            raise ValueError(
-                f"{self.name} writes beyond its {self.width} values; give the right number k in (function, k)."
-            )
+            raise self.written_beyond()
+
+    def written_beyond(self) -> ValueError:
+        """Return the error of a function that writes beyond its values."""
+        return ValueError(
+            f"{self.name} writes beyond its {self.width} values; give the right number k in (function, k)."
+        )
 
 
 def as_extremes(rows: np.ndarray, shape: tuple[int, ...]) -> Extremes:

@@ -11,8 +11,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-_FIRST_ROWS = 1024  # for which space is reserved when rows are appended
-_MOST_BYTES = 2**26  # for which space is reserved at a time in a file whose rows are appended
+_MOST_BYTES = 2**26  # for which space is reserved at a time in a file that grows
 _NO_FALLOCATE = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)  # errors of a file system that cannot reserve space
 
 
@@ -49,7 +48,7 @@ class MappedRows:
     Attributes
     ----------
     arrays : dict of str to ndarray
-        The reserved rows. `append` and `reserve` replace these arrays by longer ones, and `close` by shorter ones.
+        The reserved rows. `grow` and `reserve` replace these arrays by longer ones, and `close` by shorter ones.
     count : int
         Number of rows that are complete.
 
@@ -61,7 +60,7 @@ class MappedRows:
         If the disk is full. No file is left.
     """
 
-    def __init__(self, directory: Path, shapes: Mapping[str, tuple[int, ...]], rows: int = _FIRST_ROWS) -> None:
+    def __init__(self, directory: Path, shapes: Mapping[str, tuple[int, ...]], rows: int) -> None:
         check_directory(directory)
         directory.mkdir(parents=True, exist_ok=True)
         self.directory, self.count = directory, 0
@@ -102,27 +101,17 @@ class MappedRows:
             ) from error
         self._refer()
 
-    def append(self, **blocks: np.ndarray) -> None:
-        """Add rows to each array, by name.
+    def grow(self) -> None:
+        """Reserve space for about twice as many rows.
 
         Raises
         ------
         OSError
-            If the disk is full. The rows for which there is space are added.
+            If the disk is full. The rows up to now stay as they are.
         """
-        count = len(next(iter(blocks.values())))
         held = min(len(array) for array in self.arrays.values())
-        try:
-            if self.count + count > held:
-                most = _MOST_BYTES // max(file.row_bytes for file in self._files.values())
-                self.reserve(max(self.count + count, held + min(held, max(1, most))))
-        except OSError:
-            count = held - self.count
-            raise
-        finally:
-            for name, block in blocks.items():
-                self.arrays[name][self.count : self.count + count] = block[:count]
-            self.count += count
+        most = _MOST_BYTES // max(file.row_bytes for file in self._files.values())
+        self.reserve(held + min(max(held, 4), max(4, most)))
 
     def close(self) -> None:
         """Cut the files after the last row. The arrays are then maps of the files that can only be read."""

@@ -6,7 +6,7 @@ import contextlib
 import enum
 import functools
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -29,7 +29,7 @@ _TOO_FAR = 1e-2  # the relative error from which on states are too far apart to 
 _NO_STATES = "the run ended before the first time of t_eval"
 
 #: The fields that a copy, a pickle and a file do not keep.
-TRANSIENT = ("reason", "_accelerations", "_extend", "_between", "_knots", "_whole")
+TRANSIENT = ("reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_later")
 
 
 class Status(enum.Enum):
@@ -135,7 +135,7 @@ class Solution:
     method: Method
     drift: dict[str, float] = field(default_factory=dict)
     extremes: dict[str, Extremes] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)
     integrals: dict[str, np.ndarray] = field(default_factory=dict)
     events: dict[str, Occurrences] = field(default_factory=dict)
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
@@ -151,7 +151,30 @@ class Solution:
     _a: np.ndarray | None = field(default=None, init=False)
     _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
     _knots: tuple[Knots, Resolution] | None = field(default=None, init=False)
+    _later: Mapping[str, Callable[[], Any]] | None = field(default=None, init=False)  # fields that are found when read
     _whole: tuple[np.ndarray, np.ndarray] | None = field(default=None, init=False)  # u and v before `_separate`
+
+    @classmethod
+    def _of(cls, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:
+        """Return a solution with some fields, and functions that find others when they are read."""
+        solution = object.__new__(cls)
+        vars(solution).update(_empty(), **fields, _later=later)
+        for name in later:
+            vars(solution).pop(name, None)
+        return solution
+
+    def __getattr__(self, name: str) -> Any:
+        find = (vars(self).get("_later") or {}).get(name)
+        if find is None:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        vars(self)[name] = value = find()
+        return value
+
+    def _fields(self) -> dict[str, Any]:
+        """All fields, with those that were not read yet."""
+        for name in self._later or ():
+            getattr(self, name)
+        return vars(self)
 
     def explain(self) -> str:
         """Find out why a run diverged.
@@ -295,6 +318,7 @@ class Solution:
         progress: bool = False,
         raise_on_failure: bool = False,
         cancel: Any = None,
+        t_eval: ArrayLike | None = None,
     ) -> Solution:
         """Go on from the end of the run, exactly as if it had not ended there.
 
@@ -304,6 +328,8 @@ class Solution:
             The new end. With a fixed step, it is a whole number of steps h after the end of the run.
         save_to, progress, raise_on_failure, cancel
             As for `eig3.integrate`. `save_to` is a directory for the whole history.
+        t_eval : array_like, optional
+            For a run with `t_eval`: further times, after the end of the run, at which the states are saved.
 
         Returns
         -------
@@ -312,8 +338,7 @@ class Solution:
             the same h or tolerances, and `save_every` counts from the first state on: the last state of this solution
             is not in the new one if it was saved only because it was the last. `drift`, `extremes`, `outputs` and the
             counts are those of the whole span too. With tolerances, a run whose steps follow from the length of its
-            span is taken again: one from rest over less than a unit of time, or over less than its first step. Only
-            resets that end as ZENO may differ: how close to each other they are is judged by the length of the span.
+            span is taken again: one from rest over less than a unit of time, or over less than its first step.
 
         Raises
         ------
@@ -336,10 +361,11 @@ class Solution:
             )
         if self._extend is None:
             raise ValueError(
-                "this solution cannot be extended: it was copied or pickled, has t_eval, is a member of an ensemble, "
+                "this solution cannot be extended: it was copied or pickled, is a member of an ensemble, "
                 "or ended with an exception; extend the solution that integrate returned, or integrate from its end."
             )
-        return self._extend(t_end, save_to=save_to, progress=progress, raise_on_failure=raise_on_failure, cancel=cancel)
+        options = {"progress": progress, "raise_on_failure": raise_on_failure, "cancel": cancel}
+        return self._extend(t_end, save_to=save_to, t_eval=t_eval, **options)
 
     @property
     def _state(self) -> dict[str, Any] | None:
@@ -466,7 +492,7 @@ class Solution:
 
     def __getstate__(self) -> dict[str, Any]:
         # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
-        state = {**vars(self), **dict.fromkeys(TRANSIENT), "_resume": None if callable(self._resume) else self._resume}
+        state = {**self._fields(), **dict.fromkeys(TRANSIENT), "_resume": None if callable(self._resume) else self._resume}
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
             state |= {"_a": self.a, "_a_jumps": self._a_jumps}
         return state
@@ -494,3 +520,28 @@ def _steps_to(saved: np.ndarray, h: float, steps: np.ndarray | None, t: np.ndarr
     if steps is None:
         return np.full(len(t), h)
     return steps[np.minimum(np.searchsorted(saved, t), len(saved) - 1)]
+
+
+def _empty() -> dict[str, Any]:
+    """The fields of a solution in which nothing was found."""
+    return {
+        "drift": {},
+        "extremes": {},
+        "notes": (),
+        "integrals": {},
+        "events": {},
+        "outputs": {},
+        "n_rejected": 0,
+        "steps": None,
+        "labels": None,
+        "reason": None,
+        "_accelerations": None,
+        "_extend": None,
+        "_between": None,
+        "_explanation": "",
+        "_resume": None,
+        "_a": None,
+        "_a_jumps": None,
+        "_knots": None,
+        "_whole": None,
+    }

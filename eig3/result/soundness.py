@@ -14,9 +14,10 @@ from .labels import Labels
 from .solution import TRANSIENT, Status
 
 _MOST = 2**63 - 1  # the largest count
-_GOES_ON = {"t0", "start", "params", "inline", "has_jacobian", "stepper"}  # what the state of each run has
-_GOES_ON_FIXED = _GOES_ON | {"h", "n_steps", "save_every", "invariants", "outputs", "growth"}
-_GOES_ON_VARIABLE = _GOES_ON | {"tolerances", "every", "rows", "events", "followed"}
+#: What the state of each run has.
+_GOES_ON = {"t0", "t_end", "start", "params", "inline", "has_jacobian", "times", "stepper"}
+_GOES_ON_FIXED = _GOES_ON | {"h", "n_steps", "save_every", "growth"}
+_GOES_ON_VARIABLE = _GOES_ON | {"tolerances", "every", "rows", "events"}
 
 
 def check_fields(fields: Mapping[str, Any]) -> None:
@@ -69,7 +70,7 @@ def _is_state(x: Any, has_steps: bool) -> bool:
     if not (isinstance(x, dict) and (set(x) == _GOES_ON_FIXED or (has_steps and set(x) == _GOES_ON_VARIABLE))):
         return False
     has_flags = isinstance(x["inline"], bool) and isinstance(x["has_jacobian"], bool)
-    return has_flags and isinstance(x["start"], tuple) and len(x["start"]) == 2 and _is_number(x["t0"])
+    return has_flags and isinstance(x["start"], tuple) and len(x["start"]) == 2 and _is_number(x["t0"]) and _is_number(x["t_end"])
 
 
 def _is_array(x: Any) -> bool:

@@ -25,7 +25,8 @@ from .mapped import check_directory, output_files, read_mapped
 from .solution import TRANSIENT, Solution, Status
 from .soundness import check_fields
 
-_VERSION = 2  # raise it with every change that an older eig3 would read wrongly
+_VERSION = 3  # raise it with every change that an older eig3 would read wrongly
+_GOES_ON_FROM = 3  # the first version whose runs can go on in this one
 _RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
 _ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there, as those of outputs have
@@ -93,7 +94,7 @@ class Place:
 
     def write(self, solution: Solution, rows: int, *, has_ended: bool) -> None:
         """Write what a solution has beside its rows, whose number is `rows`."""
-        state = {name: None if name in _ROWS else value for name, value in vars(solution).items()}
+        state = {name: None if name in _ROWS else value for name, value in solution._fields().items()}
         state |= dict.fromkeys(TRANSIENT) | {"_resume": solution._state, "labels": self.labels, "outputs": {}}
         rest = {"rows": rows, "outputs": list(solution.outputs), "integrals": self.integrals, "has_ended": has_ended}
         _write(solution, state, self.directory / _RUN, is_lasting=has_ended, **rest)
@@ -205,6 +206,8 @@ def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.n
         try:
             record = json.loads(text)
             version = int(record["version"])
+            if version < _GOES_ON_FROM:
+                record["solution"].pop("_resume", None)
             if version <= _VERSION:
                 return solution(record, arrays)
         except _UnknownMethodError as error:

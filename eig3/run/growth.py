@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..stepping.stepper import Stepper
-from .chunk import Chunk
 
 _STRANGE = 1e3  # from this multiple of its natural size on, the motion may be unstable
 BLOWN_UP = 1e4  # from this multiple of its natural size on, a search for an instability is worth its time
@@ -17,7 +16,7 @@ OVERFLOWING = 1e100  # a motion of this size is suspect, whatever its natural si
 
 
 class Growth:
-    """The size of the motion at the ends of chunks, relative to its natural size.
+    """The size of the motion, which is looked at now and then, relative to its natural size.
 
     The natural size of v is the largest |v| at the start, plus the change of v that the acceleration at the start would
     cause over the whole span. The natural size of u is the largest |u| at the start, plus the change of u that the
@@ -64,13 +63,13 @@ class Growth:
 
     @property
     def needs_half(self) -> bool:
-        """Whether a chunk should end in the middle of the run."""
+        """Whether the size should be looked at in the middle of the run."""
         return self._natural[1] == 0
 
-    def see(self, chunk: Chunk) -> None:
-        stepper = chunk.stepper
+    def see(self, stepper: Stepper, first: int) -> None:
+        """Look at the size of the motion after the steps since step index `first`."""
         u, v = stepper.sizes
-        if self._natural[1] == 0 and stepper.index >= self._half > chunk.first:
+        if self._natural[1] == 0 and stepper.index >= self._half > first:
             self._natural = u, v
         u_natural, v_natural = self._natural
         self._size = max(u / u_natural if u_natural else 0.0, v / v_natural if v_natural else 0.0)

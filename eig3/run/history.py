@@ -1,156 +1,190 @@
-"""The saved states of a run."""
+"""The saved states of a run: rows of arrays in memory or in files, with room for more."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..result.mapped import MappedRows, output_files
-from ..result.memory import n_rows
-from ..stepping.stepper import Cancel, Stepper
-from .chunk import Chunk
-from .outputs import Output
+from ..result.memory import NOT_WORTH_A_LOOK, available_memory
+from ..stepping.march import Rows
 
-# Values in an array of a chunk with every state: 512 kB, so that it stays in the second-level cache. With fewer,
-# the steps of a large system would take no longer than the calls around them.
-_SCRATCH_VALUES = 2**16
-_COUNTED = np.arange(2.0**13)
-
-
-class Saved(NamedTuple):
-    """The saved states of a run that has ended, with the values of its outputs and the `width` of its `History`."""
-
-    t: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-    outputs: dict[str, np.ndarray]
-    width: int
+FIRST_ROWS = 64  # rows of the first block of a run whose number of rows is not known; each further one doubles them
+# The largest size of a block. A smaller one could come from a heap of the C library, which does not give the memory of
+# a freed block back to the system.
+_BLOCK_BYTES = 2**27
+_NONE = np.empty(0)
 
 
 class History:
-    """The first state, every `every`-th state and the last state of a run of `n_steps` steps.
+    """The saved states of a run, with the values of its outputs.
+
+    The kernel writes rows of the present block. In memory, a full block is put aside, and `whole` makes whole arrays of
+    the blocks: it needs the memory of one more block only, because it gives each back before it takes the next. In
+    files, there is one block, which grows.
 
     Parameters
     ----------
-    n_steps, every : int
-    stepper : Stepper
-    t_end : float
-        The time after the last step, from which t0 + n h may differ by round-off.
-    width : int
-        The number of values of a state in the largest array of the observers that need every state; 0 if none does. If
-        it is not 0, the chunks contain every state.
-    shapes : dict of str to tuple of int
-        The shapes of the values of outputs in a state, by name.
+    state : tuple of int
+        The shape of u and v in a row.
+    outputs : dict of str to tuple of int
+        The shapes of the values of outputs in a row, by name.
+    rows : int
+        The number of rows to make room for.
     directory : Path, optional
-        Save the states, and the values of the outputs, in files of this directory.
+        Save the rows in files of this directory.
+    has_times, has_steps : bool
+        Whether there are rows for times, and for the lengths of steps.
 
     Attributes
     ----------
-    t, u, v : ndarray, shape (rows, ...)
-    outputs : dict of str to ndarray, shape (rows, ...)
-        The values of the outputs, which these write.
+    arrays : dict of str to ndarray
+        The present block.
+    row : int
+        The next row of the present block to write.
     """
 
     def __init__(
         self,
-        n_steps: int,
-        every: int,
-        stepper: Stepper,
-        t_end: float,
-        width: int,
-        shapes: Mapping[str, tuple[int, ...]],
+        state: tuple[int, ...],
+        outputs: Mapping[str, tuple[int, ...]],
+        rows: int,
         directory: Path | None = None,
+        *,
+        has_times: bool,
+        has_steps: bool,
     ) -> None:
-        u, v = stepper.start
-        rows = n_rows(n_steps, every)
-        self.every, self.width = every, width
-        self._n_steps, self._t_end = n_steps, t_end
-        self._t0, self._h = stepper.t0, stepper.h
-        self._closed: Saved | None = None
-        self._output_files = output_files(shapes)
-        rows_of = {"t": (), "u": np.shape(u), "v": np.shape(v)}
-        rows_of |= {file: shapes[name] for name, file in self._output_files.items()}
-        self._files = None if directory is None else MappedRows(directory, rows_of, rows)
-        self._refer(self._files.arrays if self._files else {x: np.empty((rows, *rows_of[x])) for x in rows_of})
-        self.t[0], self.u[0], self.v[0] = stepper.t0, u, v
-        self._chunk_every = 1 if width else every
-        #: Largest number of steps in a chunk.
-        self.most = min(n_steps, max(1, _SCRATCH_VALUES // width)) if width else n_steps
-        if self._chunk_every < every:
-            shape = self.most, *np.shape(u)
-            self._t, self._u, self._v = np.empty(self.most), np.empty(shape), np.empty(shape)
+        shapes: dict[str, tuple[int, ...]] = {"u": state, "v": state}
+        if has_times or directory:
+            shapes["t"] = ()
+        if has_steps:
+            shapes["steps"] = ()
+        self._output_files = output_files(outputs) if outputs else {}
+        for name, file in self._output_files.items():
+            shapes[file] = outputs[name]
+        self._shapes, self.row = shapes, 0
+        self._full: list[tuple[dict[str, np.ndarray], int]] = []
+        self._put_aside = 0  # rows in the blocks that are full
+        self.files = None if directory is None else MappedRows(directory, shapes, rows)
+        self.arrays = self.files.arrays if self.files else self._block(rows)
 
-    def _refer(self, arrays: Mapping[str, np.ndarray]) -> None:
-        self.t, self.u, self.v = arrays["t"], arrays["u"], arrays["v"]
-        self.outputs = {name: arrays[file] for name, file in self._output_files.items()}
+    def _block(self, rows: int) -> dict[str, np.ndarray]:
+        block = {}
+        for name, shape in self._shapes.items():
+            block[name] = np.empty((rows, *shape))
+        return block
 
-    def take(self, earlier: Saved, stepper: Stepper) -> None:
-        """Copy the states of an earlier part of the run, which ended at the state of `stepper`."""
-        rows = stepper.index // self.every + 1
-        for new, old in ((self.t, earlier.t), (self.u, earlier.u), (self.v, earlier.v)):
-            new[:rows] = old[:rows]
-        self._write_times(self.t[rows - 1 : rows], rows - 1, self.every)  # it may have been the earlier `t_end`
+    @property
+    def count(self) -> int:
+        """Number of rows that are written."""
+        return self._put_aside + self.row
 
-    def advance(self, stepper: Stepper, count: int, cancel: Cancel) -> Chunk:
-        """Take `count` steps, or fewer if a solve fails or `cancel` is set, and return them as a chunk."""
-        first, every = stepper.index, self._chunk_every
-        saved = slice(None)
-        begin = first // every + 1
-        if every == self.every:
-            rows = slice(begin, (first + count) // every + 1)
-            t, u, v = self.t[rows], self.u[rows], self.v[rows]
-        else:
-            t, u, v = self._t[:count], self._u[:count], self._v[:count]
-            saved = slice(self.every - 1 - first % self.every, None, self.every)
-        stepper.advance(count, every, u, v, cancel)
-        chunk = Chunk(first, every, t, u, v, saved, stepper)
-        complete = chunk.until(stepper)
-        self._write_times(complete.t, begin, every)
-        if not (stepper.is_over and every == 1):
-            return complete
-        taken = stepper.index - first  # the state at the event that ended the run follows the steps
-        t[taken], u[taken], v[taken] = stepper.t, stepper.u, stepper.v
-        return chunk._replace(t=t[: taken + 1], u=u[: taken + 1], v=v[: taken + 1])
+    def rows(self, n: int | None = None) -> Rows:
+        """The present block as the kernel takes it. With n, u and v have two dimensions."""
+        arrays = self.arrays
+        u, v = arrays["u"], arrays["v"]
+        if n is not None:
+            u, v = u.reshape(-1, n), v.reshape(-1, n)
+        return Rows(arrays.get("t", _NONE), arrays.get("steps", _NONE), u, v)
 
-    def _write_times(self, t: np.ndarray, begin: int, every: int) -> None:
-        """Write the times after `every` times begin, begin + 1, ... steps."""
-        for first in range(0, len(t), len(_COUNTED)):
-            part = t[first : first + len(_COUNTED)]
-            np.add(_COUNTED[: len(part)], begin + first, out=part)
-            part *= every
-            part *= self._h
-            part += self._t0
-        if len(t) and (begin + len(t) - 1) * every == self._n_steps:
-            t[-1] = self._t_end
+    @property
+    def outputs(self) -> dict[str, np.ndarray]:
+        """The values of the outputs in the present block."""
+        return {name: self.arrays[file] for name, file in self._output_files.items()}
 
-    def see(self, chunk: Chunk) -> None:
-        """Save states of a chunk that contains every state."""
-        if chunk.every < self.every:  # otherwise the rows of the chunk are rows of the history
-            begin = chunk.first // self.every + 1
-            for all_rows, rows in ((self.t, chunk.t), (self.u, chunk.u), (self.v, chunk.v)):
-                saved = rows[chunk.saved]
-                all_rows[begin : begin + len(saved)] = saved
+    def write(self, values: Mapping[str, Any]) -> None:
+        """Write the next row: u, v and, where there are rows for them, t and steps; and outputs by their names."""
+        if self.row == len(self.arrays["u"]):
+            self.make_room()
+        for name, value in values.items():
+            file = self._output_files.get(name, name)
+            if file in self.arrays:
+                self.arrays[file][self.row] = value
+        self.row += 1
+
+    def last_row(self) -> dict[str, np.ndarray]:
+        """The last row that is written."""
+        arrays, row = (self.arrays, self.row) if self.row else self._full[-1]
+        return {name: array[row - 1] for name, array in arrays.items()}
+
+    def make_room(self) -> None:
+        """Make the present block longer, or begin another one.
+
+        Raises
+        ------
+        MemoryError, OSError
+            If there is no space left in memory or on the disk. The rows up to now are kept.
+        """
+        if self.files:
+            self.files.count = self.row
+            self.files.grow()
+            self.arrays = self.files.arrays
+            return
+        row_bytes = 8 * sum(map(math.prod, self._shapes.values()))
+        rows = max(4, min(max(FIRST_ROWS, self.count), _BLOCK_BYTES // row_bytes))
+        if rows * row_bytes > NOT_WORTH_A_LOOK:
+            self._check(rows * row_bytes, row_bytes)
+        self._full.append((self.arrays, self.row))
+        self._put_aside += self.row
+        self.arrays, self.row = self._block(rows), 0
+
+    def _check(self, size: int, row_bytes: int) -> None:
+        """Raise a MemoryError if there is no memory for so many bytes more, and for the end of the run."""
+        joining = 2 * min(size, _BLOCK_BYTES)  # the block that is copied, and those that are too small to be given back
+        if size + joining > (free := available_memory()):
+            raise MemoryError(
+                f"the history has {self.count * row_bytes:.3g} bytes and {free:.3g} are free; take a larger "
+                "save_every, t_eval with the times that you need, or save_to."
+            )
+
+    def take(self, earlier: Mapping[str, np.ndarray], count: int) -> None:
+        """Copy the first rows of an earlier part of the run, with the outputs by their names, as the first rows."""
+        while len(self.arrays["u"]) < count and not self.files:
+            self.arrays = self._block(count + FIRST_ROWS)
+        for name, array in earlier.items():
+            file = self._output_files.get(name, name)
+            if file in self.arrays:
+                if self.files and len(self.arrays[file]) < count:
+                    self.files.reserve(count)
+                    self.arrays = self.files.arrays
+                self.arrays[file][:count] = array[:count]
+        self.row = count
+
+    def whole(self) -> dict[str, np.ndarray]:
+        """Return all rows: u, v and, where there are such rows, t and steps."""
+        if self._full:
+            self._join()
+        return {name: self.arrays[name][: self.row] for name in ("t", "steps", "u", "v") if name in self.arrays}
+
+    def whole_outputs(self) -> dict[str, np.ndarray]:
+        """Return the values of the outputs in all rows."""
+        return {name: values[: self.row] for name, values in self.outputs.items()}
+
+    def _join(self) -> None:
+        """Make one block of all. Each block is freed as soon as it is copied, because both may not fit in memory."""
+        self._full.append((self.arrays, self.row))
+        joined, begin = self._block(self.count), 0
+        self.arrays = joined
+        while self._full:
+            block, used = self._full.pop(0)
+            for name, array in joined.items():
+                array[begin : begin + used] = block[name][:used]
+            begin += used
+            del block
+        self.row, self._put_aside = begin, 0
+
+    def close(self) -> None:
+        """Cut files after their last row. They can only be read from here on."""
+        if self.files:
+            self.files.count = self.row
+            self.files.close()
+            self.arrays = self.files.arrays
 
     def remove(self) -> None:
         """Remove the files of the history, if it has any."""
-        if self._files:
-            self._files.remove()
-
-    def close(self, stepper: Stepper, outputs: Iterable[Output]) -> Saved:
-        """Return the saved states and the values of the outputs. The last state is that of `stepper`."""
-        if self._closed is None:
-            rows = n_rows(stepper.index + stepper.is_within_step, self.every)
-            self.t[rows - 1] = self._t_end if stepper.index == self._n_steps else stepper.t
-            self.u[rows - 1], self.v[rows - 1] = stepper.u, stepper.v
-            for output in outputs:
-                output.close(stepper.index, rows)
-            if self._files:
-                self._files.count = rows
-                self._files.close()
-                self._refer(self._files.arrays)
-            of_outputs = {name: values[:rows] for name, values in self.outputs.items()}
-            self._closed = Saved(self.t[:rows], self.u[:rows], self.v[:rows], of_outputs, self.width)
-        return self._closed
+        if self.files:
+            self.files.remove()

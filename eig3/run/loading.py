@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from os import PathLike
 from typing import Any
 
-from ..functions.events import Event
+import numpy as np
+
+from ..functions.events import Event, check_events
+from ..functions.quantities import Functions, check_functions
+from ..kernels.protocol import SCALAR, VECTOR
 from ..result import storage
 from ..result.solution import Solution
-from .integration import with_functions
+from ..stepping.system import System
+from .fixed_run import FixedRun
+from .run import extend
+from .variable_run import VariableRun
 
 
 def load(
@@ -65,4 +74,46 @@ def load(
     for name, value in given.items():
         if value is not None:
             raise ValueError(f"{name} needs rhs beside it: the right-hand side of the run.")
+    return solution
+
+
+def with_functions(
+    solution: Solution,
+    rhs: Any,
+    *,
+    events: Any = None,
+    invariants: Any = None,
+    outputs: Any = None,
+    jacobian: Any = None,
+) -> Solution:
+    """Give a loaded solution the functions of its run, as `eig3.load` describes it, and return it."""
+    state = solution._state
+    if state is None:
+        why = "it is a copy, has t_eval, is a member of an ensemble, or ended with an exception"
+        if not solution.can_go_on:
+            why = f"its status is {solution.status.name}"
+        raise ValueError(f"this run cannot go on: {why}; load it without functions.")
+    given: dict[str, Any] = {"events": check_events(events), **check_functions(invariants, outputs)._asdict()}
+    names: dict[str, Mapping[str, Any]]
+    names = {"events": solution.events, "invariants": solution.drift, "outputs": solution.outputs}
+    for argument, known in names.items():
+        if set(known) != set(given[argument]):
+            wanted = ", ".join(map(repr, known)) or "none"
+            raise ValueError(f"{argument} must have the names of those of the run: {wanted}.")
+        given[argument] = {name: given[argument][name] for name in known}
+    if (jacobian is not None) != state["has_jacobian"]:
+        what = "the method of the run has a jacobian: give" if jacobian is None else "the run has none: leave out"
+        raise ValueError(f"{what} jacobian.")
+    if jacobian is not None:
+        solution.method = dataclasses.replace(solution.method, jacobian=jacobian)  # type: ignore[type-var]
+        solution.notes = tuple(note for note in solution.notes if note != storage.WITHOUT_JACOBIAN)
+    kind: Any = FixedRun if "h" in state else VariableRun
+    form = SCALAR if np.ndim(state["start"][0]) == 0 else VECTOR
+    events, has_times = given.pop("events"), state["times"] is not None
+    options = {"inline": state["inline"], "events": events, "functions": Functions(**given), "has_times": has_times}
+    run = kind.restored(solution, System(rhs, form, solution.method, **options))
+    solution._accelerations = run.stepper.accelerations
+    if isinstance(run, VariableRun):
+        solution._between = run.between
+    solution._extend = partial(extend, run)
     return solution

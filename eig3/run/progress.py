@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from ..functions.checks import check_flag
-from .chunk import Chunk
 
 
 def check_progress(progress: bool) -> None:
@@ -32,10 +31,6 @@ class Progress:
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-    def see(self, chunk: Chunk) -> None:
-        """Count the steps of a chunk."""
-        self.add(chunk.stepper.index - chunk.first)
 
     def add(self, count: int) -> None:
         if self._bar is not None:

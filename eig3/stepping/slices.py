@@ -6,6 +6,7 @@ slice of steps after the other.
 
 from __future__ import annotations
 
+import copy
 import math
 import sys
 import time
@@ -46,12 +47,15 @@ class Slices:
 
     def __init__(self, pace: float | None, turn: int = 1) -> None:
         self.steps = max(1, int(_FIRST_SECONDS / pace)) if pace else 1
-        self._turn, self._waits = turn, _number_of_waits()
+        self._turn, self._waits = turn, math.nan
 
     def begin(self, left: int) -> tuple[int, float, float]:
         """Begin the next slice of a call that has `left` steps left; return its steps and two times for `end`."""
-        is_last = left <= self.steps
-        return min(left, self.steps), time.perf_counter(), 0.0 if is_last else time.thread_time()
+        if left <= self.steps:
+            return left, time.perf_counter(), 0.0
+        if math.isnan(self._waits):
+            self._waits = _number_of_waits()
+        return self.steps, time.perf_counter(), time.thread_time()
 
     def end(self, done: int, begin: float, busy_at_begin: float) -> float:
         """End a slice in which `done` steps were taken, and return its duration in seconds.
@@ -64,6 +68,9 @@ class Slices:
             wanted = max(_SECONDS, min(_LONGEST, _WAITING * self._waited(seconds - busy)))
             self.steps = self._whole_turns(max(1, done) * min(_GROWTH, wanted / (busy + 1e-9)))
         return seconds
+
+    def copy(self) -> Slices:
+        return copy.copy(self)
 
     def _waited(self, idle: float) -> float:
         """Return for how long a slice that was idle for some time waited for the interpreter.

@@ -10,31 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import check_callback
-from ..functions.checks import check_names, reals
+from ..functions.checks import reals
 from ..functions.events import Event, Occurrences
 from ..functions.guard import beyond, guarded
-from ..kernels.loops.events import NOT_FINITE, RESTING, TERMINAL
-from ..kernels.protocol import ENDED_BY, EVENT_VALUES, EVENTS, LOGGED, NEXT, SCALAR, WITHIN, Form, Watch
-from ..result.growing import Rows
-from ..result.solution import Status
+from ..kernels.protocol import ENDED_BY, EVENT_VALUES, EVENTS, LOGGED, NEXT, NOT_FINITE, SCALAR, WITHIN, Watch
+from .system import System
 
 _LOG_ROWS = 32  # occurrences of each event in the log, at least
 _LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
-# Resets that follow each other within this part of the span, and so many spacings of t, do not end. The time of a reset
-# has an error of a few spacings: with flights hardly longer, a body would pass through the floor.
-_ZENO, _ZENO_SPACINGS = 1e-12, 1024
+_NO_TIMES = np.empty(0)
 _ROUND_OFF = 16  # spacings of t by which the computed time of an event, or t0 + n h, may be wrong
-
-
-def check_events(events: Any) -> Mapping[str, Event]:
-    """Return the events by name."""
-    if events is None:
-        events = {}
-    if not isinstance(events, Mapping) or not all(isinstance(event, Event) for event in events.values()):
-        raise TypeError("events must be a dictionary of names and events, such as {'impact': eig3.Event(g)}.")
-    check_names(events, "events")
-    return events
 
 
 def check_times(t_eval: ArrayLike | None, t0: float, t1: float) -> np.ndarray | None:
@@ -49,80 +34,82 @@ def check_times(t_eval: ArrayLike | None, t0: float, t1: float) -> np.ndarray | 
     return times
 
 
+def further_times(times: np.ndarray | None, t_eval: ArrayLike | None, end: float, t_end: float) -> np.ndarray | None:
+    """Return the wanted times of a run that goes on from `end` to `t_end`: those up to now, and those of `t_eval`."""
+    if t_eval is None:
+        return times
+    if times is None:
+        raise ValueError("t_eval belongs to a run with t_eval: this one saves its states by save_every.")
+    further = check_times(t_eval, end, t_end)
+    if further[0] <= max(end, times[-1]):
+        raise ValueError(f"t_eval must begin after the end of the run at t = {end!r}, and after its own last time.")
+    return np.concatenate([times, further])
+
+
 class Watching:
     """The events of a run and the times at which its state is wanted, as the kernel needs them.
+
+    Parameters
+    ----------
+    system : System
+    times : ndarray or None
+        The times at which the state is wanted.
+    n : int
+        The number of degrees of freedom.
+    work_rows : int
+        The number of rows of scratch that the kernel needs.
 
     Attributes
     ----------
     watch : Watch
-    times : ndarray or None
-        The times at which the state is wanted.
     """
 
-    def __init__(
-        self,
-        events: Any,
-        t_eval: ArrayLike | None,
-        form: Form,
-        start: tuple,
-        t_span: tuple[float, float],
-        params: np.ndarray,
-        work_rows: int,
-    ) -> None:
-        t0, t1 = t_span
-        self._t0 = t0
-        self.events = check_events(events)
-        self.times = check_times(t_eval, t0, t1)
-        self._is_scalar = form is SCALAR
-        self._n = n = 1 if self._is_scalar else len(start[0])
-        self._callbacks = [_compiled(name, event, form) for name, event in self.events.items()]
-        table = [
-            (g.address, apply.address if apply else 0, event.direction, event.terminal)
-            for (g, apply), event in zip(self._callbacks, self.events.values(), strict=True)
-        ]
-        count, rows = len(table), 0 if self.times is None else len(self.times)
+    def __init__(self, system: System, times: np.ndarray | None, n: int, work_rows: int) -> None:
+        self._system, self.times, self._n = system, times, n
+        self._is_scalar = system.form is SCALAR
+        count = len(system.event_table)
         log = np.empty((count and max(_LOG_ROWS * count, _LOG_VALUES // (2 + 4 * n)), 2 + 4 * n))
-        times = np.empty(0) if self.times is None else self.times
-        self.watch = Watch(
-            np.array(table, dtype=np.int64).reshape(count, 4),
-            log,
-            _least_gap(t0, t1),
-            times,
-            np.empty(rows),
-            np.empty((rows, n)),
-            np.empty((rows, n)),
-            np.empty((work_rows, n)),
-            np.empty((4, count)),
-        )
+        work, nothing = np.empty((work_rows, n)), np.empty((0, n))
+        wanted = _NO_TIMES if times is None else times
+        self.watch = Watch(system.event_table, log, wanted, _NO_TIMES, nothing, nothing, work, np.empty((4, count)))
         self._found: list[np.ndarray] = []
-        for (_, apply), name in zip(self._callbacks, self.events, strict=True):
-            if apply and not self._is_scalar:
-                _check_within(apply, name, t0, start, params)
-        self._signs = [self._callbacks[k][0].call(t0, *start, params) for k in range(count)]
 
-    def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any) -> None:
-        """Write the signs of g at the start, and that there was no reset before; and the state, if it is wanted."""
+    @property
+    def events(self) -> Mapping[str, Event]:
+        return self._system.events
+
+    def save_in(self, h_rows: np.ndarray, u_rows: np.ndarray, v_rows: np.ndarray) -> None:
+        """Let the kernel write the steps and the states at the wanted times to these rows, of n values for u and v."""
+        self.watch = self.watch._replace(h_rows=h_rows, u_rows=u_rows, v_rows=v_rows)
+
+    def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
+        """Write the signs of g at the start, and that there was no reset before.
+
+        Raises
+        ------
+        ValueError
+            If `apply` of an event writes beyond the end of u or v.
+        """
         values = tally[EVENTS:].reshape(-1, EVENT_VALUES)
-        values[:, 0], values[:, 1], values[:, 2:] = self._signs, -np.inf, 0.0
-        if self.times is not None and self.times[0] == t0:
-            self.watch.u_rows[0], self.watch.v_rows[0], self.watch.h_rows[0] = u, v, 0.0
-            tally[NEXT] = 1
+        values[:, 0], values[:, 1], values[:, 2:] = 0.0, -np.inf, 0.0
+        for k, (name, (g, apply)) in enumerate(zip(self.events, self._system.event_callbacks, strict=True)):
+            values[k, 0] = g.call(t0, u, v, params)
+            if apply and not self._is_scalar:
+                _check_within(apply, name, t0, (u, v), params)
 
     def fork(self) -> Watching:
-        """Return a copy whose occurrences and rows are independent."""
-        other = copy.copy(self)
-        watch = self.watch
-        rows = {name: getattr(watch, name).copy() for name in ("log", "h_rows", "u_rows", "v_rows", "work", "search")}
-        other.watch, other._found = watch._replace(**rows), list(self._found)
+        """Return an independent copy, which saves no states at wanted times."""
+        other, watch = copy.copy(self), self.watch
+        own = {name: getattr(watch, name).copy() for name in ("log", "work", "search")}
+        none = {"times": _NO_TIMES, "h_rows": _NO_TIMES, "u_rows": watch.u_rows[:0], "v_rows": watch.v_rows[:0]}
+        other.watch, other._found = watch._replace(**own, **none), list(self._found)
+        other.times = None
         return other
 
-    def extended(self, t0: float, t1: float) -> Watching:
-        """Return an independent copy for a run to a later end."""
-        if self.times is not None:
-            raise ValueError("a run with t_eval cannot be extended: integrate anew, with t_eval over the longer span.")
-        other = self.fork()
-        other.watch = other.watch._replace(zeno=_least_gap(t0, t1))
-        return other
+    def want(self, times: np.ndarray | None) -> None:
+        """Set the times at which the state is wanted, for a run that goes on."""
+        self.times = times
+        self.watch = self.watch._replace(times=_NO_TIMES if times is None else times)
 
     def collect(self, tally: np.ndarray) -> None:
         """Take the occurrences out of the log."""
@@ -150,14 +137,14 @@ class Watching:
         """Forget the occurrences since there were `n_found` blocks of them."""
         del self._found[n_found:]
 
-    def finish(self, tally: np.ndarray, t: float, h: float, u: Any, v: Any) -> None:
+    def finish(self, tally: np.ndarray, t0: float, t: float, h: float, u: Any, v: Any) -> None:
         """Write the state at t, the end of the run, at the wanted times that differ from t by round-off only.
 
         It is the state before the resets at t, if there are any.
         """
         if self.times is None:
             return
-        near = _ROUND_OFF * float(np.spacing(max(abs(self._t0), abs(t))))
+        near = _ROUND_OFF * float(np.spacing(max(abs(t0), abs(t))))
         first, last = np.searchsorted(self.times, [t, t + near], side="left")
         some = slice(min(first, int(tally[NEXT])), last)
         for row in (row for block in self._found[-1:] for row in block if row[1] >= t - near):
@@ -168,7 +155,7 @@ class Watching:
 
     def restore(self, tally: np.ndarray) -> None:
         """Go on from a tally that a file has kept: between two steps, and with nothing in the log."""
-        tally[LOGGED] = tally[NEXT] = tally[ENDED_BY] = tally[WITHIN] = 0  # places in arrays of this process
+        tally[LOGGED] = tally[ENDED_BY] = tally[WITHIN] = 0  # places in arrays of this process
 
     def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
         """Take the first occurrences of each event, or all, as those that were found so far.
@@ -199,21 +186,9 @@ class Watching:
             result[name] = Occurrences(mine[:, 1].copy(), *states)
         return result
 
-    def rows(self, tally: np.ndarray) -> Rows | None:
-        """Return the states at the wanted times that the run has reached; None if no times were given."""
-        if self.times is None:
-            return None
-        watch = self.watch
-        return Rows(watch.times, watch.h_rows, watch.u_rows, watch.v_rows).at(slice(int(tally[NEXT])))
-
     def name(self, k: int) -> str:
         """Return the name of the event k."""
         return list(self.events)[k]
-
-
-def _least_gap(t0: float, t1: float) -> float:
-    """Return the time within which resets that follow each other do not end."""
-    return _ZENO * (t1 - t0) + _ZENO_SPACINGS * float(np.spacing(max(abs(t0), abs(t1))))
 
 
 def _check_within(apply: Any, name: str, t0: float, start: tuple, params: np.ndarray) -> None:
@@ -223,29 +198,6 @@ def _check_within(apply: Any, name: str, t0: float, start: tuple, params: np.nda
         apply.call(t0, u, v, params)
     if beyond(u) or beyond(v):
         raise ValueError(f"apply of events[{name!r}] writes beyond the end of u or v, which have {u.size} entries.")
-
-
-def _compiled(name: str, event: Event, form: Form) -> tuple[Any, Any]:
-    g = check_callback(event.g, "event", form, f"g of events[{name!r}]")
-    if event.apply is None:
-        return g, None
-    return g, check_callback(event.apply, "apply", form, f"apply of events[{name!r}]")
-
-
-def ended_by_event(stepper: Any) -> tuple[Status, str]:
-    """Return the status and the message of a run that an event ended."""
-    name, t = stepper.ended_by, stepper.t
-    if stepper.ended == TERMINAL:
-        return Status.TERMINATED, f"The event {name!r} ended the run at t = {t:g}."
-    if stepper.ended == RESTING:
-        return Status.ZENO, (
-            f"From t = {t:g} on, the state rests on the surface g = 0 of the event {name!r}, and is pushed through it: "
-            "a reset at one moment cannot hold it there; end the run with terminal=True, or carry it by a force."
-        )
-    return Status.ZENO, (
-        f"The resets of the event {name!r} follow each other at t = {t:g} in ever shorter times, as the impacts of a "
-        "ball that comes to rest do; end the run before with a terminal event, or carry the motion at rest by a force."
-    )
 
 
 def not_a_number(stepper: Any, t: float) -> ValueError:

@@ -1,0 +1,350 @@
+"""A run with a fixed step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from ..diagnosis.coarseness import coarseness
+from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
+from ..functions.checks import check_count, check_resolution, check_time
+from ..kernels.protocol import FAILED, SCALAR
+from ..methods import EIG
+from ..result.memory import check_disk, check_history, n_rows
+from ..result.solution import Solution, Status
+from ..result.storage import Place, going_on, whole_rows
+from ..stability import alternating_limit
+from ..stepping.march import NEVER, Rows
+from ..stepping.stepper import Stepper
+from ..stepping.system import System
+from ..stepping.watching import further_times
+from .growth import Growth
+from .history import History
+from .progress import check_progress
+from .run import Run
+
+_LARGEST_GRADE = 7  # of EIG for a force that reads the velocity, before a note advises against it
+_NONE = np.empty(0)
+
+
+class FixedRun(Run):
+    """A run of `n_steps` steps.
+
+    Parameters
+    ----------
+    n_steps : int
+    t_end : float
+        The time after the last step, from which t0 + n h may differ by round-off.
+    growth : Growth
+    save_every : int or None
+        As the user has given it.
+    stepper, history, times, place, progress
+        As for `Run`.
+    """
+
+    stepper: Stepper
+
+    def __init__(
+        self,
+        stepper: Stepper,
+        history: History,
+        n_steps: int,
+        t_end: float,
+        growth: Growth,
+        save_every: int | None,
+        times: np.ndarray | None,
+        place: Place | None = None,
+        progress: bool = False,
+    ) -> None:
+        self.n_steps, self.t_end, self.growth, self.save_every = n_steps, t_end, growth, save_every
+        self._n_times = 0  # rows in files whose times are written
+        every = NEVER if times is not None else stride(save_every, n_steps)
+        super().__init__(stepper, history, every, times, place, progress)
+
+    @classmethod
+    def at_start(
+        cls,
+        stepper: Stepper,
+        n_steps: int,
+        t_end: float,
+        save_every: int | None,
+        times: np.ndarray | None,
+        place: Place | None,
+        progress: bool,
+    ) -> FixedRun:
+        """Return a run at its start."""
+        history = _history(stepper, n_steps, save_every, times, place)
+        run = cls(stepper, history, n_steps, t_end, Growth(stepper, n_steps), save_every, times, place, progress)
+        run.begin()
+        return run
+
+    @classmethod
+    def restored(cls, solution: Solution, system: System) -> FixedRun:
+        state = solution._state or {}
+        n_steps, t_end = check_count(state["n_steps"], "n_steps"), float(state["t_end"])
+        u0, v0 = state["start"]
+        with going_on():
+            times = state["times"]
+            stepper = Stepper.of(system, state["t0"], state["h"], u0, v0, state["params"], times)
+            stepper.restore(state["stepper"])
+            if stepper.look:
+                stepper.look.watching.recall(solution.events)
+            growth = Growth(stepper, n_steps)
+            growth.restore(state["growth"], stepper)
+            t, u, v = whole_rows(solution, stepper.n)
+            count = stepper.n_wanted if times is not None else stepper.index // stride(state["save_every"], n_steps) + 1
+            if len(t) < count:
+                raise ValueError(f"{len(t)} states are too few.")
+        run = cls(stepper, _EMPTY, n_steps, t_end, growth, state["save_every"], times)
+        run.saved, run.saved_outputs = {"t": t, "u": u, "v": v}, solution.outputs
+        return run
+
+    def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> FixedRun:
+        check_progress(progress)
+        n_steps = steps_until(self.stepper, t_end)
+        times = further_times(self.times, t_eval, self.stepper.t, t_end)
+        place = None if save_to is None else Place.of(save_to)
+        self.close()
+        assert self.saved is not None
+        stepper = self.stepper.fork()
+        history = _history(stepper, n_steps, self.save_every, times, place)
+        every = stride(self.save_every, n_steps)
+        count = stepper.n_wanted if times is not None else stepper.index // every + 1
+        history.take({**self.saved, **self.saved_outputs}, count)
+        growth = self.growth.extended(n_steps, stepper.index)
+        return FixedRun(stepper, history, n_steps, t_end, growth, self.save_every, times, place, progress)
+
+    def state(self) -> dict[str, Any]:
+        stepper = self.stepper
+        return {
+            "h": stepper.h,
+            "t0": stepper.t0,
+            "t_end": self.t_end,
+            "start": stepper.start,
+            "params": stepper.params,
+            "inline": stepper.inline,
+            "has_jacobian": stepper.method.jacobian is not None,
+            "n_steps": self.n_steps,
+            "save_every": self.save_every,
+            "times": self.times,
+            "stepper": stepper.kept(),
+            "growth": self.growth.kept(),
+        }
+
+    def _rows_to_write(self) -> Rows:
+        if self.times is None:
+            return self.history.rows()
+        shape = (0,) if self.stepper.form is SCALAR else (0, self.stepper.n)
+        return Rows(_NONE, _NONE, np.empty(shape), np.empty(shape))
+
+    def _left(self) -> int:
+        # A look in the middle of the run shows the size of a motion that starts at rest.
+        half = self.n_steps // 2
+        end = half if self.growth.needs_half and self.stepper.index < half else self.n_steps
+        return end - self.stepper.index
+
+    def _judge(self, first: int) -> None:
+        stepper = self.stepper
+        if not stepper.is_finite:
+            self._end_diverged()
+        elif stepper.ended == FAILED:
+            self._end_unsolved()
+        elif not self._judge_event() and stepper.index == self.n_steps:
+            self.is_done = True
+        self.growth.see(self.stepper, first)
+
+    def _end_diverged(self) -> None:
+        """End the run at its last finite state."""
+        n_wanted, divergence = self.stepper.n_wanted, find_divergence(self.stepper)
+        self.stepper = stepper = divergence.last
+        self._end(Status.DIVERGED, divergence.message, divergence.explain)
+        if self.times is None:
+            self.history.row = stepper.index // self.every + 1
+        else:  # the dense output of the last step may not be finite
+            rows = self.history.rows(stepper.n)
+            finite = np.isfinite(rows.u[:n_wanted] + rows.v[:n_wanted]).all(axis=1)
+            self.history.row = int(np.argmin([*finite, False]))
+
+    def _end_unsolved(self) -> None:
+        stepper = self.stepper
+        if not math.isfinite(stepper.residual):
+            divergence = Divergence(stepper, stepper.failed_degree, stepper.before())
+            self._end(Status.DIVERGED, divergence.message, divergence.explain)
+            return
+        remedies = ["a smaller h", "more max_iterations", "a larger tol"]
+        if not stepper.running.formulas.matrix:
+            remedies.append("solver='newton'")
+        self._end(
+            Status.NOT_CONVERGED,
+            f"{stepper.method.label}'s solve for the velocity did not converge at t = {stepper.t + stepper.h:g}, where "
+            f"its residual is {stepper.residual:.3g}; {', '.join(remedies[:-1])} or {remedies[-1]} may help.",
+        )
+
+    @property
+    def is_suspect(self) -> bool:
+        return self.status is Status.COMPLETED and self.growth.suspect is not None
+
+    def judge_growth(self) -> None:
+        """Change the status to DIVERGED if the motion stayed finite, but grew because of its step."""
+        suspect = self.growth.suspect
+        blow_up = suspect and find_blow_up(self.stepper, suspect)
+        if blow_up:
+            self._end(Status.DIVERGED, blow_up.message, blow_up.explain)
+
+    def _complete(self) -> None:
+        stepper, history = self.stepper, self.history
+        if self.times is not None:
+            if self.status is not Status.DIVERGED:
+                if stepper.index == self.n_steps or stepper.is_over:
+                    t = stepper.t if stepper.is_over else self.t_end
+                    stepper.look.watching.finish(stepper._tally, stepper.t0, t, stepper.h, stepper.u, stepper.v)
+                history.row = stepper.n_wanted
+        else:
+            if stepper.index % self.every or stepper.is_within_step:
+                self._write_present(stepper.h)
+            elif stepper.is_over:  # the resets at the end of a step are in the last row
+                history.row -= 1
+                self._write_present(stepper.h)
+        self._write_times()
+
+    def _keep(self) -> None:
+        self._write_times()
+        super()._keep()
+
+    def _write_times(self) -> None:
+        """Write the times of the rows in files."""
+        if self.history.files:
+            count = self.history.count
+            self.history.arrays["t"][self._n_times : count] = self._times(count)[self._n_times :]
+            self._n_times = count - 1  # the last one may be that of the end of the run
+
+    def _times(self, count: int) -> np.ndarray:
+        """Return the times of the first rows."""
+        if self.times is not None:
+            return self.times[:count]
+        return self._grid(count, self.stepper.index, self.stepper.t)
+
+    def _grid(self, count: int, index: int, t_last: float) -> np.ndarray:
+        """Return the times of `count` rows up to step `index`, of which the last may lie between two others."""
+        t = np.arange(float(count))
+        t *= self.every
+        t *= self.stepper.h
+        t += self.stepper.t0
+        if count and (count - 1) * self.every >= index:  # the last row is the present state
+            t[-1] = self.t_end if index == self.n_steps else t_last
+        return t
+
+    def _fields(self) -> dict[str, Any]:
+        return {"h": self.stepper.h}
+
+    def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
+        solution = super()._solution(rows, outputs)
+        stepper = self.stepper
+        if "t" in rows:
+            solution.t = rows["t"]
+        elif self.times is not None:
+            solution.t = self.times[: len(rows["u"])]
+        else:
+            solution._later["t"] = partial(self._grid, len(rows["u"]), stepper.index, stepper.t)
+        return solution
+
+    def _notes(self, status: Status) -> list[str]:
+        stepper, notes = self.stepper, []
+        if status is Status.COMPLETED:
+            notes = self._growth_notes("take a smaller h, or a method that is stable for this system")
+            coarse = self._coarseness()
+            notes += [coarse] if coarse else []
+        running = stepper.running
+        if isinstance(running, EIG) and running.grade > _LARGEST_GRADE and not running.ignores_velocity:
+            notes.append(
+                f"{running.label} predicts the velocity from {running.grade - 2} accelerations: with damping its limit "
+                f"is short (omega h = {alternating_limit(running.grade, 0.1):.3g} at xi = 0.1); take RK8 or a grade of "
+                "5 to 7."
+            )
+        return notes
+
+    def _coarseness(self) -> str:
+        """Describe a step that is too long for the motion. A reset is a jump of the motion, not a turn."""
+        stepper = self.stepper
+        if any(event.apply for event in stepper.system.events.values()):
+            return ""
+        has_all = self.every == 1 and self.saved is not None
+        return coarseness(stepper, self.saved["u"][: stepper.index + 1] if has_all and self.saved else None)
+
+    def _total(self) -> tuple[int, str]:
+        return self.n_steps - self.stepper.index, "step"
+
+    def _progress(self) -> int:
+        return self.stepper.index
+
+
+class _Nothing(History):
+    """The history of a loaded run, which is in its solution."""
+
+    def __init__(self) -> None:
+        super().__init__((), {}, 0, has_times=False, has_steps=False)
+
+
+_EMPTY = _Nothing()
+
+
+def stride(save_every: int | None, n_steps: int) -> int:
+    """Return the number of steps from one saved state to the next."""
+    return n_steps if save_every is None else min(save_every, n_steps)
+
+
+def _history(
+    stepper: Stepper, n_steps: int, save_every: int | None, times: np.ndarray | None, place: Place | None
+) -> History:
+    """Return an empty history with room for all rows of a run.
+
+    Raises
+    ------
+    MemoryError, OSError
+        If it does not fit in memory, or on the disk if it has a place there.
+    """
+    shapes = stepper.system.functions.shapes
+    every = stride(save_every, n_steps)
+    if times is not None:
+        n_steps, every = len(times) - 1, 1
+    n_outputs = stepper.system.functions.n_outputs if shapes else 0
+    if place is None:
+        check_history(n_steps, every, stepper.n, n_outputs)
+    else:
+        check_disk(place.directory, n_steps, every, stepper.n, n_outputs)
+    rows = n_rows(n_steps, every) if times is None else len(times)
+    state = () if stepper.form is SCALAR else (stepper.n,)
+    directory = place.directory if place else None
+    return History(state, shapes, rows, directory, has_times=False, has_steps=False)
+
+
+def steps_until(stepper: Stepper, t_end: float) -> int:
+    """Return the number of steps of a run that goes on from the state of a stepper to t_end."""
+    t_end, t0, h = check_time(t_end, "t_end"), stepper.t0, stepper.h
+    check_resolution(h, t0, t_end)
+    n_steps = max(stepper.index + 1, round((t_end - t0) / h))
+    nearest = t0 + n_steps * h
+    if abs(nearest - t_end) > 1e-12 * n_steps * h + 2 * np.spacing(max(abs(t0), abs(t_end))):
+        raise ValueError(
+            f"t_end must be a whole number of steps h = {h!r} after the end of the run at t = {stepper.t!r}, not "
+            f"{t_end!r}; take t_end={nearest!r}."
+        )
+    return n_steps
+
+
+def divide(span: float, h: float) -> tuple[int, float]:
+    """Return the number of steps of at most `h` that fill `span`, and the length of these steps."""
+    ratio = span / h
+    if not ratio < 2**53:
+        raise ValueError(
+            f"h must be at least {span / 2**53:.3g} for this t_span, so that steps can be counted, not {h}."
+        )
+    # If h divides the span except for round-off, there must not be one more step.
+    nearest = round(ratio)
+    n_steps = max(1, nearest if math.isclose(ratio, nearest, rel_tol=1e-12) else math.ceil(ratio))
+    return n_steps, span / n_steps

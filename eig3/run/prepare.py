@@ -1,0 +1,243 @@
+"""Prepare a run once, and run it many times: all checks, compilation and choices are made before the first run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from os import PathLike
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from ..functions.callbacks import takes
+from ..functions.checks import (
+    check_count,
+    check_flag,
+    check_h,
+    check_method,
+    check_params,
+    check_resolution,
+    check_span,
+    check_state,
+    shown,
+)
+from ..functions.events import Event
+from ..functions.guard import guarded
+from ..functions.quantities import Functions, check_functions
+from ..kernels.protocol import SCALAR, VECTOR, Form
+from ..methods import Method
+from ..result.solution import Solution
+from ..result.storage import Place
+from ..stepping.march import NEVER, Cancel
+from ..stepping.stepper import Stepper
+from ..stepping.system import System, remembered
+from ..stepping.tolerances import check_tolerances, method_for
+from ..stepping.variable_stepper import VariableStepper
+from ..stepping.watching import check_times
+from .fixed_run import FixedRun, divide
+from .progress import check_progress
+from .run import Run, carry_out
+from .variable_run import VariableRun
+
+
+class Prepared:
+    """A run that is prepared: call it with a span and a start as often as you like, in any thread.
+
+    `eig3.prepare` and `Problem.prepare` return it. A call takes some microseconds more than its steps.
+
+    Attributes
+    ----------
+    form : str
+        "scalar" or "vector": whether u0 and v0 are numbers or arrays.
+    method : Method
+    """
+
+    def __init__(
+        self,
+        rhs: Any,
+        form: Form,
+        *,
+        h: float | None = None,
+        rtol: float | None = None,
+        atol: ArrayLike | None = None,
+        method: str | Method | None = None,
+        save_every: int | None = 1,
+        t_eval: ArrayLike | None = None,
+        events: Mapping[str, Event] | None = None,
+        invariants: Mapping[str, Any] | None = None,
+        outputs: Mapping[str, Any] | None = None,
+        h_max: float | None = None,
+        first_step: float | None = None,
+        max_steps: int | None = None,
+        inline: bool = False,
+    ) -> None:
+        self._options = {
+            "h": h,
+            "rtol": rtol,
+            "atol": atol,
+            "method": method,
+            "save_every": save_every,
+            "t_eval": t_eval,
+            "events": events,
+            "invariants": invariants,
+            "outputs": outputs,
+            "h_max": h_max,
+            "first_step": first_step,
+            "max_steps": max_steps,
+            "inline": inline,
+        }
+        if t_eval is not None and save_every not in (1, None):
+            raise ValueError("save_every and t_eval exclude each other: give one of them.")
+        self._limits = rtol, atol, h_max, first_step, max_steps
+        if h is not None:
+            _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
+            record = check_method("eig3" if method is None else method)
+            h = check_h(h)
+        elif rtol is None and atol is None:
+            raise ValueError("give h for a fixed step, or rtol for tolerances: one of the two is needed.")
+        else:
+            tolerances = check_tolerances(1, rtol, None, h_max, first_step, max_steps)
+            record = method_for(method, tolerances.rtol)
+        self._h, self._t_eval = h, t_eval
+        self._save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
+        functions: Functions = check_functions(invariants, outputs)
+        options = {"inline": check_flag(inline, "inline"), "events": events, "functions": functions}
+        self._system: System = remembered(rhs, form, record, has_times=t_eval is not None, **options)
+        self._tolerances: dict[int, Any] = {}
+
+    @property
+    def form(self) -> str:
+        return self._system.form.name
+
+    @property
+    def method(self) -> Method:
+        return self._system.method
+
+    def __call__(
+        self,
+        t_span: Sequence[float],
+        u0: ArrayLike,
+        v0: ArrayLike,
+        params: ArrayLike = (),
+        *,
+        progress: bool = False,
+        raise_on_failure: bool = False,
+        cancel: Cancel | None = None,
+        save_to: str | PathLike[str] | None = None,
+    ) -> Solution:
+        """Run from a start.
+
+        Parameters
+        ----------
+        t_span : (float, float)
+        u0, v0 : float or array_like, shape (n,)
+        params : float or array_like
+        progress, raise_on_failure, cancel, save_to
+            As for `eig3.integrate`.
+
+        Returns
+        -------
+        Solution
+
+        Raises
+        ------
+        TypeError, ValueError, MemoryError, OSError, ImportError, IntegrationError, KeyboardInterrupt
+            As for `eig3.integrate`.
+        """
+        return carry_out(partial(self.begin, t_span, u0, v0, params, progress, save_to), cancel, raise_on_failure)
+
+    def begin(
+        self,
+        t_span: Sequence[float],
+        u0: ArrayLike,
+        v0: ArrayLike,
+        params: ArrayLike,
+        progress: bool,
+        save_to: Any,
+    ) -> Run:
+        """Return a run at its start."""
+        if progress is not False:
+            check_progress(progress)
+        span = check_span(t_span)
+        u, v, form = check_state(u0, v0)
+        system = self._system
+        if form is not system.form:
+            raise ValueError(
+                f"u0 must be {'a number' if system.form is SCALAR else 'an array'}, because rhs has the "
+                f"{system.form.name} form, not {shown(u0)}."
+            )
+        place = None if save_to is None else Place.of(save_to)
+        times = None if self._t_eval is None else check_times(self._t_eval, *span)
+        p = guarded(check_params(params))
+        if self._h is None:
+            stepper = VariableStepper(system, span, u, v, p, self._tolerances_for(1 if form is SCALAR else u.size), times)
+            every = NEVER if self._save_every is None else self._save_every
+            return VariableRun.at_start(stepper, every, times, place, progress)
+        t0, t1 = span
+        n_steps, h = divide(t1 - t0, self._h)
+        check_resolution(h, t0, t1)
+        return FixedRun.at_start(
+            Stepper.of(system, t0, h, u, v, p, times), n_steps, t1, self._save_every, times, place, progress
+        )
+
+    def _tolerances_for(self, n: int) -> Any:
+        """Return the tolerances for n degrees of freedom."""
+        if n not in self._tolerances:
+            self._tolerances[n] = check_tolerances(n, *self._limits)
+        return self._tolerances[n]
+
+    def __reduce__(self) -> tuple:
+        return _prepared, (self._system.rhs, self._system.form, self._options)
+
+
+def _prepared(rhs: Any, form: Form, options: dict[str, Any]) -> Prepared:
+    return Prepared(rhs, form, **options)
+
+
+def prepare(rhs: Any, **options: Any) -> Prepared:
+    """Check, choose and compile all that runs of a right-hand side need, for many runs with different starts.
+
+    Parameters
+    ----------
+    rhs : jitted function
+        The acceleration, in one of the two forms that `eig3.integrate` takes: with four arguments for one degree of
+        freedom, with five for n.
+    **options
+        h or rtol, and atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps and
+        inline, as for `eig3.integrate`.
+
+    Returns
+    -------
+    Prepared
+        Call it as ``prepared(t_span, u0, v0, params)``: it returns the `Solution` that `eig3.integrate` would return,
+        with the same bits, some microseconds after its last step. It is safe in threads, and can be pickled where rhs
+        can be pickled.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an option is not valid.
+
+    Notes
+    -----
+    Values of global variables are those of the time when the run was prepared. With ``inline=True``, the loop is
+    compiled at the first call for a number of degrees of freedom.
+    """
+    return Prepared(rhs, _form_of(rhs), **options)
+
+
+def _form_of(rhs: Any) -> Form:
+    """Return the form of a right-hand side, from its number of arguments."""
+    function = getattr(rhs, "py_func", rhs)
+    return VECTOR if callable(function) and takes(function, 5) else SCALAR
+
+
+def _refuse(given: dict[str, Any]) -> None:
+    """Refuse options of tolerances beside h."""
+    for name, value in given.items():
+        if value is not None:
+            what = "the steps follow from it" if name == "rtol" else "it belongs to rtol"
+            raise ValueError(
+                f"h and {name} exclude each other: give h for a fixed step, or rtol for tolerances ({what})."
+            )
+

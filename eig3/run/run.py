@@ -1,0 +1,450 @@
+"""A run from its start to its end: one loop calls the kernel for runs with a fixed step and with tolerances alike."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from ..functions.checks import check_cancel, check_flag
+from ..kernels.compile.interrupt import DeferredInterrupt
+from ..kernels.protocol import NEXT, RESTING, TERMINAL, VECTOR
+from ..methods import Method
+from ..result.solution import Solution, Status
+from ..result.storage import Place
+from ..stepping.march import NEVER, Cancel, Rows
+from ..stepping.system import System
+from .history import History
+from .progress import Progress
+
+_CHUNK_SECONDS = 0.1  # duration of a chunk of steps, after which a run is looked at
+_LEAST_STEPS = 100  # between two looks for entries of a that rhs does not write, so that they take little time
+_FAST = 1e3  # a growth above this is not called slow
+_OVERFLOW = "beyond the largest floating-point number,"
+
+
+class IntegrationError(RuntimeError):
+    """A run with ``raise_on_failure=True`` did not complete.
+
+    Attributes
+    ----------
+    solution : Solution
+        The part of the run that was computed.
+    """
+
+    def __init__(self, solution: Solution) -> None:
+        super().__init__(solution.message)
+        self.solution = solution
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.solution,)
+
+
+class Stop:
+    """Whether a chunk of steps should end: after Ctrl-C, after a cancellation, or after its usual duration."""
+
+    def __init__(self, interrupt: DeferredInterrupt, cancel: Cancel | None) -> None:
+        self._interrupt, self._cancel = interrupt, cancel
+        self._until = 0.0
+
+    def is_final(self) -> bool:
+        """Return whether the run should end too."""
+        return self._interrupt.is_set() or (self._cancel is not None and self._cancel.is_set())
+
+    def begin_chunk(self) -> None:
+        self._until = time.perf_counter() + _CHUNK_SECONDS
+
+    def is_set(self) -> bool:
+        return time.perf_counter() > self._until or self.is_final()
+
+
+class Run:
+    """A run in chunks of steps.
+
+    Parameters
+    ----------
+    stepper : Stepper or VariableStepper
+        It stands where the run begins.
+    history : History
+        With the rows of the states up to there.
+    every : int
+        Every `every`-th state is saved; `NEVER` saves the first and the last.
+    times : ndarray or None
+        The times at which the state is saved instead.
+    place : Place or None
+        Where the run saves its rows.
+    progress : bool
+
+    Attributes
+    ----------
+    status : Status
+    message : str
+    reason : callable or None
+        What `Solution.explain` calls.
+    """
+
+    def __init__(
+        self,
+        stepper: Any,
+        history: History,
+        every: int,
+        times: np.ndarray | None,
+        place: Place | None = None,
+        progress: bool = False,
+    ) -> None:
+        self.stepper, self.history, self.every, self.times = stepper, history, every, times
+        self.place, self._shows_progress = place, progress
+        self.status, self.message = Status.COMPLETED, "The run reached the end of its span."
+        self.reason: Callable[[], str] | None = None
+        self.is_done = False
+        self.saved: dict[str, np.ndarray] | None = None  # the rows, when the run has ended
+        self.saved_outputs: dict[str, np.ndarray] = {}
+        self._looked_at = stepper.index
+        if stepper.look:
+            self._refer()
+        self._rows = self._rows_to_write()
+        if place:
+            try:
+                self._keep()
+            except BaseException:
+                history.remove()
+                raise
+
+    # What differs between a fixed step and tolerances -----------------------------------------------------------------
+
+    @classmethod
+    def restored(cls, solution: Solution, system: System) -> Run:
+        """Return the run of a loaded solution, which stands at its end; the names of its functions are right."""
+        raise NotImplementedError
+
+    def extended(
+        self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any
+    ) -> Run:
+        """Return an independent run to a later end, which stands where this one ended."""
+        raise NotImplementedError
+
+    def state(self) -> dict[str, Any]:
+        """Return the state from which the run goes on, in numbers and arrays."""
+        raise NotImplementedError
+
+    def _left(self) -> int:
+        """Return the number of steps to the end of the run, or to the next step after which it is looked at."""
+        raise NotImplementedError
+
+    def _judge(self, first: int) -> None:
+        """Find out whether the run goes on, after the steps from step index `first` on."""
+        raise NotImplementedError
+
+    def _fields(self) -> dict[str, Any]:
+        """Return fields of the solution that only this kind of run has."""
+        raise NotImplementedError
+
+    def _notes(self, status: Status) -> list[str]:
+        raise NotImplementedError
+
+    @property
+    def is_suspect(self) -> bool:
+        """Whether the motion may have grown because of the step."""
+        return False
+
+    def judge_growth(self) -> None:
+        """Change the status if the motion grew because of the step."""
+
+    def _total(self) -> tuple[int, str]:
+        """Return the length of the progress bar and its unit."""
+        raise NotImplementedError
+
+    def _progress(self) -> int:
+        raise NotImplementedError
+
+    # The loop ---------------------------------------------------------------------------------------------------------
+
+    def march(self, stop: Stop) -> None:
+        """Run to the end, or until the run fails or should stop."""
+        if not self._shows_progress:
+            self._march(stop, None)
+        else:
+            with Progress(*self._total()) as bar:
+                self._march(stop, bar)
+        self.stepper.note_pace()
+
+    def _march(self, stop: Stop, bar: Progress | None) -> None:
+        stepper, history = self.stepper, self.history
+        most, growth = NEVER, 0
+        raised: tuple[int, Exception] | None = None
+        while not self.is_done:
+            if stop.is_final():
+                self._end(Status.INTERRUPTED, f"The run was interrupted after t = {stepper.t:g}.")
+                return
+            stop.begin_chunk()
+            count, first, shown = min(most, self._left()), stepper.index, self._progress() if bar else 0
+            if not count:
+                return
+            try:
+                history.row = stepper.take(count, self.every, history.row, self._rows, (stop,))
+            except Exception as error:
+                if count == 1 or stepper.raised_before is None:
+                    raise
+                # Take the steps before the one that raises: double the steps of a chunk, and halve them from then on.
+                raised = stepper.raised_before, error
+                most, growth = (count // 2, 1) if growth else (1, 2)
+                continue
+            most *= growth or 1
+            if self.times is not None:
+                history.row = int(stepper._tally[NEXT])
+            self._judge(first)
+            stepper = self.stepper
+            if stepper.form is VECTOR and (stepper.index - self._looked_at >= _LEAST_STEPS or self.is_done):
+                self._check_written()
+            if bar:
+                bar.add(self._progress() - shown)
+            if self.place and not self.is_done:
+                self._keep()
+            if raised and (stepper.index >= raised[0] or self.is_done):
+                raise raised[1]  # it did not come from a function, but from the handler of a signal
+
+    def _check_written(self) -> None:
+        """Refuse a rhs that leaves out an entry of a.
+
+        The entry would keep its value from an earlier evaluation, and the run would look well. An array that is filled
+        with NaN before each evaluation in the kernel would show this, but takes time in each step. So rhs is evaluated
+        once more now and then.
+        """
+        stepper = self.stepper
+        if stepper.look:
+            stepper.look.follower.check()
+        self._looked_at, t = stepper.index, stepper.t - stepper.h
+        j = stepper.find_unwritten(t)
+        if j is not None:
+            raise unwritten_entry(j, t)
+
+    def _end(self, status: Status, message: str, reason: Callable[[], str] | None = None) -> None:
+        self.status, self.message, self.reason, self.is_done = status, message, reason, True
+
+    def _judge_event(self) -> bool:
+        """End the run if an event ended it; return whether one did."""
+        stepper = self.stepper
+        if stepper.is_over:
+            self._end(*_ended_by_event(stepper.ended, stepper.ended_by, stepper.t))
+        return stepper.is_over
+
+    def _refer(self) -> None:
+        """Let the kernel write into the present block of the history."""
+        look = self.stepper.look
+        if self.history.outputs:
+            look.follower.save_in(self.history.outputs)
+        if self.times is not None:
+            look.watching.want(self.times)
+            look.save_wanted(self.history.arrays, self.stepper.n)
+
+    def _rows_to_write(self) -> Rows:
+        """The rows that the kernel writes besides those at wanted times."""
+        raise NotImplementedError
+
+    def begin(self) -> None:
+        """Save the first state."""
+        stepper = self.stepper
+        if self.times is None or self.times[0] == stepper.t0:
+            self._write_present(0.0)
+            if self.times is not None:
+                stepper._tally[NEXT] = 1
+
+    def _write_present(self, step: float) -> None:
+        """Save the present state in the next row."""
+        stepper = self.stepper
+        values = {"t": stepper.t, "steps": step, "u": stepper._state[0], "v": stepper._state[1]}
+        if self.history.outputs:
+            follower = stepper.look.follower
+            for name, k in follower.followed.outputs.items():
+                shape = follower.followed.quantities[k].shape
+                values[name] = follower.values(k) if shape else follower.values(k)[0]
+        self.history.write(values)
+
+    # What a run gives back --------------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Complete the rows: no more are written."""
+        if self.saved is None:
+            self._complete()
+            self.history.close()
+            self.saved, self.saved_outputs = self.history.whole(), self.history.whole_outputs()
+
+    def _complete(self) -> None:
+        """Save the last state."""
+        raise NotImplementedError
+
+    def result(self, error: BaseException | None = None) -> Solution:
+        """Return the run up to now, which can go on; `error` is the exception that ended it, if there was one."""
+        self.close()
+        assert self.saved is not None
+        solution = self._solution(self.saved, self.saved_outputs)
+        if not isinstance(error, Exception):
+            solution._extend = partial(extend, self)
+            if solution.can_go_on:
+                solution._resume = self.state
+        return solution
+
+    def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
+        """Return a solution with these rows, which finds what else it has when it is read."""
+        stepper, status = self.stepper, self.status
+        fields = {
+            "u": rows["u"],
+            "v": rows["v"],
+            "n_steps": stepper.index,
+            "n_rhs": stepper.n_rhs,
+            "n_iterations": stepper.n_iterations,
+            "status": status,
+            "message": self.message,
+            "kernel_seconds": stepper.seconds,
+            "method": stepper.system.method,
+            "reason": self.reason,
+            "outputs": outputs,
+            "_accelerations": stepper.accelerations,
+            **self._fields(),
+        }
+        later: dict[str, Callable[[], Any]] = {"notes": partial(self._all_notes, status)}
+        if stepper.look:
+            later["events"] = stepper.look.watching.occurrences
+            later["drift"] = stepper.look.follower.drift
+            later["extremes"] = stepper.look.follower.extremes
+        return Solution._of(fields, later)
+
+    def _growth_notes(self, remedy: str) -> list[str]:
+        """Return a sentence about each invariant that grew steadily; `remedy` says what may help."""
+        stepper, notes = self.stepper, []
+        if stepper.look:
+            follower = stepper.look.follower
+            for name, k in follower.followed.invariants.items():
+                growth = follower.growth(name, stepper._tally, stepper.index)
+                if growth:
+                    notes.append(growth_note(name, growth, follower.followed.work[k] >= 0, stepper.method, remedy))
+        return notes
+
+    def _all_notes(self, status: Status) -> tuple[str, ...]:
+        return (*self._notes(status), *self.stepper.notes)
+
+    def _keep(self) -> None:
+        """Write now and then what the run has found so far: what is left if its process is killed."""
+        assert self.place
+        self.place.keep(self.history.count, self._so_far)
+
+    def _so_far(self) -> Solution:
+        """Return a run that goes on; its rows are in files."""
+        solution = self._solution(self.history.whole(), self.history.whole_outputs())
+        solution.status, solution._resume = Status.INTERRUPTED, self.state
+        return solution
+
+
+def extend(
+    run: Run,
+    t_end: float,
+    *,
+    save_to: str | PathLike[str] | None,
+    progress: bool,
+    raise_on_failure: bool,
+    cancel: Cancel | None,
+    t_eval: Any = None,
+) -> Solution:
+    """Go on from the end of a run, as `Solution.extend` describes it."""
+    return carry_out(lambda: run.extended(t_end, progress, save_to, t_eval), cancel, raise_on_failure)
+
+
+def carry_out(begin: Callable[[], Run], cancel: Cancel | None, raise_on_failure: bool) -> Solution:
+    """Begin a run, and take it to its end."""
+    if raise_on_failure is not False:
+        check_flag(raise_on_failure, "raise_on_failure")
+    if cancel is not None:
+        check_cancel(cancel)
+    run = None
+    try:
+        with DeferredInterrupt() as interrupt:
+            run = begin()
+            run.march(Stop(interrupt, cancel))
+            if not run.is_suspect:
+                solution = _finished(run)
+        if run.is_suspect:
+            run.judge_growth()  # which Ctrl-C may end, because it takes some time
+            with DeferredInterrupt():
+                solution = _finished(run)
+    except BaseException as error:  # raised by a function, or after Ctrl-C
+        with DeferredInterrupt() as again:
+            if run:
+                error.solution = _after(run, error)  # type: ignore[attr-defined]
+            elif isinstance(error, KeyboardInterrupt):
+                error.solution = None  # type: ignore[attr-defined]
+            if isinstance(error, KeyboardInterrupt):
+                again.forget()  # it is raised now
+        raise
+    if raise_on_failure and not solution.success:
+        raise IntegrationError(solution)
+    return solution
+
+
+def _finished(run: Run) -> Solution:
+    """Return a run that has ended, and write it to its place."""
+    solution = run.result()
+    if run.place:
+        _write(run, solution)
+    return solution
+
+
+def _after(run: Run, error: BaseException) -> Solution:
+    """Return the run up to an exception, and write it to its place."""
+    if run.status is Status.COMPLETED and (run.is_suspect or not run.is_done):
+        what = f"raised {type(error).__name__}" if isinstance(error, Exception) else "was interrupted"
+        run._end(Status.INTERRUPTED, f"The run {what} after t = {run.stepper.t:g}.")
+    solution = run.result(error)
+    if run.place:
+        with contextlib.suppress(OSError):  # the directory is then as the last record says
+            _write(run, solution)
+    return solution
+
+
+def _write(run: Run, solution: Solution) -> None:
+    """Write the solution, whose rows are written, to the place of the run."""
+    assert run.place
+    run.place.write(solution, len(solution.t), has_ended=True)
+
+
+def growth_note(name: str, growth: float, is_balance: bool, method: Method, remedy: str) -> str:
+    """Return a sentence about the steady growth of an invariant, or of an energy less the work."""
+    percent = f"by {100 * growth:.2g} %"
+    if is_balance:
+        amount = f"{percent} of the larger of the two" if math.isfinite(growth) else _OVERFLOW
+        return f"{name} less the work grows steadily, {amount} over the run: {method!r} adds energy; {remedy}."
+    amount = percent if growth < 1 else f"to {1 + growth:.3g} times its size"
+    amount = amount if math.isfinite(growth) else _OVERFLOW
+    unstable = "slowly unstable" if growth < _FAST else "unstable"
+    return (
+        f"{name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is {unstable} here: "
+        f"{remedy}."
+    )
+
+
+def unwritten_entry(j: int, t: float) -> ValueError:
+    """Return the error for an entry of a that rhs does not write at the time t."""
+    return ValueError(
+        f"rhs does not write a[{j}] at t = {t:g}, so that a[{j}] keeps its value from an earlier evaluation; write "
+        "every a[j] in every evaluation."
+    )
+
+
+def _ended_by_event(ended: int, name: str, t: float) -> tuple[Status, str]:
+    """Return the status and the message of a run that an event ended."""
+    if ended == TERMINAL:
+        return Status.TERMINATED, f"The event {name!r} ended the run at t = {t:g}."
+    if ended == RESTING:
+        return Status.ZENO, (
+            f"From t = {t:g} on, the state rests on the surface g = 0 of the event {name!r}, and is pushed through it: "
+            "a reset at one moment cannot hold it there; end the run with terminal=True, or hold it with a force."
+        )
+    return Status.ZENO, (
+        f"The resets of the event {name!r} follow each other at t = {t:g} in ever shorter times, as the impacts of a "
+        "ball that comes to rest do; end the run before with a terminal event, or hold the body at rest with a force."
+    )

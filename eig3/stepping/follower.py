@@ -1,0 +1,258 @@
+"""Invariants and outputs along a run, which the kernel evaluates in every state: values, extremes, drift and growth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..functions.checks import reals
+from ..functions.extremes import Extremes
+from ..functions.guard import CELLS, are_untouched
+from ..functions.quantities import Functions, Quantity
+from ..kernels.loops.quantity import HIGH, LOW, T_HIGH, T_LOW
+from ..kernels.protocol import PART, PART_END, PARTS, Follow, Form, Within
+from .samples import within_steps
+
+_ADDRESS, _WIDTH, _COLUMN, _OUT, _ROWS, _WORK = range(6)  # the columns of `Follow.table`
+_FEWEST = 8  # parts of a run in which an invariant must grow, before its growth is steady
+_NOTABLE = 1e-6  # least growth over the run that is noted, relative to the invariant
+# The same of an energy less the work, relative to the larger of both. The errors of the work add up in a stable run
+# too, to 2 % at resonance with EIG-3 and omega h = 0.2.
+_NOTABLE_BALANCE = 0.1
+_VISIBLE = 0.1  # least growth over the run that is noted, relative to the oscillation of the invariant in a part
+
+
+class Followed:
+    """The quantities that runs of a system follow, and where each has its place in the arrays of a `Follower`.
+
+    Attributes
+    ----------
+    quantities : list of Quantity
+        The invariants, then the outputs.
+    invariants, outputs : dict of str to int
+        The number of each quantity, by its name.
+    work : list of int
+        For each quantity, the degree of freedom whose velocity is the work that it takes away, or -1.
+    columns : int
+        The number of values of all quantities.
+    """
+
+    def __init__(self, functions: Functions, form: Form) -> None:
+        invariants, outputs = functions.quantities(form)
+        self.functions = functions
+        self.quantities: list[Quantity] = [*invariants.values(), *outputs.values()]
+        self.invariants = {name: k for k, name in enumerate(invariants)}
+        self.outputs = {name: len(invariants) + k for k, name in enumerate(outputs)}
+        self.work = [-1] * len(self.quantities)
+        for name, k in self.invariants.items():
+            work = functions.work_in(name)
+            self.work[k] = -1 if work is None else work
+        self.table = np.zeros((len(self.quantities), 6), dtype=np.int64)
+        self.columns, size = 0, CELLS
+        for k, quantity in enumerate(self.quantities):
+            width = quantity.width if quantity.shape else 0
+            self.table[k] = quantity.callback.address, width, self.columns, size, 0, self.work[k]
+            self.columns += quantity.width
+            size += quantity.width + CELLS
+        self._out_size = size
+
+    def sizes(self, n: int) -> dict[str, tuple[int, ...]]:
+        """Return the shapes of the arrays of a `Follower`."""
+        columns = self.columns
+        return {
+            "out": (self._out_size,),
+            "extremes": (4, columns),
+            "steps": (2, columns),
+            "parts": (PARTS, 2, columns),
+            "forward": (PARTS, n),
+            "most": (len(self.quantities),),
+            "start": (columns,),
+            "before": (columns,),
+        }
+
+
+class Follower:
+    """The quantities along one run.
+
+    Parameters
+    ----------
+    followed : Followed
+    n : int
+        The number of degrees of freedom.
+
+    Attributes
+    ----------
+    numbers : ndarray
+        All that changes along the run. The other arrays are views of it.
+    """
+
+    def __init__(self, followed: Followed, n: int, numbers: np.ndarray | None = None) -> None:
+        self.followed, self._n, sizes = followed, n, followed.sizes(n)
+        self.numbers = np.zeros(sum(map(math.prod, sizes.values()))) if numbers is None else numbers
+        self.table, begin = followed.table.copy(), 0
+        arrays: dict[str, Any] = {}
+        for name, shape in sizes.items():
+            end = begin + math.prod(shape)
+            arrays[name] = self.numbers[begin:end].reshape(shape)
+            begin = end
+        self.out, self.widest, self.steps, self.parts = (arrays[name] for name in ("out", "extremes", "steps", "parts"))
+        self.forward, self.most = arrays["forward"], arrays["most"]
+        self.start, self.before = arrays["start"], arrays["before"]  # the values at the start, and before the next step
+        self.within: Within | None = None
+
+    def begin(self, t: float, u: Any, v: Any, p: np.ndarray) -> None:
+        """Evaluate the quantities at the start.
+
+        Raises
+        ------
+        ValueError
+            If a function does not write all of its values, or writes beyond them.
+        """
+        self.out.fill(np.nan)
+        for k, quantity in enumerate(self.followed.quantities):
+            values = self.values(k)
+            if quantity.shape:
+                quantity.write_at_start(t, u, v, p, values)
+            else:
+                values[0] = quantity.callback.call(t, u, v, p)
+            self.start[self._columns(k)] = values
+        self.before[:] = self.start
+        self.widest[T_LOW] = self.widest[T_HIGH] = t
+        for lowest, highest in (self.widest[: HIGH + 1], self.steps, self.parts[0]):
+            lowest[:] = highest[:] = self.start
+
+    def look_within(self, order: int, rtol: float) -> None:
+        """Let the extremes be those within steps of variable length too.
+
+        An invariant that is nearly constant takes few evaluations: smaller relative changes than rtol within a step
+        are not looked at.
+        """
+        floors = np.zeros(len(self.followed.quantities))
+        floors[: len(self.followed.invariants)] = rtol
+        self._order, self._rtol = order, rtol
+        self.within = within_steps(self.before, self._n, order, floors)
+
+    def check(self) -> None:
+        """Raise a ValueError if a function has written beyond its values."""
+        begin = 0
+        for k, quantity in enumerate(self.followed.quantities):
+            end = int(self.followed.table[k, _OUT])
+            if quantity.shape and not (
+                are_untouched(self.out[begin:end]) and are_untouched(self.out[end + quantity.width :][:CELLS])
+            ):
+                raise quantity.written_beyond()
+            begin = end + quantity.width
+
+    def save_in(self, rows: Mapping[str, np.ndarray]) -> None:
+        """Let the kernel write the values of outputs in saved states to these arrays, of shape (rows, width)."""
+        for name, array in rows.items():
+            self.table[self.followed.outputs[name], _ROWS] = array.__array_interface__["data"][0]
+
+    def forget_rows(self) -> None:
+        """Let the kernel write the values of outputs nowhere."""
+        self.table[:, _ROWS] = 0
+
+    def record(self) -> Follow:
+        """The arguments of the kernel."""
+        return Follow(
+            self.table, self.out, self.widest, self.steps, self.parts, self.forward, self.most
+        )
+
+    def fork(self) -> Follower:
+        """Return an independent copy, which saves no values."""
+        other = Follower(self.followed, self._n, self.numbers.copy())
+        if self.within is not None:
+            other.look_within(self._order, self._rtol)
+        return other
+
+    def restore(self, numbers: Any) -> None:
+        """Become the follower with these numbers, which come from a file."""
+        numbers = reals(numbers, "the numbers of quantities")
+        if numbers.shape != self.numbers.shape:
+            raise ValueError("the numbers of the invariants and outputs have another shape.")
+        self.numbers[:] = numbers
+
+    def values(self, k: int) -> np.ndarray:
+        """The values of a quantity in the latest state, shape (width,)."""
+        begin = int(self.followed.table[k, _OUT])
+        return self.out[begin : begin + self.followed.quantities[k].width]
+
+    def _columns(self, k: int) -> slice:
+        begin = int(self.followed.table[k, _COLUMN])
+        return slice(begin, begin + self.followed.quantities[k].width)
+
+    def extremes(self, tally: np.ndarray) -> dict[str, Extremes]:
+        """The extremes of each invariant and output so far."""
+        result = {}
+        for name, k in (*self.followed.invariants.items(), *self.followed.outputs.items()):
+            rows = self.widest[:, self._columns(k)]
+            has_shape = bool(self.followed.quantities[k].shape)
+            result[name] = Extremes(*(row.copy() if has_shape else float(row[0]) for row in rows))
+        return result
+
+    def drift(self) -> dict[str, float]:
+        """The maximum of |e_n - e_0| of each invariant over the ends of steps and the events; NaN if e became NaN."""
+        result = {}
+        for name, k in self.followed.invariants.items():
+            (low, high), start = self.steps[:, self._column(k)], self.start[self._column(k)]
+            result[name] = float(np.maximum(start - low, high - start))
+        return result
+
+    def growth(self, name: str, tally: np.ndarray, index: int) -> float:
+        """The growth of an invariant e over the run, relative to e; 0.0 if e did not grow steadily, infinity if e
+        overflowed.
+
+        The growth of an energy less the work is relative to the larger of the two, of which it is the difference.
+
+        The growth counts as steady if e grows from each of the last parts of the run to the next. Each part is a fifth
+        longer than all before it together... It is 0.0 if no velocity has changed its sign at least twice from one end
+        of a part to the next: the run may then be shorter than a period, and the error of e only follows the motion.
+
+        Parameters
+        ----------
+        name : str
+        tally : ndarray
+        index : int
+            Number of steps taken.
+        """
+        k = self.followed.invariants[name]
+        column, is_balance = self._column(k), self.followed.work[k] >= 0
+        start = float(self.start[column])
+        low, high, forward = self._last_parts(column, tally, index)
+        with np.errstate(invalid="ignore"):
+            middle, width = (low + high) / 2, high - low
+        n_finite = int(np.argmin(np.append(np.isfinite(middle), False)))  # number of parts before e overflows
+        steady = (np.diff(middle[:n_finite]) > 0).all()
+        turns = (forward[1:] != forward[:-1]).sum(axis=0)
+        if n_finite < _FEWEST / 2 or len(middle) < _FEWEST or not steady or turns.max() < 2 or np.isnan(self.steps[:, column]).any():
+            return 0.0
+        if n_finite < len(middle):
+            return math.inf
+        growth = float(middle[-1] - middle[0])
+        if is_balance:
+            size, notable = max(abs(start), float(self.most[k])) or growth, _NOTABLE_BALANCE
+        else:
+            size, notable = abs(start) or abs(float(middle[0])) or growth, _NOTABLE
+        if growth > size:
+            # The middles leave out half of the first and of the last part, which matters in so fast a growth.
+            growth = float(high[-1] - start)
+        return growth / size if growth > max(notable * size, _VISIBLE * np.median(width)) else 0.0
+
+    def _last_parts(self, column: int, tally: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the lowest and the highest value in each of the last parts, and the signs of v at their ends.
+
+        The part in which the run ended is one with the part before it, unless it is complete.
+        """
+        part = int(tally[PART])
+        rows = np.arange(max(0, part + 1 - PARTS), part + 1) % PARTS
+        (low, high), forward = self.parts[rows, :, column].T, self.forward[rows]
+        if len(rows) > 1 and index < tally[PART_END]:
+            low[-2], high[-2] = min(low[-2], low[-1]), max(high[-2], high[-1])
+            low, high, forward = low[:-1], high[:-1], forward[:-1]
+        return low, high, forward
+
+    def _column(self, k: int) -> int:
+        return int(self.followed.table[k, _COLUMN])

@@ -1,0 +1,75 @@
+"""What a run looks at in each step: events, wanted times, and the quantities that it follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..kernels.protocol import EVENT_VALUES, EVENTS, PART_END
+from ..kernels.protocol import Look as Arguments
+from .follower import Follower
+from .system import System
+from .watching import Watching
+
+
+class Look:
+    """The look of one run.
+
+    Parameters
+    ----------
+    system : System
+    times : ndarray or None
+        The times at which the state is wanted.
+    n : int
+        The number of degrees of freedom.
+    work_rows : int
+        The number of rows of scratch that the kernel needs for events and wanted times.
+
+    Attributes
+    ----------
+    watching : Watching
+    follower : Follower
+    arguments : Look of `eig3.kernels.protocol`
+        What the kernel gets.
+    """
+
+    def __init__(self, system: System, times: np.ndarray | None, n: int, work_rows: int) -> None:
+        self.watching = Watching(system, times, n, work_rows)
+        self.follower = Follower(system.followed, n)
+        self.renew()
+
+    def renew(self) -> None:
+        """Take other arrays for rows, or for wanted times, into the arguments of the kernel."""
+        follower = self.follower
+        self.arguments = Arguments(self.watching.watch, follower.record(), follower.within)
+
+    def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
+        """Look at the start."""
+        tally[PART_END] = 1
+        self.watching.begin(tally, t0, u, v, params)
+        self.follower.begin(t0, u, v, params)
+
+    def follow_within(self, order: int, rtol: float) -> None:
+        """Find the extremes of quantities within steps of variable length too."""
+        self.follower.look_within(order, rtol)
+        self.renew()
+
+    def save_wanted(self, rows: Mapping[str, np.ndarray], n: int) -> None:
+        """Let the kernel write what is saved at the wanted times to these rows: u, v and, if they are there, steps."""
+        u, v = rows["u"].reshape(-1, n), rows["v"].reshape(-1, n)
+        self.watching.save_in(rows["steps"] if "steps" in rows else np.empty(len(u)), u, v)
+        self.renew()
+
+    def fork(self) -> Look:
+        """Return an independent copy, which saves nothing."""
+        other = object.__new__(Look)
+        other.watching, other.follower = self.watching.fork(), self.follower.fork()
+        other.renew()
+        return other
+
+
+def tally_of(system: System) -> np.ndarray:
+    """Return an empty tally for the kernels of a system."""
+    return np.zeros(EVENTS + EVENT_VALUES * len(system.events))

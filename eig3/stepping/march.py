@@ -1,0 +1,420 @@
+"""A state that advances in compiled code: what runs with a fixed step and with tolerances have in common."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ..functions.accelerations import accelerations
+from ..functions.checks import check_index, reals
+from ..functions.guard import first_acceleration
+from ..kernels.compile.interrupt import DeferredInterrupt
+from ..kernels.protocol import (
+    ENDED_BY,
+    EVALUATIONS,
+    FULL,
+    GOING,
+    LOGGED,
+    NEXT,
+    NOT_A_NUMBER,
+    NOT_FINITE,
+    RESTING,
+    SCALAR,
+    TERMINAL,
+    TIME,
+    WITHIN,
+)
+from ..methods import Method
+from ..result.memory import aligned
+from .look import Look, tally_of
+from .slices import Slices
+from .system import Kernel, System
+from .watching import not_a_number
+
+NEVER = 2**62  # `every` of a run that writes no states
+ENDED_BY_EVENT = (TERMINAL, RESTING)  # the first and the last of the outcomes of an event that ends a run
+
+
+class Cancel(Protocol):
+    """An object that tells whether to stop, such as a `threading.Event`."""
+
+    def is_set(self) -> bool:
+        """Return True to stop."""
+
+
+class Rows(NamedTuple):
+    """Arrays for saved states: times, the steps that led there, and u and v; those with a fixed step have no times."""
+
+    t: np.ndarray
+    h: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+
+
+class Position(NamedTuple):
+    """A state to which a march can go back."""
+
+    running: Method
+    index: int
+    changed_at: float | None
+    state: np.ndarray
+    tally: np.ndarray
+    numbers: np.ndarray | None  # of the quantities that are followed
+    n_found: int  # of the occurrences of events
+
+
+class March:
+    """A state that advances in compiled code.
+
+    Attributes
+    ----------
+    system : System
+    form : Form
+    n : int
+        Number of degrees of freedom.
+    start : tuple of float or ndarray
+        u0 and v0.
+    first_acceleration : float or ndarray
+        f(t0, u0, v0).
+    t0 : float
+        The time of u0 and v0.
+    params : ndarray
+        The parameters p.
+    running : Method
+        The record that takes the steps: the method with every option "auto" decided.
+    changed_at : float or None
+        The time from which the fallback of the method takes the steps, because the solve of a step did not converge.
+    index : int
+        Number of steps taken.
+    ended : int
+        How the last call of the kernel ended; see `eig3.kernels.protocol`.
+    raised_before : int or None
+        The step index before which a function raised an exception in the last `take`; None if none did.
+    seconds : float
+        Time spent in the kernel, s, without compilation.
+    look : Look or None
+        What is looked at in each step; None if nothing is.
+    """
+
+    system: System
+    h: float
+
+    def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
+        """Stand at the start, and return the acceleration there; `params` must come from `guarded`."""
+        self.system, self.form, self.start, self.t0, self.params = system, system.form, (u, v), t0, params
+        self.n = n = 1 if self.form is SCALAR else u.size
+        self.index, self.seconds, self.ended = 0, 0.0, GOING
+        self.raised_before: int | None = None
+        self.changed_at: float | None = None
+        self.look = Look(system, times, n, self._work_rows()) if system.looks else None
+        self.first_acceleration = a = first_acceleration(system.callback, self.form, t0, u, v, params)
+        self._tally = tally_of(system)
+        self._tally[TIME] = t0
+        self._use(self._compiled(system.method))
+        if self.look:
+            self.look.begin(self._tally, t0, u, v, params)
+        return a
+
+    def _work_rows(self) -> int:
+        """Return the number of rows of scratch for events and wanted times."""
+        raise NotImplementedError
+
+    def _compiled(self, method: Method) -> Kernel:
+        """Return the kernel of a method for this number of degrees of freedom."""
+        raise NotImplementedError
+
+    def _steps(self, count: int, every: int, row: int, rows: Rows) -> Any:
+        """Return the argument `steps` of the kernel."""
+        raise NotImplementedError
+
+    def _use(self, kernel: Kernel) -> None:
+        self._kernel, self.running = kernel, kernel.running
+
+    @property
+    def method(self) -> Method:
+        """The requested method."""
+        return self.system.method
+
+    @property
+    def inline(self) -> bool:
+        return self.system.inline
+
+    @property
+    def n_rhs(self) -> int:
+        """Number of evaluations of the right-hand side, including the one at the start."""
+        return 1 + int(self._tally[EVALUATIONS])
+
+    @property
+    def is_over(self) -> bool:
+        """Whether an event ended the run."""
+        return ENDED_BY_EVENT[0] <= self.ended <= ENDED_BY_EVENT[1]
+
+    @property
+    def ended_by(self) -> str:
+        """The name of the event that ended the run."""
+        return list(self.system.events)[int(self._tally[ENDED_BY])]
+
+    @property
+    def is_within_log(self) -> bool:
+        """Whether a call of the kernel ended within a step because the log was full: u and v are no state after it."""
+        return bool(self._tally[WITHIN] == 1)
+
+    @property
+    def n_wanted(self) -> int:
+        """The number of wanted times whose states are written."""
+        return int(self._tally[NEXT])
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether u and v are finite. If they are not, they stay so in all later steps."""
+        return bool(np.isfinite(self._state[:2]).all())
+
+    @property
+    def u(self) -> Any:
+        """The displacement: a float, or a new array of shape (n,)."""
+        return self._component(0)
+
+    @property
+    def v(self) -> Any:
+        """The velocity: a float, or a new array of shape (n,)."""
+        return self._component(1)
+
+    def _component(self, row: int) -> Any:
+        return self._state[row].copy() if self.form is not SCALAR else float(self._state[row].item())
+
+    def take(self, count: int, every: int, row: int, rows: Rows, cancels: tuple[Cancel, ...]) -> int:
+        """Take at most `count` steps, one slice after the other.
+
+        Parameters
+        ----------
+        count : int
+        every : int
+            Write the state after each step whose index is a multiple of this.
+        row : int
+            The first of the rows to write.
+        rows : Rows
+        cancels : tuple of Cancel
+            Set one of them to end the call soon.
+
+        Returns
+        -------
+        int
+            The row after the last one that was written. `ended` says why the call ended: GOING after all steps, or if
+            it was cancelled.
+
+        Notes
+        -----
+        After an exception of a function, the march is at its state before the call.
+        """
+        self._before = self.position()
+        end, kernel = self.index + count, self._kernel
+        arguments = self.look and self.look.arguments
+        self.ended, self.raised_before = GOING, None
+        slices = self._slices
+        while self.index < end:
+            # After a call that ended within a step, the next one takes this step only: then the run may stop.
+            steps, *begun = slices.begin(1 if self.look and self.is_within_log else end - self.index)
+            try:
+                taken, row, ended = kernel.call(
+                    kernel.callbacks,
+                    self._state,
+                    kernel.settings,
+                    self._tally,
+                    self._steps(steps, every, row, rows),
+                    arguments,
+                )
+                if ended == NOT_A_NUMBER or ended == NOT_FINITE:
+                    self.ended = ended
+                    raise not_a_number(self, float(self._tally[TIME]))
+            except BaseException:
+                self.raised_before = self.index + steps
+                self.go_back(self._before)
+                raise
+            self.seconds += slices.end(taken, *begun)
+            self.index += taken
+            if self.look and self._tally[LOGGED]:
+                self.look.watching.collect(self._tally)
+            if ended != GOING:
+                if ended == FULL and self._has_room(row, rows):
+                    continue
+                if not self._goes_on_after(ended):
+                    self.ended = ended
+                    break
+                kernel = self._kernel
+            elif self.index < end and not (self.look and self.is_within_log):
+                if any([cancel.is_set() for cancel in cancels]):
+                    break
+        return row
+
+    def _has_room(self, row: int, rows: Rows) -> bool:
+        """Return whether rows are left, so that it was the log of events that was full."""
+        return True
+
+    def _goes_on_after(self, ended: int) -> bool:
+        """Change to another kernel, if there is one with which the run can go on."""
+        return False
+
+    def position(self) -> Position:
+        """Return the present state, for `go_back`."""
+        look = self.look
+        numbers, found = (look.follower.numbers.copy(), look.watching.n_found) if look else (None, 0)
+        return Position(
+            self.running, self.index, self.changed_at, self._state.copy(), self._tally.copy(), numbers, found
+        )
+
+    def go_back(self, position: Position) -> None:
+        """Stand at an earlier state."""
+        if position.running is not self.running:
+            self._use(self._compiled(position.running))
+        self.index, self.changed_at, self.ended = position.index, position.changed_at, GOING
+        if position.state.shape != self._state.shape:
+            self._state = aligned(position.state.shape)
+        self._state[...], self._tally[...] = position.state, position.tally
+        if self.look and position.numbers is not None:
+            self.look.follower.numbers[...] = position.numbers
+            self.look.watching.forget_from(position.n_found)
+
+    def back(self) -> None:
+        """Go back to the state before the last call that took steps. `seconds` still includes its time."""
+        with DeferredInterrupt(), self._alone:
+            self.go_back(self._before)
+
+    def fork(self) -> Any:
+        """Return an independent march at the same state, as `copy.copy` does too. It saves nothing at wanted times."""
+        with DeferredInterrupt(), self._alone:
+            other = object.__new__(type(self))
+            vars(other).update(vars(self))
+            other._alone = Alone()
+            other._state, other._tally = aligned(self._state.shape), self._tally.copy()
+            other._state[...] = self._state
+            other._slices = self._slices.copy()
+            other.look = self.look and self.look.fork()
+        return other
+
+    __copy__ = fork
+
+    def __deepcopy__(self, memo: dict) -> Any:
+        return self.fork()
+
+    def before(self) -> Any:
+        """Return an independent march at the state before the last call that took steps."""
+        other = self.fork()
+        other.go_back(self._before)
+        return other
+
+    def kept(self) -> dict[str, Any]:
+        """Return what this march needs, besides its arguments, to go on: numbers and arrays."""
+        numbers = self.look.follower.numbers.copy() if self.look else None
+        return {
+            "index": self.index,
+            "changed_at": self.changed_at,
+            "seconds": self.seconds,
+            "state": self._state[: self._carried].copy(),
+            "tally": self._tally.copy(),
+            "numbers": numbers,
+        }
+
+    @property
+    def _carried(self) -> int:
+        """The number of rows of the state that are not scratch."""
+        return len(self._state)
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Become the march that has returned `kept`; it has the same arguments.
+
+        Raises
+        ------
+        ValueError
+            If `kept` is that of another march.
+        """
+        self._restore_method(kept["changed_at"])
+        state, tally = (reals(kept[name], name) for name in ("state", "tally"))
+        carried = self._state[: self._carried]
+        if state.shape != carried.shape or tally.shape != self._tally.shape:
+            raise ValueError(f"a state of the shape {state.shape} does not belong to {self.method!r}.")
+        counts = tally[[EVALUATIONS, TIME, NEXT]]
+        if not (np.isfinite(counts).all() and tally[EVALUATIONS] >= 0 and tally[NEXT] >= 0):
+            raise ValueError(f"{counts} are not the counts and the time of a run.")
+        carried[...], self._tally[...] = state, tally
+        if self.look:
+            self.look.watching.restore(self._tally)
+            self.look.follower.restore(kept["numbers"])
+        self.index, self.seconds = check_index(kept["index"]), float(kept["seconds"])
+
+    def _restore_method(self, changed_at: Any) -> None:
+        self.changed_at = None if changed_at is None else float(changed_at)
+
+    @property
+    def accelerations(self) -> Any:
+        """A function that evaluates f(t_i, u_i, v_i) at rows of states, and does not keep this march."""
+        return partial(accelerations, self.system.callback, self.params)
+
+    def acceleration(self, t: float, u: Any, v: Any) -> Any:
+        """Evaluate f(t, u, v): a float, or a new array of shape (n,).
+
+        Raises
+        ------
+        ValueError
+            If u or v has another shape than u0.
+        """
+        # The compiled function would read any other array as if it were a contiguous one of this size.
+        u, v = np.asarray(u, dtype=np.float64, order="C"), np.asarray(v, dtype=np.float64, order="C")
+        shape = () if self.form is SCALAR else (self.n,)
+        if not u.shape == v.shape == shape:
+            raise ValueError(f"u and v must have the shape of u0, {shape}, not {u.shape}, {v.shape}.")
+        call = self.system.callback.call
+        if self.form is SCALAR:
+            return call(float(t), float(u), float(v), self.params)
+        a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
+        call(t, u, v, self.params, a)
+        return a
+
+    def find_unwritten(self, t: float) -> int | None:
+        """Return an index j such that rhs, in the vector form, does not write a[j] at the time t, if any.
+
+        This takes one evaluation, which `n_rhs` does not count.
+        """
+        u, v, call = self._state[0], self._state[1], self.system.callback.call
+        a = np.empty(u.size)
+        a.fill(np.nan)
+        try:
+            call(t, u, v, self.params, a)
+            if not math.isnan(np.minimum.reduce(a)):
+                return None
+            other = np.zeros(u.size)  # a value that rhs computes may be NaN too
+            call(t, u, v, self.params, other)
+        except Exception:  # rhs may fail at a time at which the method does not evaluate it
+            return None
+        unwritten = np.flatnonzero(np.isnan(a) & (other == 0))
+        return int(unwritten[0]) if unwritten.size else None
+
+    @property
+    def pace(self) -> float | None:
+        """Seconds per step of the last run with this right-hand side and kernel; None before the first run."""
+        return self.system.callback.pace.get(self._kernel.pace_key)
+
+    def note_pace(self) -> None:
+        """Store the measured time per step for later runs."""
+        if self.index:
+            self.system.callback.pace[self._kernel.pace_key] = self.seconds / self.index
+
+
+class Alone:
+    """A block that only one thread can be in."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise RuntimeError("this stepper is in use: give each thread its own, made with fork().")
+
+    def __exit__(self, *error: object) -> None:
+        self._lock.release()
+
+

@@ -1,0 +1,38 @@
+"""Where quantities are evaluated within a step of variable length."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from ..kernels.loops.dense import COEFFICIENTS
+from ..kernels.protocol import Within
+
+
+def within_steps(before: np.ndarray, n: int, order: int, floors: np.ndarray) -> Within:
+    """Return the points within a step, and scratch for the values there, as `eig3.kernels.loops.within` takes them.
+
+    Parameters
+    ----------
+    before : ndarray, shape (columns,)
+        The values of all quantities at the start of the next step.
+    n : int
+        The number of degrees of freedom.
+    order : int
+        That of the method. The polynomial through the values has this degree, or the next even one: a smooth quantity
+        then differs from it by a term of the order of the error of the step.
+    floors : ndarray, shape (k,)
+        For each quantity: changes within a step of at most this part of a value are not looked at.
+    """
+    degree = order + order % 2
+    shapes = (degree + 2, len(before)), (degree + 2,), (degree + 1,), (2, n), (COEFFICIENTS, n)
+    return Within(*_fit(degree), floors, before, *(np.empty(shape) for shape in shapes))
+
+
+@functools.cache
+def _fit(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the extremes of the Chebyshev polynomial of a degree, as fractions of the step from 0 to 1, and the
+    coefficients of the polynomial in 2 s - 1 for a value of 1 at one of these points and 0 at the others."""
+    x = -np.cos(np.pi * np.arange(degree + 1) / degree)
+    return (1 + x) / 2, np.ascontiguousarray(np.linalg.inv(np.vander(x, increasing=True)))

@@ -1,0 +1,150 @@
+"""What the runs of one right-hand side have in common: its functions and its kernels, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..functions.callbacks import Callback, check_callback
+from ..functions.checks import check_flag
+from ..functions.events import Event, check_events
+from ..functions.quantities import Functions
+from ..kernels.protocol import Form
+from ..methods import Method
+from .follower import Followed
+
+_MOST_REMEMBERED = 16  # systems of one right-hand side
+_NOTHING = Functions({}, {})
+
+
+class Kernel(NamedTuple):
+    """A kernel for a number of degrees of freedom, with the arguments that are the same in each call.
+
+    Attributes
+    ----------
+    running : Method
+        The record that takes the steps: the method with every option "auto" decided.
+    formulas : Formulas or Pair
+    call : callable
+        The compiled kernel.
+    callbacks : tuple
+    settings : ndarray
+    pace_key : tuple
+        Its key in `Callback.pace`.
+    """
+
+    running: Method
+    formulas: Any
+    call: Callable
+    callbacks: tuple
+    settings: np.ndarray
+    pace_key: tuple
+
+
+class System:
+    """A right-hand side with a method, its events and its quantities.
+
+    Parameters
+    ----------
+    rhs : jitted function
+    form : Form
+    method : Method
+    inline : bool
+    events : dict of str to Event, optional
+    functions : Functions
+        The invariants and outputs.
+    has_times : bool
+        Whether runs save the states at wanted times.
+
+    Attributes
+    ----------
+    callback : Callback
+        The compiled right-hand side.
+    event_callbacks : list of (Callback, Callback or None)
+        For each event, g and apply.
+    event_table : ndarray, shape (k, 4)
+        What a kernel needs of the events; see `eig3.kernels.protocol.Watch`.
+    followed : Followed
+        The quantities, compiled.
+    looks : bool
+        Whether runs look for something within their steps, or follow quantities.
+    kernels : dict
+        The kernels that were compiled so far.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a function is not valid.
+    """
+
+    def __init__(
+        self,
+        rhs: Any,
+        form: Form,
+        method: Method,
+        *,
+        inline: bool = False,
+        events: Any = None,
+        functions: Functions = _NOTHING,
+        has_times: bool = False,
+    ) -> None:
+        self.rhs, self.form, self.method, self.functions = rhs, form, method, functions
+        self.inline = check_flag(inline, "inline")
+        self.events: Mapping[str, Event] = check_events(events)
+        self._checked: list[tuple[tuple, Callback]] = []
+        self.callback = self._check(rhs, "rhs", form)
+        if method.jacobian is not None:
+            self._check(method.jacobian, "jacobian", form)
+        self.event_callbacks = [self._check_event(name, event) for name, event in self.events.items()]
+        table = [
+            (g.address, apply.address if apply else 0, event.direction, event.terminal)
+            for (g, apply), event in zip(self.event_callbacks, self.events.values(), strict=True)
+        ]
+        self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 4)
+        self.followed = Followed(functions, form)
+        for quantity in self.followed.quantities:
+            self._checked.append(((quantity.function, quantity.kind, form, quantity.name), quantity.callback))
+        self.looks = has_times or bool(self.events) or bool(self.followed.quantities)
+        self.kernels: dict[Any, Kernel] = {}
+
+    def _check(self, *arguments: Any) -> Callback:
+        callback = check_callback(*arguments)
+        self._checked.append((arguments, callback))
+        return callback
+
+    def _check_event(self, name: str, event: Event) -> tuple[Callback, Callback | None]:
+        g = self._check(event.g, "event", self.form, f"g of events[{name!r}]")
+        if event.apply is None:
+            return g, None
+        return g, self._check(event.apply, "apply", self.form, f"apply of events[{name!r}]")
+
+    @property
+    def is_present(self) -> bool:
+        """Whether no function was compiled anew since, and each value that was compiled into one is the same."""
+        for arguments, callback in self._checked:
+            if check_callback(*arguments) is not callback:
+                return False
+        return True
+
+
+def remembered(rhs: Any, form: Form, method: Method, **options: Any) -> System:
+    """Return a system, which is the same in each call with the same functions and options.
+
+    A right-hand side itself has its systems, so that they are forgotten with it. A function that was compiled anew, or
+    whose captured values have changed, makes another system.
+    """
+    functions, events = options.get("functions", _NOTHING), check_events(options.get("events"))
+    parts = events, functions.invariants, functions.outputs
+    key = form.name, method, *(tuple(part.items()) for part in parts), options["inline"], options["has_times"]
+    try:
+        systems = vars(rhs).setdefault("_eig3_systems", {})
+        known = systems.get(key)
+    except TypeError:  # rhs is no jitted function, or an option cannot be a key
+        return System(rhs, form, method, **options)
+    if known is None or not known.is_present:
+        while len(systems) >= _MOST_REMEMBERED:
+            systems.pop(next(iter(systems)), None)
+        known = systems[key] = System(rhs, form, method, **options)
+    return known
