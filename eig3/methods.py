@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from .kernels.loops.fixed import Formulas, formulas
+from .kernels.loops.formulas import Formulas, formulas
 
 #: Largest number of degrees of freedom n for which "auto" changes to Newton's method, whose differences take n + 1
 #: evaluations in each iteration.

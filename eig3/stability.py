@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 
 from .functions.callbacks import cached_jit, check_callback
 from .functions.checks import check_method
-from .kernels.loops.fixed import pointer_kernel
+from .kernels.loops.fixed import kernel
 from .kernels.methods.eig import kappa, sigma
-from .kernels.protocol import VECTOR, Run
+from .kernels.protocol import VECTOR, Steps
 from .methods import EIG3, Method
 
 _ROUND_OFF = 1e-11  # round-off of an eigenvalue; at a limit found to 1e-10, the two of a pair are 1e-5 apart
@@ -106,10 +106,11 @@ def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -
     whole = np.zeros((formulas.state_rows(n), n))
     whole[:rows] = state
     nowhere = np.empty((0, n))
-    run = Run(1.0, 0.0, params, formulas.start_steps, 1, 2**62, nowhere, nowhere)
+    steps = Steps(1.0, 0.0, params, formulas.start_steps, 1, 2**62, 0, nowhere, nowhere)
     settings = np.array(method.settings, dtype=np.float64)
     callbacks = check_callback(rhs, "rhs", VECTOR).address, None
-    taken = pointer_kernel(formulas, VECTOR)(callbacks, whole, settings, np.zeros(4), run)
+    take = kernel(formulas, method.order, VECTOR, 0, looks=False)  # the kernel that serves any number of them
+    taken, _, _ = take(callbacks, whole, settings, np.zeros(4), steps, None)
     return whole[:rows] if taken else np.full_like(state, np.nan)
 
 

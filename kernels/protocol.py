@@ -24,14 +24,40 @@ NEXT, LOGGED, ANEW, GAP, ENDED_BY, WITHIN = range(11, 17)
 #: longest step in which nothing acted, and the time of its end.
 BY_SPAN, SILENT_STEP, SILENT_END = range(17, 20)
 
+#: Further entries for a run with quantities: the number of the current part of the run, and the step index at its end.
+PART, PART_END = 20, 21
+
 #: Four values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the
 #: next step; the time of its last reset; the sign of g before this reset, if it left g at zero, or else 0; and g after
 #: it.
-EVENTS, EVENT_VALUES = 20, 4
+EVENTS, EVENT_VALUES = 22, 4
+
+#: What became of a step with events. A later one of these outcomes takes precedence. A step that is RESTING or
+#: NOT_A_NUMBER is not taken: the state stays at its start.
+PASSED, RESET, TERMINAL, ZENO, RESTING, NOT_A_NUMBER, NOT_FINITE = range(7)
+
+#: How a kernel ended, besides these outcomes: the steps are taken, the end is reached, the next step would reach it and
+#: be shortened, the step is below the resolution of t, or there is no room for rows or occurrences.
+GOING, AT_END, BEFORE_END, TOO_SMALL, FULL = range(10, 15)
+
+#: The solve of a step failed.
+FAILED = 20
+
+#: The columns of `Follow.table`.
+ADDRESS, WIDTH, COLUMN, OUT, ROWS, WORK = range(6)
+
+#: The rows of `Follow.extremes`, with a column for each value: the extremes, and the times at which they occurred.
+LOW, HIGH, T_LOW, T_HIGH = range(4)
+
+#: Number of the last parts of a run for which `Follow` has the extremes.
+PARTS = 17
 
 
-class Run(NamedTuple):
-    """The steps to take: `count` steps from step index `first`. Every `every`-th state is written to the rows."""
+class Steps(NamedTuple):
+    """The steps of a fixed length to take: `count` steps from step index `first`.
+
+    Every `every`-th state is written to the rows, from the row `row` on.
+    """
 
     h: Any
     t0: Any
@@ -39,6 +65,7 @@ class Run(NamedTuple):
     first: Any
     count: Any
     every: Any
+    row: Any
     u_rows: Any
     v_rows: Any
 
@@ -48,10 +75,10 @@ class Span(NamedTuple):
 
     The run began at `t0`.
 
-    Every `every`-th state is written to the rows, and `atol` has a row for u and one for v. If `is_relative` is 1,
-    `rtol` is relative to the largest value so far of each degree of freedom whose `atol` is finite. If `may_shorten` is
-    0, a step that reaches the end is not taken. If `reads_time` is 1, the force may change though nothing moves. If
-    `dense` has rows, the dense output of each step is written to the row of its end; `every` is 1 then.
+    Every `every`-th state is written to the rows, from the row `row` on; no state is written if there are no rows. With
+    `every` 1, so is the state before a reset. `atol` has a row for u and one for v. If `is_relative` is 1, `rtol` is
+    relative to the largest value so far of each degree of freedom whose `atol` is finite. If `may_shorten` is 0, a step
+    that reaches the end is not taken. If `reads_time` is 1, the force may change though nothing moves.
     """
 
     t0: Any
@@ -60,6 +87,7 @@ class Span(NamedTuple):
     first: Any
     count: Any
     every: Any
+    row: Any
     h_max: Any
     rtol: Any
     atol: Any
@@ -70,27 +98,84 @@ class Span(NamedTuple):
     h_rows: Any
     u_rows: Any
     v_rows: Any
-    dense: Any
 
 
 class Watch(NamedTuple):
     """What a run looks for within its steps: events, and times at which the state is written.
 
     A row of `events` contains the address of g, the address of apply or 0, the direction, and 1 for a terminal event.
-    A row of `log` is for an occurrence: the event, the time, and u and v before and after apply. Resets that follow
-    each other within `zeno` end the run. `times` are the times at which to write u, v and the step. `work` has rows of
-    n values, which callbacks may get, and `search` has four rows with a value for each event.
+    A row of `log` is for an occurrence: the event, the time, and u and v before and after apply. `times` are the times
+    at which to write u, v and the step. `work` has rows of n values, which callbacks may get, and `search` has four
+    rows with a value for each event.
     """
 
     events: Any
     log: Any
-    zeno: Any
     times: Any
     h_rows: Any
     u_rows: Any
     v_rows: Any
     work: Any
     search: Any
+
+
+class Follow(NamedTuple):
+    """The quantities, invariants and outputs, that a run evaluates in every state.
+
+    A row of `table` belongs to a quantity. It contains the address of its function; its number of values, or 0 if the
+    function returns its only value; its first column in `extremes`, `steps` and `parts`; its first index in `out`; the
+    address of an array with a row of its values for each state that is saved, or 0; and a degree of freedom whose
+    largest |v| is kept in `most`, or -1.
+
+    `out` has the values in the latest state. `extremes` are those over all states so far, see `LOW`, and `steps` the
+    lowest and highest values at the ends of steps and at events only. `parts` has such two rows for each of the last
+    parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the end of the part, else 0.0: that
+    of a part is row part % PARTS. A part ends with a step index, and is longer by a fifth than those before together.
+    """
+
+    table: Any
+    out: Any
+    extremes: Any
+    steps: Any
+    parts: Any
+    forward: Any
+    most: Any
+
+
+class Within(NamedTuple):
+    """Where the quantities of a run with tolerances are evaluated within a step, and room for their values there.
+
+    `points` are fractions of the step, from 0 to 1, with 1/2 in the middle. The matrix `fit` gives the coefficients of
+    the polynomial in 2 s - 1 from the values there. Changes within a step of at most the part `floors[k]` of a value of
+    the quantity k are not looked at. `before` has the values at the start of the next step. `samples` and `times` have
+    a row for each point and one more; `c`, `state` and `coefficients` are for the coefficients of the polynomial, for u
+    and v, and for the dense output.
+    """
+
+    points: Any
+    fit: Any
+    floors: Any
+    before: Any
+    samples: Any
+    times: Any
+    c: Any
+    state: Any
+    coefficients: Any
+
+
+class Look(NamedTuple):
+    """What a run with a fixed step looks for and follows."""
+
+    watch: Any
+    follow: Any
+
+
+class LookWithin(NamedTuple):
+    """What a run with tolerances looks for and follows, also within its steps."""
+
+    watch: Any
+    follow: Any
+    within: Any
 
 
 class At(NamedTuple):
@@ -115,14 +200,21 @@ vector_type, matrix_type = Array(float64, 1, "C"), Array(float64, 2, "C")
 _given = Array(float64, 1, "C", readonly=True)  # a callback that writes to such an array does not compile
 
 
-_integers = Array(int64, 2, "C")
+_integers, _parts_type = Array(int64, 2, "C"), Array(float64, 3, "C")
+_vector, _matrix = vector_type, matrix_type
 
-#: The types of `Watch` and `Span`. Both hold matrices in each form; for one degree of freedom, these have one column.
-WATCH = types.NamedTuple((_integers, matrix_type, float64, *(vector_type,) * 2, *(matrix_type,) * 4), Watch)
+#: The types of the records. They hold matrices in each form; for one degree of freedom, these have one column.
+WATCH = types.NamedTuple((_integers, _matrix, _vector, _vector, *[_matrix] * 4), Watch)
+FOLLOW = types.NamedTuple((_integers, _vector, _matrix, _matrix, _parts_type, _matrix, _vector), Follow)
+WITHIN_STEP = types.NamedTuple(
+    (_vector, _matrix, _vector, _vector, _matrix, _vector, _vector, _matrix, _matrix), Within
+)
+LOOK = types.NamedTuple((WATCH, FOLLOW), Look)
+LOOK_WITHIN = types.NamedTuple((WATCH, FOLLOW, WITHIN_STEP), LookWithin)
 SPAN = types.NamedTuple(
     (
-        *(float64, float64, vector_type, int64, int64, int64, float64, float64, matrix_type, int64, int64, int64),
-        *(vector_type, vector_type, matrix_type, matrix_type, Array(float64, 3, "C")),
+        *(float64, float64, _vector, int64, int64, int64, int64, float64, float64, _matrix, int64, int64, int64),
+        *(_vector, _vector, _matrix, _matrix),
     ),
     Span,
 )
@@ -152,9 +244,9 @@ class Form:
         return self.name.upper()  # pickle then takes the form of this module that has this name
 
     @property
-    def run(self) -> Any:
-        """The type of `Run`."""
-        return types.NamedTuple((float64, float64, vector_type, int64, int64, int64, self.state, self.state), Run)
+    def steps(self) -> Any:
+        """The type of `Steps`."""
+        return types.NamedTuple((float64, float64, vector_type, *[int64] * 4, self.state, self.state), Steps)
 
 
 SCALAR = Form(
@@ -195,6 +287,18 @@ def function_at(signature: Any) -> Any:
         return kind(int64), codegen
 
     return function
+
+
+@intrinsic
+def store_at(typingctx, address, index, value):
+    """``store_at(address, index, value)`` writes a float to an index of the array at an address."""
+
+    def codegen(context, builder, signature, args):
+        begin = builder.inttoptr(args[0], ir.DoubleType().as_pointer())
+        builder.store(args[2], builder.gep(begin, [args[1]]))
+        return context.get_dummy_value()
+
+    return none(int64, int64, float64), codegen
 
 
 @intrinsic(prefer_literal=True)

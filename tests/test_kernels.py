@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
-from eig3.kernels.loops.fixed import formulas
+from eig3.kernels.loops.formulas import formulas
 from eig3.stability import amplification_matrix
 
 from .conftest import (

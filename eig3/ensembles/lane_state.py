@@ -8,7 +8,7 @@ import numpy as np
 
 from ..functions.guard import written_beyond
 from ..kernels.lanes import Lanes, Layout
-from ..kernels.protocol import EVALUATIONS, Run
+from ..kernels.protocol import EVALUATIONS, Steps
 from ..result.memory import aligned
 from ..stepping.slices import Slices
 from ..stepping.stepper import Cancel
@@ -130,8 +130,8 @@ class LaneState:
         while self.index < target:
             steps, *begun = self._slices.begin(target - self.index)
             written = self.index // every - first // every
-            run = Run(h, t0, self._p, self.index, steps, every, u[written:], v[written:])
-            self._kernel((self._rhs.address, None), self._state, self._settings, self._tally, run)
+            given = Steps(h, t0, self._p, self.index, steps, every, written, u, v)
+            self._kernel((self._rhs.address, None), self._state, self._settings, self._tally, given, None)
             self.seconds += self._slices.end(steps, *begun)
             self.index += steps
             if stop.is_set():

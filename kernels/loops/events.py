@@ -12,12 +12,33 @@ from types import SimpleNamespace
 from typing import Any
 
 from ..compile.jit import bound, element, outlined
-from ..protocol import ENDED_BY, EVENT_VALUES, EVENTS, GAP, LOGGED, NEXT, SCALAR, Form, function_at
-from .dense import evaluate
+from ..protocol import (
+    ENDED_BY,
+    EVENT_VALUES,
+    EVENTS,
+    GAP,
+    LOGGED,
+    NEXT,
+    NOT_A_NUMBER,
+    NOT_FINITE,
+    PART,
+    PARTS,
+    PASSED,
+    RESET,
+    RESTING,
+    SCALAR,
+    TERMINAL,
+    ZENO,
+    Form,
+    function_at,
+)
+from . import follow
+from .dense import COEFFICIENTS, evaluate
 
-#: What became of a step with events. A later one of these outcomes takes precedence. A step that is RESTING or
-#: NOT_A_NUMBER is not taken: the state stays at its start.
-PASSED, RESET, TERMINAL, ZENO, RESTING, NOT_A_NUMBER, NOT_FINITE = range(7)
+#: The rows of `Watch.work` that every kernel needs: u and v within a step, and the dense output.
+WORK = 2 + COEFFICIENTS
+
+LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 
 EPSILON = 2.0**-52
 _G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
@@ -30,6 +51,7 @@ _GROWTH = 4.0  # g moves on by this factor at least, if what is seen is more tha
 _SPACINGS, _CLEAR = 4, 4  # spacings of a value that count as round-off; the multiple of it that is certainly a movement
 _GOLDEN = 0.6180339887498949  # the golden ratio: the fractions of its multiples are spread evenly
 _TOGETHER = 4  # events within this multiple of the tolerance of a root occur at the same time
+_LEAST_GAP = 2.0**-39  # a reset that follows another within this part of the time is the last one
 _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
 
 
@@ -41,14 +63,15 @@ def is_quiet(watch, tally, t, u, v, p):
     return True
 
 
-def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, p):
+def look_within(look, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u, v, p):
     """Process the events of a step in their order, up to the first that resets the state or ends the run.
 
-    `coefficients` are the dense output of the step from t to t_end, and u_end and v_end the state at its end. Return
+    The run began at t0. `coefficients` are the dense output of the step from t to t_end, and u_end and v_end the state at its end. Return
     the outcome, and the fraction s of the step and the time at which it ends: the compiler may round t + s h in two
     ways if it is computed twice. If the outcome is not PASSED, u and v are changed to the state there. They are scratch
     otherwise.
     """
+    watch = look.watch
     count, search = len(watch.events), watch.search
     tolerance = 2 * EPSILON * max(abs(t), abs(t_end)) / h
     for k in range(count):
@@ -97,7 +120,7 @@ def look_within(watch, tally, t, h, t_end, n, coefficients, u_end, v_end, u, v, 
                     u[j], v[j] = u_end[j], v_end[j]
             for other in range(count):
                 search[_HERE, other] = EVENT(watch.events[other, _G], stop, u, v, p)
-        outcome = max(outcome, TAKE(watch, tally, k, stop, n, u, v, p))
+        outcome = max(outcome, TAKE(look, tally, k, t0, stop, n, u, v, p))
         search[_DUE, k] = _NEVER
     if outcome == PASSED:
         for k in range(count):
@@ -254,8 +277,12 @@ def round_off(address, t, n, coefficients, g, u, v, p):
     return most
 
 
-def take(watch, tally, k, t, n, u, v, p):
-    """Write an occurrence of the event k to the log, apply its reset to u and v, and return the outcome."""
+def take(look, tally, k, t0, t, n, u, v, p):
+    """Write an occurrence of the event k to the log, apply its reset to u and v, and return the outcome.
+
+    The quantities are followed in the state before and in the state after the reset.
+    """
+    watch, part = look.watch, int(tally[PART]) % PARTS
     row, address = watch.log[int(tally[LOGGED])], watch.events[k, _APPLY]
     mine = EVENTS + EVENT_VALUES * k
     tally[LOGGED] += 1
@@ -263,6 +290,7 @@ def take(watch, tally, k, t, n, u, v, p):
     outcome = PASSED
     for j in range(n):
         row[2 + j], row[2 + n + j] = u[j], v[j]
+    FOLLOW(look.follow, part, t, u, v, p)
     if address != 0:
         APPLY(address, t, u, v, p)
         tally[mine + _FREE] = 0.0
@@ -275,7 +303,8 @@ def take(watch, tally, k, t, n, u, v, p):
                 outcome = NOT_FINITE
         tally[GAP] = t - tally[mine + _LAST]
         tally[mine + _LAST] = t
-        outcome = max(outcome, RESET if tally[GAP] > watch.zeno else ZENO)
+        outcome = max(outcome, RESET if tally[GAP] > _LEAST_GAP * max(abs(t), abs(t0)) else ZENO)
+        FOLLOW(look.follow, part, t, u, v, p)
     for j in range(n):
         row[2 + 2 * n + j], row[2 + 3 * n + j] = u[j], v[j]
     if watch.events[k, _IS_TERMINAL] != 0:
@@ -285,10 +314,9 @@ def take(watch, tally, k, t, n, u, v, p):
     return outcome
 
 
-@outlined
-def write_time(watch, tally, t, h, t_end, n, coefficients, u_end, v_end):
-    """Write the state at the next of `watch.times`."""
-    row = int(tally[NEXT])
+def write_time(look, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
+    """Write the state at the next of `watch.times`, and the values of the quantities there."""
+    watch, row = look.watch, int(tally[NEXT])
     u, v = watch.u_rows[row], watch.v_rows[row]
     if watch.times[row] == t_end:
         for j in range(n):
@@ -296,22 +324,33 @@ def write_time(watch, tally, t, h, t_end, n, coefficients, u_end, v_end):
     else:
         evaluate(coefficients, (watch.times[row] - t) / h, n, u, v)
     watch.h_rows[row] = h
+    EVALUATE(look.follow, watch.times[row], u, v, p)
+    follow.save(look.follow, row)
     tally[NEXT] += 1
+
+
+def followed(quantities, part, t, u, v, p):
+    """Evaluate the quantities in a state, and widen their extremes."""
+    EVALUATE(quantities, t, u, v, p)
+    WIDEN(quantities, part, t, v)
 
 
 @functools.cache  # so that kernels share the compiled elements
 def functions(form: Form) -> SimpleNamespace:
     """Return the elements for one form of right-hand side.
 
-    `accelerate`, `is_quiet` and `look_within` take a state as rows of n values, also for one degree of freedom.
-    `is_quiet_now` takes it as the right-hand side does.
+    They take a state as rows of n values, also for one degree of freedom; `is_quiet_now` takes it as the right-hand
+    side does.
     """
+    following = follow.functions(form)
     event_at, apply_at = function_at(form.invariant), function_at(form.apply)
     event_now = element(lambda address, t, u, v, p: event_at(address)(t, u, v, p))
     event_of_row = element(lambda address, t, u, v, p: event_at(address)(t, u[0], v[0], p))
     event = event_of_row if form is SCALAR else event_now
     apply = element(bound(_apply_scalar if form is SCALAR else _apply_vector, {"APPLY_AT": apply_at}))
     names: dict[str, Any] = {"EVENT": event, "APPLY": apply}
+    names |= {"EVALUATE": following.evaluate_row, "WIDEN": following.widen_row}
+    names["FOLLOW"] = outlined(bound(followed, names))
     names["ROUND_OFF"] = outlined(bound(round_off, names))
     names["DEPARTURE"] = outlined(bound(departure, names))
     names["CROSSING"] = outlined(bound(crossing_within, names))
@@ -321,6 +360,7 @@ def functions(form: Form) -> SimpleNamespace:
         is_quiet=element(bound(is_quiet, names)),
         is_quiet_now=element(bound(is_quiet, {"EVENT": event_now})),
         look_within=outlined(bound(look_within, names)),
+        write_time=outlined(bound(write_time, names)),
     )
 
 

@@ -1,27 +1,41 @@
 # ruff: noqa: F821
 """The kernel of a fixed-step method, made from the formulas in the method's file.
 
-`scalar`, `vector` and `stacked` are templates: the names in capitals stand for values that depend on the method.
-`Formulas.names` provides these values, and `jit.bound` inserts them.
+`scalar` and `vector` are templates: the names in capitals stand for values that depend on the method and on the mode,
+and `jit.bound` inserts them. If LOOKS is 1, the kernel looks for events and for times at which the state is wanted, and
+follows quantities. Steps in which nothing is found run in the loops of `march.py`; the step after which these stop is
+searched, see `search.py`. If LOOKS is 0, the compiler leaves all of this out.
+
+One degree of freedom has a template of its own: its state is a tuple of numbers, which a step returns in another order.
 """
 
 from __future__ import annotations
 
 import functools
-import importlib
-from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
-from numba.types import Tuple, int64, none
+from numba.types import Tuple, UniTuple, int64, none
 
 from ..compile.jit import bound, compile_kernel, element
-from ..compile.source import define
 from ..compile.wide import has_wide_vectors, wide_vectors
 from ..protocol import (
+    ANEW,
     EVALUATIONS,
+    FAILED,
+    FULL,
+    GOING,
+    LOGGED,
+    LOOK,
+    PART,
+    PART_END,
+    PARTS,
+    PASSED,
+    RESET,
+    RESTING,
     SCALAR,
+    TIME,
     VECTOR,
+    WITHIN,
     Form,
     Work,
     copy_rows,
@@ -31,93 +45,136 @@ from ..protocol import (
     stack_rows,
     vector_type,
 )
-from .march import march_scalar, march_vector, settle
+from .events import WORK, functions
+from .follow import functions as following
+from .follow import inline_functions, save
+from .formulas import Formulas, nothing
+from .march import FOUND, THROUGH, copy_two, marches, settle, write
+from .pair import U_END, V_END, A, U, V
+from .search import search_names, work_rows
 
-METHODS = f"{__package__.rpartition('.')[0]}.methods"  # the package with one file for each method
+__all__ = ["STACKED_DEGREES", "inline_kernel", "kernel", "wide_kernel", "work_rows"]
 
 #: Largest number of degrees of freedom for which the inline mode keeps all rows on the stack. With more, rows on the
 #: heap are as fast, and the kernel compiles in a third of the time.
 STACKED_DEGREES = 6
 
 
-def scalar(callbacks, state, settings, tally, run):
-    f = RHS(callbacks)
-    c = CONSTANTS(settings, run.h, Work(tally, None, JACOBIAN(callbacks)))
-    y, begin, row = floats(state, VALUES), run.first, 0
-    if START_STEPS > 0:
-        begin = max(run.first, min(run.first + run.count, START_STEPS))
-        y, _, row = march_scalar(START_STEP, f, y, c, run, run.first, begin, row)
-    y, end, row = march_scalar(STEP, f, y, c, run, begin, run.first + run.count, row)
+def scalar(callbacks, state, settings, tally, steps, look):
+    """Take steps, and return their number, the next row to write and how it ended."""
+    f, p = RHS(callbacks), steps.p
+    c = CONSTANTS(settings, steps.h, Work(tally, None, JACOBIAN(callbacks)))
+    y, i, row, last, ended = floats(state, VALUES), steps.first, steps.row, steps.first + steps.count, GOING
+    while i < last and ended == GOING:
+        first, begun, end, found = i, START_STEPS, last, THROUGH
+        if LOOKS > 0:
+            pair = rows(look.watch.work[WORK:], PAIR_ROWS)
+            begun += int(tally[ANEW])
+            if len(look.follow.table) > 0:
+                end = min(last, int(tally[PART_END]))
+            if 2 * int(tally[LOGGED]) > len(look.watch.log):
+                ended = FULL
+                break
+        if LOOKS > 0 and tally[WITHIN] == 1:
+            i, found = i + 1, FOUND
+        elif START_STEPS > 0 and i < begun:
+            u, v, y, i, row, found = MARCH_SCALAR(START_STEP, f, y, c, steps, look, tally, i, min(end, begun), row)
+            tally[EVALUATIONS] += START_COST * (i - first)
+        else:
+            u, v, y, i, row, found = MARCH_SCALAR(STEP, f, y, c, steps, look, tally, i, end, row)
+            tally[EVALUATIONS] += COST * (i - first)
+        if found == FAILED:
+            ended = FAILED
+        if LOOKS > 0 and found == FOUND:
+            t = steps.t0 + i * steps.h
+            if tally[WITHIN] == 0:
+                pair[U][0], pair[V][0], pair[U_END][0], pair[V_END][0] = u, v, y[0], y[1]
+            outcome = SEARCH(f, look, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, 1, p)
+            if outcome != PASSED:
+                t = tally[TIME] if outcome > RESET else t
+                y = STARTED(f, t, pair[U_END][0], pair[V_END][0], steps.h, p)
+                tally[EVALUATIONS] += 1
+                tally[ANEW] = i
+            if outcome <= RESTING:
+                EVALUATE(look.follow, t, y[0], y[1], p)
+            if outcome > RESET:
+                ended = outcome
+                i -= 1
+            else:
+                WIDEN(look.follow, int(tally[PART]) % PARTS, t, y[1])
+                if i % steps.every == 0:
+                    steps.u_rows[row], steps.v_rows[row] = y[0], y[1]
+                    SAVE(look.follow, row)
+                    row += 1
+        if LOOKS > 0 and i == end and len(look.follow.table) > 0 and i >= tally[PART_END]:
+            END_PART(look.follow, tally, 1, y[1])
     for k in range(VALUES):
         state[k] = y[k]
-    tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
-    return end - run.first
+    return i - steps.first, row, ended
 
 
-def vector(callbacks, state, settings, tally, run):
+def vector(callbacks, state, settings, tally, steps, look):
+    """Do the same for n degrees of freedom. If STACKED is 1, the rows are on the stack."""
     n = N if N > 0 else state.shape[1]
-    f = RHS(callbacks)
-    c = CONSTANTS(settings, run.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
-    y, begin, row = rows(state, OWN_ROWS), run.first, 0
-    if START_STEPS > 0:
-        begin = max(run.first, min(run.first + run.count, START_STEPS))
-        y, _, row = march_vector(START_STEP, nothing, f, y, (c, state[OWN_ROWS:]), n, run, run.first, begin, row)
-    y, end, row = march_vector(STEP, COMPLETE, f, y, c, n, run, begin, run.first + run.count, row)
-    settle(y, state, n)
-    tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
-    return end - run.first
-
-
-def stacked(callbacks, state, settings, tally, run):
-    f = RHS(callbacks)
-    c = CONSTANTS(settings, run.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
-    kept, begin, row = rows(state, OWN_ROWS), run.first, 0
-    y = stack_rows(N, OWN_ROWS)
-    copy_rows(y, kept, N)
-    if START_STEPS > 0:
-        begin = max(run.first, min(run.first + run.count, START_STEPS))
-        y, _, row = march_vector(START_STEP, nothing, f, y, (c, state[OWN_ROWS:]), N, run, run.first, begin, row)
-    y, end, row = march_vector(STEP, COMPLETE, f, y, c, N, run, begin, run.first + run.count, row)
-    copy_rows(kept, y, N)
-    tally[EVALUATIONS] += START_COST * (begin - run.first) + COST * (end - begin)
-    return end - run.first
-
-
-def start_scalar(f, at, y, c):
-    """Take u and v from a step of the starter, and the past values from a step of the method itself."""
-    y_next, _ = STEP(f, at, y, c)
-    u, v, success = STARTER(f, at, y[0], y[1])
-    started = u, v
-    return started + y_next[2:], success
-
-
-def start_vector(f, at, y, c, n):
-    c, scratch = c
-    kept = rows(scratch, 2)
-    for j in range(n):
-        kept[0][j], kept[1][j] = y[0][j], y[1][j]
-    y, _ = STEP(f, at, y, c, n)
-    u, v = y[0], y[1]
-    for j in range(n):
-        u[j], v[j] = kept[0][j], kept[1][j]
-    return y, STARTER(f, at, u, v, scratch, n)
-
-
-def starter_scalar(f, at, u, v):
-    """Return u and v after a step of the starter, and whether it succeeded."""
-    y, success = THEIR_STEP(f, at, (u, v), THEIR_CONSTANTS((), at.h, None))
-    return y[0], y[1], success
-
-
-def starter_vector(f, at, u, v, scratch, n):
-    """Advance u and v by a step of the starter, and return whether it succeeded."""
-    y = rows(scratch, THEIR_ROWS)
-    for j in range(n):
-        y[0][j], y[1][j] = u[j], v[j]
-    y, success = THEIR_STEP(f, at, y, THEIR_CONSTANTS((), at.h, None), n)
-    for j in range(n):
-        u[j], v[j] = y[0][j], y[1][j]
-    return success
+    f, p = RHS(callbacks), steps.p
+    c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
+    kept, i, row, last, ended = rows(state, OWN_ROWS), steps.first, steps.row, steps.first + steps.count, GOING
+    y, pair = kept, None
+    if STACKED > 0:
+        y = stack_rows(N, OWN_ROWS)
+        copy_rows(y, kept, N)
+    while i < last and ended == GOING:
+        first, begun, end, found = i, START_STEPS, last, THROUGH
+        if LOOKS > 0:
+            pair = rows(look.watch.work[WORK:], PAIR_ROWS)
+            begun += int(tally[ANEW])
+            if len(look.follow.table) > 0:
+                end = min(last, int(tally[PART_END]))
+            if 2 * int(tally[LOGGED]) > len(look.watch.log):
+                ended = FULL
+                break
+        if LOOKS > 0 and tally[WITHIN] == 1:
+            i, found = i + 1, FOUND
+        elif START_STEPS > 0 and i < begun:
+            with_scratch, end_of_start = (c, state[OWN_ROWS:]), min(end, begun)
+            y, i, row, found = MARCH_VECTOR(
+                START_STEP, nothing, f, y, with_scratch, n, steps, look, tally, pair, i, end_of_start, row
+            )
+            tally[EVALUATIONS] += START_COST * (i - first)
+        else:
+            y, i, row, found = MARCH_VECTOR(STEP, COMPLETE, f, y, c, n, steps, look, tally, pair, i, end, row)
+            tally[EVALUATIONS] += COST * (i - first)
+        if found == FAILED:
+            ended = FAILED
+        if LOOKS > 0 and found == FOUND:
+            t = steps.t0 + i * steps.h
+            if tally[WITHIN] == 0:
+                copy_two(pair[U_END], pair[V_END], y[0], y[1], n)
+            outcome = SEARCH(f, look, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, n, p)
+            if outcome != PASSED:
+                t = tally[TIME] if outcome > RESET else t
+                copy_two(y[0], y[1], pair[U_END], pair[V_END], n)
+                START_ANEW(f, t, y, steps.h, p, n, pair[A])
+                tally[EVALUATIONS] += 1
+                tally[ANEW] = i
+            if outcome <= RESTING:
+                EVALUATE(look.follow, t, y[0], y[1], p)
+            if outcome > RESET:
+                ended = outcome
+                i -= 1
+            else:
+                WIDEN(look.follow, int(tally[PART]) % PARTS, t, y[1])
+                if i % steps.every == 0:
+                    write(y[0], y[1], n, steps, row)
+                    SAVE(look.follow, row)
+                    row += 1
+        if LOOKS > 0 and i == end and len(look.follow.table) > 0 and i >= tally[PART_END]:
+            END_PART(look.follow, tally, n, y[1])
+    if STACKED > 0:
+        copy_rows(kept, y, N)
+    else:
+        settle(y, state, n)
+    return i - steps.first, row, ended
 
 
 def stack_step(f, at, y, c, n):
@@ -128,140 +185,110 @@ def stack_step(f, at, y, c, n):
     return y, success
 
 
-@element
-def no_constants(settings, h, work):
-    return ()
-
-
-@element
-def nothing(y, c, h, n):
-    pass
-
-
-class Formulas:
-    """The names that a method's file defines, with defaults for those that it leaves out.
-
-    Parameters
-    ----------
-    module : module
-        The method's file, as `eig3.kernels` describes it.
-    arguments : tuple
-        For a family of methods, the arguments of the file's function `member`, which returns the names.
-
-    Raises
-    ------
-    TypeError
-        If a required name is missing, or if there is only one of START and START_STEPS.
-    """
-
-    def __init__(self, module: ModuleType, arguments: tuple = ()) -> None:
-        defined: Any = module.member(*arguments) if arguments else module
-        missing = [name for name in ("ROWS", "step_scalar", "step_vector") if not hasattr(defined, name)]
-        if missing:
-            raise TypeError(f"kernel {module.__name__!r} must define {', '.join(missing)}: see eig3.kernels.")
-        self.module, self.defined = module, defined
-        self.label = "_".join([module.__name__, *map(str, arguments)])
-        self.past: int = getattr(defined, "PAST", 0)
-        self.matrix: bool = getattr(defined, "MATRIX", False)
-        self.turn: int = getattr(defined, "TURN", 6)
-        self.start: Callable = getattr(defined, "start", None) or _start_at_zero(self.past)
-        starter = getattr(defined, "START", None)
-        self.starter = formulas(f"{METHODS}.{starter}") if starter else None
-        self.start_steps: int = getattr(defined, "START_STEPS", 0)
-        if bool(self.starter) != (self.start_steps > 0):
-            raise TypeError(f"kernel {module.__name__!r} must define START and START_STEPS together or neither.")
-
-    @property
-    def own_rows(self) -> int:
-        """Number of rows of the vector form: u, v, the past, and scratch."""
-        return self.defined.ROWS
-
-    @property
-    def rows(self) -> int:
-        """Number of these rows and of those of the starter, which only the first steps use."""
-        return self.own_rows + (self.starter.rows if self.starter else 0)
-
-    def state_rows(self, n: int) -> int:
-        """Return the number of rows of the state for n degrees of freedom, including the matrix."""
-        return self.rows + n * self.matrix
-
-    def names(self, form: Form) -> dict[str, Any]:
-        """Return the values of the names in capitals in a template."""
-        defined = self.defined
-        cost = getattr(defined, "EVALUATIONS", 0)
-        names = {
-            "CONSTANTS": getattr(defined, "constants", no_constants),
-            "COMPLETE": getattr(defined, "complete", nothing),
-            "STEP": getattr(defined, f"step_{form.name}"),
-            "VALUES": 2 + self.past,
-            "ROWS": self.rows,
-            "OWN_ROWS": self.own_rows,
-            "START_STEPS": self.start_steps,
-            "COST": cost,
-            "START_COST": cost,
-        }
-        if self.starter:
-            begin = getattr(defined, f"start_step_{form.name}", start_scalar if form is SCALAR else start_vector)
-            steps = {"STEP": names["STEP"], "STARTER": self.starter._as_starter(form)}
-            names["START_STEP"] = element(bound(begin, steps))
-            names["START_COST"] += self.starter.names(form)["COST"]
-        return names
-
-    def _as_starter(self, form: Form) -> Any:
-        """Return the function that takes a step for another method."""
-        brief = getattr(self.defined, "brief_step_vector", None)
-        if brief and form is VECTOR:
-            return brief
-        mine = self.names(form)
-        theirs = {"THEIR_STEP": mine["STEP"], "THEIR_CONSTANTS": mine["CONSTANTS"], "THEIR_ROWS": self.defined.ROWS}
-        return element(bound(starter_scalar if form is SCALAR else starter_vector, theirs))
-
-    @property
-    def is_own(self) -> bool:
-        """Whether all formulas are in this package."""
-        starter_is_own = self.starter is None or self.starter.is_own
-        return starter_is_own and self.module.__name__.rpartition(".")[0] == METHODS
-
-
-def _start_at_zero(past: int) -> Callable:
-    """Return a function `start` for past values that the first steps do not need."""
-    return define(f"def start(u, v, a, h):\n    return ({'0 * u, ' * past})\n", "start", {})["start"]
-
-
-def formulas(name: str, arguments: tuple = ()) -> Formulas:
-    """Return the formulas of a module, given by its name. A module that was reloaded is read again."""
-    module = importlib.import_module(name)  # not from sys.modules, where another thread may just be importing it
-    return _formulas(module, arguments, getattr(module, "step_scalar", None), getattr(module, "step_vector", None))
-
-
-@functools.cache
-def _formulas(module: ModuleType, arguments: tuple, *steps: Any) -> Formulas:
-    return Formulas(module, arguments)
-
-
-@functools.cache
-def pointer_kernel(method: Formulas, form: Form, takes_jacobian: bool = False, is_pair: bool = False) -> Any:
+def kernel(
+    method: Formulas, order: int, form: Form, n: int, *, looks: bool, takes_jacobian: bool = False
+) -> Any:
     """Compile the kernel of a method for callbacks given as addresses, or load it from the disk.
 
-    With `is_pair`, it is valid for two degrees of freedom only: the compiler then removes the loops over them, and a
-    pendulum takes up to a quarter less time.
+    Two degrees of freedom have a kernel of their own: the compiler then removes the loops over them, and a pendulum
+    takes up to a quarter less time. One kernel serves all other numbers.
 
     The kernel of a method outside this package is compiled in each process: its formulas may use other files, and a
     change of these would go unnoticed.
 
-    The kernel is called as ``kernel((rhs, jacobian or None), state, settings, tally, run)``, and returns the number of
-    steps that it took. This is less than `run.count` if a solve failed.
+    The kernel is called as ``kernel((rhs, jacobian or None), state, settings, tally, steps, look)``, and returns the
+    number of steps that it took, the next row to write, and how it ended: GOING after all steps, FAILED if a solve
+    failed, FULL, or an outcome of an event.
+
+    Parameters
+    ----------
+    method : Formulas
+    order : int
+        The order of the method.
+    form : Form
+    n : int
+        Number of degrees of freedom.
+    looks : bool
+        Whether the argument `look` is a `Look`; if not, it is None.
+    takes_jacobian : bool
+        Whether the second callback is an address.
     """
-    label = f"{method.label}{'_jacobian' * takes_jacobian}{'_pair' * is_pair}" if method.is_own else ""
-    return _compile_pointer_kernel(method.names(form), form, label, takes_jacobian, 2 if is_pair else 0)
+    return _kernel(method, order if looks else 0, form, 2 if n == 2 and form is VECTOR else 0, looks, takes_jacobian)
 
 
-def _compile_pointer_kernel(
-    names: dict[str, Any], form: Form, label: str, takes_jacobian: bool = False, n: int = 0
+@functools.cache
+def _kernel(method: Formulas, order: int, form: Form, n: int, looks: bool, takes_jacobian: bool) -> Any:
+    parts = (method.label, *["look"] * looks, *["jacobian"] * takes_jacobian, *["pair"] * (n == 2))
+    callbacks, names = pointer_callbacks(form, takes_jacobian)
+    seen = following(form)
+    names |= {"N": n, "STACKED": 0, "EVALUATE": seen.evaluate, "WIDEN": seen.widen}
+    return _compile(method, order, form, callbacks, names, looks, "_".join(parts) if method.is_own else "")
+
+
+def inline_kernel(
+    method: Formulas,
+    order: int,
+    form: Form,
+    n: int,
+    rhs: Any,
+    jacobian: Any,
+    *,
+    looks: bool,
+    quantities: tuple = (),
 ) -> Any:
-    callbacks, functions = pointer_callbacks(form, takes_jacobian)
-    names |= {"N": n, **functions}
-    signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
+    """Compile the kernel of a method with its callbacks inlined. It is called as ``kernel((), state, ...)``.
+
+    With few degrees of freedom, it is valid for this number only, and keeps its rows on the stack. At events, and at
+    times at which the state is wanted, the quantities are called at their addresses.
+
+    Parameters
+    ----------
+    method, order, form, n, looks
+        As for `kernel`.
+    rhs, jacobian : jitted function
+        `jacobian` may be None.
+    quantities : tuple
+        The quantities, as pairs of a jitted function and its number of values, or 0, in the order of `Follow.table`.
+    """
+    callbacks, names = inline_callbacks(rhs, jacobian)
+    is_stacked = form is VECTOR and n <= STACKED_DEGREES
+    names |= {"N": n if is_stacked else 0, "STACKED": int(is_stacked)}
+    names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
+    return _compile(method, order, form, callbacks, names, looks, "")
+
+
+@functools.cache
+def wide_kernel(method: Formulas) -> Any:
+    """Return the kernel of the vector form for a block of trajectories, see `eig3.kernels.lanes`.
+
+    It is `kernel` without a look, but with the widest vectors that the processor has. The loops are in the elements of
+    the method: these are compiled anew.
+    """
+    if not has_wide_vectors():
+        return kernel(method, 0, VECTOR, 0, looks=False)
+    callbacks, names = pointer_callbacks(VECTOR, False)
+    formulas = method.names(VECTOR)
+    names |= {name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}
+    with wide_vectors():
+        label = f"{method.label}_wide" if method.is_own else ""
+        return _compile(method, 0, VECTOR, callbacks, {**names, "N": 0, "STACKED": 0}, False, label)
+
+
+def _compile(
+    method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], looks: bool, label: str
+) -> Any:
+    names = {**method.names(form), **names, "LOOKS": int(looks)}
+    if names["STACKED"]:
+        for name in {"STEP", "START_STEP"} & names.keys():
+            names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
+    in_march = {"LOOKS": int(looks), "STACKED": names["STACKED"]}
+    if looks:
+        in_march |= {"IS_QUIET": functions(form).is_quiet_now, "SAVE": save}
+        in_march |= {name: names[name] for name in ("EVALUATE", "WIDEN")}
+        names |= {**search_names(method, order, form), "END_PART": following(form).end_part, "SAVE": save}
+    names |= marches(**in_march)
+    records = form.steps, LOOK if looks else none
+    signature = UniTuple(int64, 3)(callbacks, form.state, vector_type, vector_type, *records)
     return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)
 
 
@@ -285,36 +312,5 @@ def inline_callbacks(rhs: Any, jacobian: Any) -> tuple[Any, dict[str, Any]]:
     return Tuple(()), names
 
 
-@functools.cache
-def wide_kernel(method: Formulas) -> Any:
-    """Return the kernel of the vector form for a block of trajectories, see `eig3.kernels.lanes`.
-
-    It is `pointer_kernel`, but with the widest vectors that the processor has. The loops are in the elements of the
-    method: these are compiled anew.
-    """
-    if not has_wide_vectors():
-        return pointer_kernel(method, VECTOR)
-    names = method.names(VECTOR)
-    for name in ("STEP", "COMPLETE"):
-        names[name] = element(names[name].py_func)
-    with wide_vectors():
-        return _compile_pointer_kernel(names, VECTOR, f"{method.label}_wide" if method.is_own else "")
-
-
 def no_jacobian(callbacks):
     return None
-
-
-def inline_kernel(method: Formulas, form: Form, rhs: Any, jacobian: Any, n: int) -> Any:
-    """Compile the kernel of a method with one right-hand side inlined. It is called as ``kernel((), state, ...)``.
-
-    If `n` is not 0, the kernel is valid for n degrees of freedom only, and keeps its rows on the stack.
-    """
-    callbacks, functions = inline_callbacks(rhs, jacobian)
-    names = {**method.names(form), "N": n, **functions}
-    if n:
-        for name in {"STEP", "START_STEP"} & names.keys():
-            names[name] = element(bound(stack_step, {"STEP": names[name], "N": n}))
-    template = scalar if form is SCALAR else stacked if n else vector
-    signature = int64(callbacks, form.state, vector_type, vector_type, form.run)
-    return compile_kernel(template, names, signature)

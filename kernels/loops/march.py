@@ -1,65 +1,127 @@
+# ruff: noqa: F821
 """The loops over the steps of a fixed-step method, which also write the states to save.
 
 `step` returns the next state and whether it succeeded. For a method whose steps cannot fail, LLVM removes this test.
 The time is computed as t0 + i h from the step index i. A sum of steps would accumulate round-off, and would depend on
 the division of the run into chunks.
+
+The names in capitals are inserted by `marches`. If LOOKS is 0, the loop is that of a run which looks for nothing: the
+compiler leaves out what depends on it.
 """
+
+from __future__ import annotations
+
+import math
+from typing import Any
 
 import numba
 
-from ..compile.jit import element
-from ..protocol import At, row_index
+from ..compile.jit import bound, element
+from ..protocol import FAILED, NEXT, PART, PARTS, At, row_index
+from .pair import U_END, V_END, U, V
+
+#: How a march ended, besides FAILED: after its last step, or with a step that must be searched.
+THROUGH, FOUND = range(2)
 
 #: Whether to check that a step returns each of its rows once.
 CHECKED = bool(numba.config.BOUNDSCHECK)
 
 
-@element
-def march_scalar(step, f, y, c, run, first, last, row):
-    """Advance the tuple `y` = (u, v, past ...) from step `first` to `last`.
+def march_scalar(step, f, y, c, steps, look, tally, first, last, row):
+    """Advance the tuple `y` = (u, v, past ...) from step `first` to `last`, or until a step must be searched.
 
-    Return the last `y`, the step index that was reached, and the next row of `run.u_rows` to write.
+    Return u and v before the last step, the last `y`, the step index that was reached, the next row of `steps.u_rows`
+    to write, and how the march ended. The state after a step that was found is not written.
     """
-    left = run.every - first % run.every
+    left = steps.every - first % steps.every
+    if LOOKS > 0:
+        wanted, part = next_time(look.watch, tally), int(tally[PART]) % PARTS
     for i in range(first, last):
-        y_next, success = step(f, At(i, run.t0 + i * run.h, run.h, run.p), y, c)
+        y_next, success = step(f, At(i, steps.t0 + i * steps.h, steps.h, steps.p), y, c)
         if not success:
-            return y, i, row
+            return y[0], y[1], y, i, row, FAILED
+        if LOOKS > 0:
+            t, u, v = steps.t0 + (i + 1) * steps.h, y_next[0], y_next[1]
+            if wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p):
+                return y[0], y[1], y_next, i + 1, row, FOUND
+            EVALUATE(look.follow, t, u, v, steps.p)
+            WIDEN(look.follow, part, t, v)
         y = y_next
         left -= 1
         if left == 0:
-            run.u_rows[row] = y[0]
-            run.v_rows[row] = y[1]
+            steps.u_rows[row] = y[0]
+            steps.v_rows[row] = y[1]
+            if LOOKS > 0:
+                SAVE(look.follow, row)
             row += 1
-            left = run.every
-    return y, last, row
+            left = steps.every
+    return y[0], y[1], y, last, row, THROUGH
 
 
-@element
-def march_vector(step, complete, f, y, c, n, run, first, last, row):
-    """Do the same as `march_scalar` for a tuple of rows of n values, which a step may return in another order."""
-    left = run.every - first % run.every
+def march_vector(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row):
+    """Do the same for a tuple of rows of n values, which a step may return in another order.
+
+    If a step is found, u and v before it are in `pair`.
+    """
+    left = steps.every - first % steps.every
+    if LOOKS > 0:
+        wanted, part = next_time(look.watch, tally), int(tally[PART]) % PARTS
+        searches = wanted < math.inf or len(look.watch.events) > 0
     for i in range(first, last):
-        y_next, success = step(f, At(i, run.t0 + i * run.h, run.h, run.p), y, c, n)
+        if LOOKS > 0 and searches:
+            copy_two(pair[U], pair[V], y[0], y[1], n)
+        y_next, success = step(f, At(i, steps.t0 + i * steps.h, steps.h, steps.p), y, c, n)
         if not success:
-            return y, i, row
+            return y, i, row, FAILED
         y = y_next
+        if LOOKS > 0:
+            complete(y, c, steps.h, n)
+            t, u, v = steps.t0 + (i + 1) * steps.h, y[0], y[1]
+            if searches:
+                if STACKED > 0:  # rows whose address a function gets cannot be registers
+                    u, v = pair[U_END], pair[V_END]
+                    copy_two(u, v, y[0], y[1], n)
+                if wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p):
+                    return y, i + 1, row, FOUND
+            EVALUATE(look.follow, t, y[0], y[1], steps.p)
+            WIDEN(look.follow, part, t, y[1])
         left -= 1
         if left == 0:
-            write(complete, y, c, n, run, row)
+            if LOOKS == 0:
+                complete(y, c, steps.h, n)
+            write(y[0], y[1], n, steps, row)
+            if LOOKS > 0:
+                SAVE(look.follow, row)
             row += 1
-            left = run.every
-    if last > first:  # otherwise the last step may be one of the starter, which has no need of it
-        complete(y, c, run.h, n)
-    return y, last, row
+            left = steps.every
+    if LOOKS == 0 and last > first:  # otherwise the last step may be one of the starter, which has no need of it
+        complete(y, c, steps.h, n)
+    return y, last, row, THROUGH
+
+
+def marches(**names: Any) -> dict[str, Any]:
+    """Return the two loops for a kernel, by their names in its template."""
+    return {function.__name__.upper(): element(bound(function, names)) for function in (march_scalar, march_vector)}
 
 
 @element
-def write(complete, y, c, n, run, row):
-    complete(y, c, run.h, n)
-    for values, rows in ((y[0], run.u_rows), (y[1], run.v_rows)):  # LLVM does not vectorise one loop for both
+def next_time(watch, tally):
+    """Return the next time at which the state is wanted."""
+    k = int(tally[NEXT])
+    return watch.times[k] if k < len(watch.times) else math.inf
+
+
+@element
+def write(u, v, n, steps, row):
+    for values, rows in ((u, steps.u_rows), (v, steps.v_rows)):  # LLVM does not vectorise one loop for both
         for j in range(n):
             rows[row, j] = values[j]
+
+
+@element
+def copy_two(u, v, u_from, v_from, n):
+    for j in range(n):
+        u[j], v[j] = u_from[j], v_from[j]
 
 
 @element

@@ -9,30 +9,15 @@ from numba.types import int64, none
 
 from ..compile.jit import compile_kernel, element
 from ..protocol import Form, function_at, matrix_type, vector_type
-
-#: The rows of an array of extremes, with a column for each value: the extremes, and their times.
-LOW, HIGH, T_LOW, T_HIGH = range(4)
+from .follow import widen
 
 
 def extent(address, p, t, u_rows, v_rows, out, values, extremes):
     function = FUNCTION(address)
     for i in range(len(t)):
         EVALUATE(function, t[i], u_rows[i], v_rows[i], p, out, values, i)
-    for j in range(out.size):
-        widen(values, j, t, extremes)
-
-
-@element
-def widen(values, j, t, extremes):
-    low, high, t_low, t_high = extremes[LOW, j], extremes[HIGH, j], extremes[T_LOW, j], extremes[T_HIGH, j]
-    for i in range(len(t)):
-        e = values[i, j]
-        if not low <= e <= high:  # so too if one of them is NaN, which the first NaN makes low and high for good
-            if low == low and not e >= low:
-                low, t_low = e, t[i]
-            if high == high and not e <= high:
-                high, t_high = e, t[i]
-    extremes[LOW, j], extremes[HIGH, j], extremes[T_LOW, j], extremes[T_HIGH, j] = low, high, t_low, t_high
+        for j in range(out.size):
+            widen(extremes, j, values[i, j], t[i])
 
 
 @element
@@ -47,11 +32,6 @@ def written(function, t, u, v, p, out, values, i):
     function(t, u, v, p, out)
     for j in range(out.size):
         values[i, j] = out[j]
-
-
-def evaluation(writes: bool) -> Any:
-    """Return the element that evaluates a function in a state, into the row i of `values`."""
-    return written if writes else returned
 
 
 @functools.cache
@@ -69,5 +49,5 @@ def extent_kernel(form: Form, writes: bool) -> Any:
         Whether the function writes its values. If not, it returns its only value.
     """
     arguments = int64, vector_type, vector_type, form.state, form.state, vector_type, matrix_type, matrix_type
-    names = {"FUNCTION": function_at(form.output if writes else form.invariant), "EVALUATE": evaluation(writes)}
+    names = {"FUNCTION": function_at(form.output if writes else form.invariant), "EVALUATE": written if writes else returned}
     return compile_kernel(extent, names, none(*arguments), f"{form.name}_{'written' if writes else 'returned'}")

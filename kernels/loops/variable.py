@@ -1,8 +1,10 @@
 # ruff: noqa: F821
 """The kernel for steps of variable length, which follow from tolerances.
 
-`variable` is a template: the names in capitals stand for values that depend on the method and on the form of the
-right-hand side. A state has rows of n values also for one degree of freedom: they are registers then.
+`variable` is a template: the names in capitals stand for values that depend on the method, on the form of the
+right-hand side and on the mode. If LOOKS is 1, the kernel looks for events and for times at which the state is wanted,
+and follows quantities; if it is 0, the compiler leaves this out. A state has rows of n values also for one degree of
+freedom: they are registers then.
 """
 
 from __future__ import annotations
@@ -12,26 +14,40 @@ import importlib
 import math
 from typing import Any
 
-from numba.types import Tuple, UniTuple, int64
+from numba.types import Tuple, UniTuple, int64, none
 
 from ..compile.jit import bound, callable_element, compile_kernel, element, outlined
 from ..protocol import (
+    AT_END,
+    BEFORE_END,
     BY_SPAN,
     ERROR,
     EVALUATIONS,
+    FULL,
     GAP,
+    GOING,
     LOGGED,
+    LOOK_WITHIN,
     NEXT,
+    NOT_A_NUMBER,
+    PART,
+    PART_END,
+    PARTS,
+    PASSED,
     REJECTED,
+    RESET,
+    RESTING,
     SILENT_END,
     SILENT_STEP,
     SPAN,
     STEP,
     STEP_BEFORE,
+    TERMINAL,
     TIME,
+    TOO_SMALL,
     U_SIZE,
     V_SIZE,
-    WATCH,
+    ZENO,
     Form,
     copy_rows,
     function_at,
@@ -41,17 +57,16 @@ from ..protocol import (
     vector_type,
 )
 from .controller import exponent, growth, shrinkage
-from .dense import COEFFICIENTS, evaluate, write_up_to
-from .events import EPSILON, NOT_A_NUMBER, PASSED, RESET, RESTING, TERMINAL, functions, write_time
-from .fixed import METHODS
+from .dense import evaluate
+from .events import EPSILON, LATER, WORK, functions
+from .fixed import STACKED_DEGREES
+from .follow import functions as following
+from .follow import inline_functions, save
+from .formulas import METHODS
 from .pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
+from .within import within_functions
 
-#: How the kernel ended, besides the outcomes of events: the steps are taken, the end is reached, the next step would
-#: reach it and be shortened, the step is below the resolution of t, or there is no room for rows or occurrences.
-GOING, AT_END, BEFORE_END, TOO_SMALL, FULL = range(10, 15)
-
-#: The rows of `Watch.work`: u and v within a step, and the dense output.
-WORK = 2 + COEFFICIENTS
+__all__ = ["WORK", "inline_kernel", "kernel", "least_size"]
 
 TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
 
@@ -62,11 +77,10 @@ _SILENCE = 0.02  # longest step while nothing acts, as a part of the time since 
 _LEAST_SIZE = 1e-3  # of a degree of freedom, relative to the largest size of all
 _ROUND_OFF = 1e5 * EPSILON  # least tolerance, relative to the largest size: forces are differences of large values
 _LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
-LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 
 
-def variable(callbacks, state, tally, span, watch):
-    """Take steps, and return their number, the number of rows written, and how it ended."""
+def variable(callbacks, state, settings, tally, span, look):
+    """Take steps, and return their number, the next row to write, and how it ended."""
     n = N if N > 0 else state.shape[1]
     f, p = RHS(callbacks), span.p
     kept = rows(state, ROWS)
@@ -75,12 +89,14 @@ def variable(callbacks, state, tally, span, watch):
         y = stack_rows(N, ROWS)
         copy_rows(y, kept, N)
     u, v, u_end, v_end = y[U], y[V], y[U_END], y[V_END]
-    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
-    has_events, has_times, has_rows = len(watch.events) > 0, len(watch.times) > 0, len(span.t_rows) > 0
-    is_followed = len(span.dense) > 0
+    has_rows = len(span.t_rows) > 0
+    if LOOKS > 0:
+        watch, follow = look.watch, look.follow
+        u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
+        has_events, has_times, follows = len(watch.events) > 0, len(watch.times) > 0, len(follow.table) > 0
     share = least_size(span.rtol)
     t, h, was_rejected = tally[TIME], tally[STEP], False
-    taken, row, ended = 0, 0, GOING
+    taken, row, ended = 0, span.row, GOING
     if span.first == 0:
         RESTART(y, n)
         if span.is_relative == 1:
@@ -93,7 +109,10 @@ def variable(callbacks, state, tally, span, watch):
         if remaining <= 0:
             ended = AT_END
             break
-        if int(tally[LOGGED]) + len(watch.events) > len(watch.log) or (has_rows and row + 2 > len(span.t_rows)):
+        if has_rows and row + 2 > len(span.t_rows):
+            ended = FULL
+            break
+        if LOOKS > 0 and int(tally[LOGGED]) + len(watch.events) > len(watch.log):
             ended = FULL
             break
         is_last = h >= remaining
@@ -125,39 +144,40 @@ def variable(callbacks, state, tally, span, watch):
                 tally[SILENT_STEP], tally[SILENT_END] = step, t_end
         was_rejected = False
         outcome, s, t_stop, is_known = PASSED, 1.0, t_end, False
-        if has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p):
+        if LOOKS > 0 and has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p):
             DENSE(f, t, step, p, n, y, coefficients)
             is_known = True
-            outcome, s, t_stop = LOOK_WITHIN(
-                watch, tally, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
+            outcome, s, t_stop = SEARCH(
+                look, tally, span.t0, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
             )
             if outcome in (NOT_A_NUMBER, RESTING):
                 taken, ended = taken - 1, outcome
                 break
         tally[ERROR], tally[STEP_BEFORE] = max(error, _LEAST_ERROR), step
-        if has_times:
-            while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
-                if not is_known:
-                    DENSE(f, t, step, p, n, y, coefficients)
-                    is_known = True
-                write_time(watch, tally, t, step, t_end, n, coefficients, u_end, v_end)
-        if is_followed:
-            if is_known:
-                write_up_to(span.dense[row], coefficients, s, n)
-            else:
-                DENSE(f, t, step, p, n, y, span.dense[row])
+        if LOOKS > 0:
+            if has_times:
+                while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
+                    if not is_known:
+                        DENSE(f, t, step, p, n, y, coefficients)
+                        is_known = True
+                    WRITE_TIME(look, tally, t, step, t_end, n, coefficients, u_end, v_end, p)
+            if follows and not is_known:
+                DENSE(f, t, step, p, n, y, coefficients)
                 is_known = True
-        if is_known:
-            tally[EVALUATIONS] += DENSE_COST
-        if outcome == PASSED:
-            ADVANCE(y, n)
-            if has_rows and (span.first + taken) % span.every == 0:
-                row = write_row(span, row, t_end, step, n, u, v)
-        else:
-            if s < 1.0:
+            if is_known:
+                tally[EVALUATIONS] += DENSE_COST
+            if outcome != PASSED and s < 1.0:
                 evaluate(coefficients, s, n, u_end, v_end)
+            if follows:
+                part = int(tally[PART]) % PARTS
+                EVALUATE(follow, t_stop, u_end, v_end, p)
+                if t_stop > t:
+                    FOLLOW_WITHIN(follow, look.within, t_stop, s * step, s, n, p, coefficients)
+        if LOOKS > 0 and outcome != PASSED:
             if has_rows and span.every == 1 and s > 0:  # the state at the start is a row already
-                row = write_row(span, row, t_stop, s * step, n, u_end, v_end)
+                write_row(span, row, t_stop, s * step, n, u_end, v_end)
+                save(follow, row)
+                row += 1
             for j in range(n):
                 u[j], v[j] = u_there[j], v_there[j]
             ACCELERATE(f, t_stop, u, v, p, y[A])
@@ -166,8 +186,21 @@ def variable(callbacks, state, tally, span, watch):
             tally[STEP_BEFORE], tally[ERROR] = s * step, 0.0
             if outcome == RESET:
                 h = min(h, LATER * tally[GAP])
-            if outcome != TERMINAL and has_rows and (span.first + taken) % span.every == 0:
-                row = write_row(span, row, t_stop, s * step, n, u, v)
+            if follows and outcome <= ZENO:
+                EVALUATE(follow, t_stop, u, v, p)
+                WIDEN(follow, part, t_stop, v)
+                FOLLOW_END(follow, look.within)
+        else:
+            if LOOKS > 0 and follows:
+                WIDEN(follow, part, t_end, v_end)
+            ADVANCE(y, n)
+        if outcome != TERMINAL and has_rows and (span.first + taken) % span.every == 0:
+            write_row(span, row, t_stop, s * step, n, u, v)
+            if LOOKS > 0:
+                save(follow, row)
+            row += 1
+        if LOOKS > 0 and follows and span.first + taken >= tally[PART_END]:
+            END_PART(follow, tally, n, v)
         t = t_stop
         if span.is_relative == 1:
             u_size, v_size = tally[U_SIZE], tally[V_SIZE]
@@ -197,7 +230,6 @@ def write_row(span, row, t, h, n, u, v):
     span.t_rows[row], span.h_rows[row] = t, h
     for j in range(n):
         span.u_rows[row, j], span.v_rows[row, j] = u[j], v[j]
-    return row + 1
 
 
 @element
@@ -287,36 +319,52 @@ def first_step(f, t, n, y, tally, span):
     return min(h, length)
 
 
-@functools.cache
-def variable_kernel(module: str, form: Form, n: int) -> Any:
+def kernel(module: str, form: Form, n: int, *, looks: bool) -> Any:
     """Compile the kernel of a method for a right-hand side given as an address, or load it from the disk.
 
-    `module` is the name of a file of `eig3.kernels.methods` with the formulas `variable`, which is described in
-    `eig3.kernels.loops.pair`. If `n` is not 0, the kernel is valid for n degrees of freedom only.
+    One and two degrees of freedom have kernels of their own. The kernel is called as ``kernel((rhs,), state, settings,
+    tally, span, look)``, where `settings` is not used. It returns the number of steps that it took, the next row to
+    write, and how it ended.
 
-    It is called as ``kernel((rhs,), state, tally, span, watch)``.
+    Parameters
+    ----------
+    module : str
+        The name of a file of `eig3.kernels.methods` with the formulas `variable`, which is described in
+        `eig3.kernels.loops.pair`.
+    form : Form
+    n : int
+        Number of degrees of freedom.
+    looks : bool
+        Whether the argument `look` is a `LookWithin`; if not, it is None.
     """
+    return _kernel(module, form, n if n <= 2 else 0, looks)
+
+
+@functools.cache
+def _kernel(module: str, form: Form, n: int, looks: bool) -> Any:
     rhs_at = function_at(form.rhs)
-    names = _names(module, form, n) | {"RHS": element(lambda callbacks: rhs_at(callbacks[0]))}
-    return compile_kernel(variable, names, _signature(Tuple((int64,))), f"{module}_{form.name}_{n}")
+    names = {"RHS": element(lambda callbacks: rhs_at(callbacks[0])), "N": n}
+    return _compile(module, form, Tuple((int64,)), names, looks, f"{module}_{form.name}_{n}{'_look' * looks}")
 
 
-def inline_variable_kernel(module: str, form: Form, n: int, rhs: Any) -> Any:
-    """Compile the kernel of a method with one right-hand side inlined. It is called as ``kernel((), state, ...)``."""
-    names = _names(module, form, n) | {"RHS": element(lambda callbacks: rhs)}
-    return compile_kernel(variable, names, _signature(Tuple(())))
+def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: bool, quantities: tuple = ()) -> Any:
+    """Compile the kernel of a method with one right-hand side inlined. It is called as ``kernel((), state, ...)``.
+
+    The quantities are inlined at the ends of steps; see `eig3.kernels.loops.fixed.inline_kernel`.
+    """
+    names = {"RHS": element(lambda callbacks: rhs), "N": n if n <= STACKED_DEGREES else 0}
+    if quantities:
+        names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities, of_rows=True)
+    return _compile(module, form, Tuple(()), names, looks, "")
 
 
-def _signature(callbacks: Any) -> Any:
-    return UniTuple(int64, 3)(callbacks, matrix_type, vector_type, SPAN, WATCH)
-
-
-def _names(module: str, form: Form, n: int) -> dict[str, Any]:
+def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], looks: bool, label: str) -> Any:
     formulas = importlib.import_module(f"{METHODS}.{module}").variable
-    watching = functions(form)
+    watching, seen = functions(form), following(form)
     theirs = formulas.functions(watching.accelerate)
+    follow_within, follow_end = within_functions(form)
     names = {
-        "N": n,
+        "LOOKS": int(looks),
         "ROWS": formulas.rows,
         "ORDER": formulas.order,
         "COST": formulas.evaluations,
@@ -328,10 +376,19 @@ def _names(module: str, form: Form, n: int) -> dict[str, Any]:
         "RESTART": theirs.get("restart", nothing_past),
         "ACCELERATE": watching.accelerate,
         "IS_QUIET": watching.is_quiet,
-        "LOOK_WITHIN": watching.look_within,
+        "SEARCH": watching.look_within,
+        "WRITE_TIME": watching.write_time,
+        "EVALUATE": seen.evaluate_row,
+        "WIDEN": seen.widen_row,
+        "END_PART": seen.end_part_of_row,
+        "FOLLOW_WITHIN": follow_within,
+        "FOLLOW_END": follow_end,
+        **names,
     }
     names["FIRST_STEP"] = outlined(bound(first_step, names))
-    return names
+    records = SPAN, LOOK_WITHIN if looks else none
+    signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)
+    return compile_kernel(variable, names, signature, label)
 
 
 @element

@@ -1,21 +1,21 @@
 # ruff: noqa: F821
-"""The kernel that evaluates a quantity along steps of variable length, and finds its extremes within them.
+"""Follow the quantities along a step of variable length, and find their extremes within it.
 
-The quantity is evaluated in the middle of a step, on the dense output. If it may have an extreme beyond those so far,
+A quantity is evaluated in the middle of a step, on the dense output. If it may have an extreme beyond those so far,
 it is evaluated at the other points too. Where the polynomial through these values has an extreme beyond those so far,
 the quantity is evaluated there. With points for a polynomial of the order of the method, the polynomial is as accurate
 as the step. An error d of the place of a smooth extreme changes its value by d^2 only.
 """
 
+from __future__ import annotations
+
 import functools
 from typing import Any
 
-from numba.types import Array, float64, int64, none
-
-from ..compile.jit import bound, compile_kernel, element, outlined
-from ..protocol import SCALAR, Form, function_at, matrix_type, vector_type
-from .dense import evaluate
-from .quantity import HIGH, LOW, evaluation, widen
+from ..compile.jit import bound, element, outlined
+from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form
+from .dense import evaluate, write_up_to
+from .follow import functions, widen
 
 # A value goes beyond those at the start, in the middle and at the end by their range at most, if its period is at least
 # 1.2 steps. With rtol up to 1e-3, periods have 3 steps or more, and those of a product of two values 1.5.
@@ -25,38 +25,60 @@ _CELLS = 2  # parts of the step between two points in which the slope of the pol
 _CLOSE = 1e-9  # error of the place of an extreme of the polynomial, relative to the step
 
 
-def extent_within(
-    address, p, t, h, u_rows, v_rows, dense, points, fit, floor, before, samples, times, c, state, out, values, ends
-):
-    function, n, last = FUNCTION(address), u_rows.shape[1], len(points) - 1
-    half = last // 2
-    for i in range(len(t)):
-        EVALUATE(function, t[i], STATE(u_rows[i]), STATE(v_rows[i]), p, out, samples, last)
-        times[last] = t[i]
-        is_step = h[i] > 0 and (i == 0 or t[i] > t[i - 1])  # if not, the row is the state after a reset
-        if is_step:
-            for j in range(out.size):
-                samples[0, j] = before[j]
-            SAMPLE(function, t[i], h[i], dense[i], points[half], n, p, out, samples, times, half, state)
-            widen_by(samples, times, half, half + 1, ends)
-        widen_by(samples, times, last, last + 1, ends)
-        if is_step and may_go_beyond(samples, half, floor, ends):
+def follow_within(follow, within, t_end, h, s, n, p, coefficients):
+    """Widen the extremes by those within a step of the length h to t_end, and by the values at its end.
+
+    The step is the part up to s of that of the dense output. The values at its end are in `follow.out`, and stay there.
+    """
+    samples, times, last = within.samples, within.times, len(within.points) - 1
+    half, dense = last // 2, coefficients
+    if s < 1.0:
+        dense = within.coefficients
+        write_up_to(dense, coefficients, s, n)
+    times[last] = t_end
+    for k in range(len(follow.table)):
+        keep_sample(follow, within, k, last)
+    samples[0] = within.before
+    for k in range(len(follow.table)):
+        SAMPLE(follow, within, k, t_end, h, dense, within.points[half], n, p, half)
+        widen_by(follow, within, k, half)
+        widen_by(follow, within, k, last)
+        if may_go_beyond(follow, within, k, half):
             for m in range(1, last):
                 if m != half:
-                    SAMPLE(function, t[i], h[i], dense[i], points[m], n, p, out, samples, times, m, state)
-            widen_by(samples, times, 1, last, ends)
-            for j in range(out.size):
-                REFINE(function, t[i], h[i], dense[i], j, n, p, fit, floor, out, samples, times, c, state, ends)
-        for j in range(out.size):
-            before[j] = values[i, j] = samples[last, j]
+                    SAMPLE(follow, within, k, t_end, h, dense, within.points[m], n, p, m)
+            for m in range(1, last):
+                widen_by(follow, within, k, m)
+            first = follow.table[k, COLUMN]
+            for j in range(first, first + max(follow.table[k, WIDTH], 1)):
+                REFINE(follow, within, k, j, t_end, h, dense, n, p)
+    for k in range(len(follow.table)):
+        for j in range(max(follow.table[k, WIDTH], 1)):
+            follow.out[follow.table[k, OUT] + j] = samples[last, follow.table[k, COLUMN] + j]
+    within.before[:] = samples[last]
+
+
+def follow_end(follow, within):
+    """Take the values in `follow.out` as those at the start of the next step."""
+    for k in range(len(follow.table)):
+        for j in range(max(follow.table[k, WIDTH], 1)):
+            within.before[follow.table[k, COLUMN] + j] = follow.out[follow.table[k, OUT] + j]
+
+
+@element
+def keep_sample(follow, within, k, m):
+    """Copy the values of the quantity k to the row m of the samples."""
+    for j in range(max(follow.table[k, WIDTH], 1)):
+        within.samples[m, follow.table[k, COLUMN] + j] = follow.out[follow.table[k, OUT] + j]
 
 
 @outlined
-def may_go_beyond(samples, half, floor, ends):
+def may_go_beyond(follow, within, k, half):
     """Return whether a value may go beyond its extremes between the start, the middle and the end."""
-    for j in range(samples.shape[1]):
+    samples, first = within.samples, follow.table[k, COLUMN]
+    for j in range(first, first + max(follow.table[k, WIDTH], 1)):
         a, b, c = samples[0, j], samples[half, j], samples[2 * half, j]
-        if is_candidate(min(a, b, c), max(a, b, c), _BEYOND_THREE, floor, ends, j):
+        if is_candidate(min(a, b, c), max(a, b, c), _BEYOND_THREE, within.floors[k], follow.extremes, j):
             return True
     return False
 
@@ -69,32 +91,35 @@ def is_candidate(lowest, highest, beyond, floor, ends, j):
 
 
 @outlined
-def widen_by(samples, times, first, end, ends):
-    """Widen the extremes by some rows of samples."""
-    for j in range(samples.shape[1]):
-        widen(samples[first:end], j, times[first:end], ends)
+def widen_by(follow, within, k, m):
+    """Widen the extremes of the quantity k by the row m of the samples."""
+    first = follow.table[k, COLUMN]
+    for j in range(first, first + max(follow.table[k, WIDTH], 1)):
+        widen(follow.extremes, j, within.samples[m, j], within.times[m])
 
 
-def sample(function, t_end, h, dense, s, n, p, out, samples, times, m, state):
-    """Evaluate the function after the fraction s of a step, into the row m of `samples` and `times`."""
-    u, v = state[0], state[1]
+def sample(follow, within, k, t_end, h, dense, s, n, p, m):
+    """Evaluate the quantity k after the fraction s of a step, into the row m of the samples."""
+    u, v = within.state[0], within.state[1]
     evaluate(dense, s, n, u, v)
-    times[m] = t_end - (1 - s) * h
-    EVALUATE(function, times[m], STATE(u), STATE(v), p, out, samples, m)
+    within.times[m] = t_end - (1 - s) * h
+    EVALUATE_ONE(follow, k, within.times[m], u, v, p)
+    keep_sample(follow, within, k, m)
 
 
-def refine(function, t_end, h, dense, j, n, p, fit, floor, out, samples, times, c, state, ends):
+def refine(follow, within, k, j, t_end, h, dense, n, p):
     """Widen the extremes by the values where the polynomial of the value j has extremes beyond those so far."""
+    fit, samples, c, ends = within.fit, within.samples, within.c, follow.extremes
     count, extra = len(fit), len(fit)
     lowest = highest = samples[0, j]
     for m in range(1, count):
         lowest, highest = min(lowest, samples[m, j]), max(highest, samples[m, j])
-    if not is_candidate(lowest, highest, _BEYOND_ALL, floor, ends, j):
+    if not is_candidate(lowest, highest, _BEYOND_ALL, within.floors[k], ends, j):
         return
-    for k in range(count):
-        c[k] = 0.0
+    for i in range(count):
+        c[i] = 0.0
         for m in range(1, count):
-            c[k] += fit[k, m] * (samples[m, j] - samples[0, j])
+            c[i] += fit[i, m] * (samples[m, j] - samples[0, j])
     cells = _CELLS * (count - 1)
     right, slope_right = -1.0, slope(c, count, -1.0)
     for cell in range(1, cells + 1):
@@ -104,12 +129,12 @@ def refine(function, t_end, h, dense, j, n, p, fit, floor, out, samples, times, 
         if slope_left * slope_right < 0 or slope_right == 0:
             x = root_of_slope(c, count, left, right, slope_left)
             value = c[count - 1]
-            for k in range(count - 2, -1, -1):
-                value = value * x + c[k]
+            for i in range(count - 2, -1, -1):
+                value = value * x + c[i]
             value += samples[0, j]
             if value > ends[HIGH, j] or value < ends[LOW, j]:
-                SAMPLE(function, t_end, h, dense, (1 + x) / 2, n, p, out, samples, times, extra, state)
-                widen_by(samples, times, extra, extra + 1, ends)
+                SAMPLE(follow, within, k, t_end, h, dense, (1 + x) / 2, n, p, extra)
+                widen_by(follow, within, k, extra)
 
 
 @element
@@ -142,41 +167,10 @@ def root_of_slope(c, count, left, right, slope_left):
     return x
 
 
-@functools.cache
-def extent_within_kernel(form: Form, writes: bool) -> Any:
-    """Compile the kernel, or load it from the disk.
-
-    It is called as ``kernel(address, p, t, h, u_rows, v_rows, dense, points, fit, floor, before, samples, times, c,
-    state, out, values, ends)``, for rows of states of n values each, the steps h that led there, and the dense output
-    of these steps. The function at this address has k values in each row: they are written to `values`, and widen the
-    extremes `ends`, see `eig3.kernels.loops.quantity`. A row with the time of the row before is a state after a reset,
-    without a step.
-
-    `points` are fractions of the step, from 0 to 1, with 1/2 in the middle. The matrix `fit` gives the coefficients of
-    the polynomial in 2 s - 1 from the values there. Changes within a step of at most the part `floor` of a value are
-    not looked at. `before` has the k values before the first row, and then those of the last row. `samples` and
-    `times` have a row for each point and one more, and `c` and `state` are for the coefficients of the polynomial and
-    for u and v.
-
-    Parameters
-    ----------
-    form : Form
-    writes : bool
-        Whether the function writes its values. If not, it returns its only value.
-    """
-    names = {"FUNCTION": function_at(form.output if writes else form.invariant), "EVALUATE": evaluation(writes)}
-    names["STATE"] = element(_only if form is SCALAR else _row)
+@functools.cache  # so that kernels share the compiled elements
+def within_functions(form: Form) -> tuple[Any, Any]:
+    """Return the elements `follow_within` and `follow_end` for one form of right-hand side."""
+    names: dict[str, Any] = {"EVALUATE_ONE": functions(form).evaluate_one_of_row}
     names["SAMPLE"] = outlined(bound(sample, names))
     names["REFINE"] = outlined(bound(refine, names))
-    rows = *(vector_type,) * 2, *(matrix_type,) * 2, Array(float64, 3, "C")
-    samples = vector_type, matrix_type, float64, vector_type, matrix_type, *(vector_type,) * 2, matrix_type
-    signature = none(int64, vector_type, *rows, *samples, vector_type, *(matrix_type,) * 2)
-    return compile_kernel(extent_within, names, signature, f"{form.name}_{'written' if writes else 'returned'}")
-
-
-def _only(u):
-    return u[0]
-
-
-def _row(u):
-    return u
+    return outlined(bound(follow_within, names)), element(follow_end)

@@ -1,0 +1,193 @@
+# ruff: noqa: F821
+"""Evaluate the quantities of a run, its invariants and outputs, in a state, and keep their extremes.
+
+The names in capitals stand for functions that depend on the form of the right-hand side and on the mode: `functions`
+inserts them. A quantity is called at its address, or, in a kernel that inlines it, as a part of the loop.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from types import SimpleNamespace
+from typing import Any
+
+from ..compile.jit import bound, element
+from ..compile.source import define
+from ..protocol import (
+    ADDRESS,
+    COLUMN,
+    HIGH,
+    LOW,
+    OUT,
+    PART,
+    PART_END,
+    PARTS,
+    ROWS,
+    SCALAR,
+    T_HIGH,
+    T_LOW,
+    WIDTH,
+    WORK,
+    Form,
+    function_at,
+    store_at,
+)
+
+
+def evaluate_one(follow, k, t, u, v, p):
+    """Evaluate the quantity k into `follow.out`."""
+    address, width = follow.table[k, ADDRESS], follow.table[k, WIDTH]
+    if width == 0:
+        returned(follow, k, RETURNED(address), t, u, v, p)
+    else:
+        written(follow, k, WRITTEN(address), width, t, u, v, p)
+
+
+def evaluate_all(follow, t, u, v, p):
+    for k in range(len(follow.table)):
+        EVALUATE_ONE(follow, k, t, u, v, p)
+
+
+def widen_all(follow, part, t, v):
+    """Widen the extremes by the values in `follow.out`."""
+    for k in range(len(follow.table)):
+        WIDEN_ONE(follow, k, max(follow.table[k, WIDTH], 1), part, t, v)
+
+
+def widen_one(follow, k, width, part, t, v):
+    place, column, work = follow.table[k, OUT], follow.table[k, COLUMN], follow.table[k, WORK]
+    for j in range(width):
+        widen_at_end(follow, part, column + j, follow.out[place + j], t)
+    if work >= 0:
+        follow.most[k] = max(follow.most[k], abs(COMPONENT(v, work)))
+
+
+def end_part(follow, tally, n, v):
+    """End the current part of the run, and begin the next one."""
+    part, end = int(tally[PART]), int(tally[PART_END])
+    for j in range(n):
+        follow.forward[part % PARTS, j] = 1.0 if COMPONENT(v, j) > 0 else 0.0
+    part += 1
+    tally[PART], tally[PART_END] = part, end + max(1, end // 5)
+    lowest, highest = follow.parts[part % PARTS, LOW], follow.parts[part % PARTS, HIGH]
+    for j in range(len(lowest)):
+        lowest[j], highest[j] = math.inf, -math.inf
+
+
+@element
+def returned(follow, k, function, t, u, v, p):
+    follow.out[follow.table[k, OUT]] = function(t, u, v, p)
+
+
+@element
+def written(follow, k, function, width, t, u, v, p):
+    place = follow.table[k, OUT]
+    values = follow.out[place : place + width]
+    for j in range(width):
+        values[j] = math.nan  # a value that the function does not write stays NaN
+    function(t, u, v, p, values)
+
+
+@element
+def widen_at_end(follow, part, j, e, t):
+    """Widen the extremes by a value at the end of a step or at an event: one beyond them is beyond those of its part."""
+    ends = follow.parts[part]
+    if not ends[LOW, j] <= e <= ends[HIGH, j]:
+        widen_range(ends, j, e)
+        widen_range(follow.steps, j, e)
+        widen(follow.extremes, j, e, t)
+
+
+@element
+def widen_range(ends, j, e):
+    """Widen a lowest and a highest value: NaN becomes and stays both of them."""
+    low, high = ends[LOW, j], ends[HIGH, j]
+    if low == low and not e >= low:
+        ends[LOW, j] = e
+    if high == high and not e <= high:
+        ends[HIGH, j] = e
+
+
+@element
+def widen(extremes, j, e, t):
+    """Do the same, and note the time."""
+    low, high = extremes[LOW, j], extremes[HIGH, j]
+    if low == low and not e >= low:
+        extremes[LOW, j], extremes[T_LOW, j] = e, t
+    if high == high and not e <= high:
+        extremes[HIGH, j], extremes[T_HIGH, j] = e, t
+
+
+@element
+def save(follow, row):
+    """Copy the values in `follow.out` to the row of a state that is saved."""
+    for k in range(len(follow.table)):
+        address, width = follow.table[k, ROWS], max(follow.table[k, WIDTH], 1)
+        if address != 0:
+            for j in range(width):
+                store_at(address, row * width + j, follow.out[follow.table[k, OUT] + j])
+
+
+@functools.cache  # so that kernels share the compiled elements
+def functions(form: Form) -> SimpleNamespace:
+    """Return the elements for one form of right-hand side.
+
+    `evaluate(follow, t, u, v, p)`, `widen(follow, part, t, v)` and `end_part(follow, tally, n, v)` take a state as the
+    right-hand side does. `evaluate_row`, `evaluate_one_of_row` and `widen_row` take it as rows of n values.
+    """
+    named = {"RETURNED": function_at(form.invariant), "WRITTEN": function_at(form.output)}
+    native = _bound_all({**named, "COMPONENT": element(_itself if form is SCALAR else _entry)})
+    by_row = native
+    if form is SCALAR:
+        first = {name: element(bound(function, named)) for name, function in (("EVALUATE", evaluate_one),)}
+        one = element(bound(_evaluate_first, first))
+        by_row = _bound_all({**named, "COMPONENT": element(_entry), "EVALUATE_ONE": one})
+    return SimpleNamespace(
+        evaluate=native["EVALUATE_ALL"],
+        widen=native["WIDEN_ALL"],
+        end_part=native["END_PART"],
+        evaluate_row=by_row["EVALUATE_ALL"],
+        evaluate_one_of_row=by_row["EVALUATE_ONE"],
+        widen_row=by_row["WIDEN_ALL"],
+        end_part_of_row=by_row["END_PART"],
+    )
+
+
+def _bound_all(names: dict[str, Any]) -> dict[str, Any]:
+    names = dict(names)
+    names.setdefault("EVALUATE_ONE", element(bound(evaluate_one, names)))
+    for function in (evaluate_all, widen_one, widen_all, end_part):
+        names[function.__name__.upper()] = element(bound(function, names))
+    return names
+
+
+def inline_functions(form: Form, quantities: tuple, of_rows: bool = False) -> tuple[Any, Any]:
+    """Return the elements `evaluate` and `widen` for quantities that become a part of the loop.
+
+    `quantities` are pairs of a jitted function and its number of values, or 0, in the order of `Follow.table`. With
+    `of_rows`, the elements take a state as rows of n values.
+    """
+    state = "u[0], v[0]" if of_rows and form is SCALAR else "u, v"
+    names: dict[str, Any] = {"__name__": __name__, "returned": returned, "written": written}
+    names["widen_one"] = element(bound(widen_one, {"COMPONENT": element(_itself if form is SCALAR and not of_rows else _entry)}))
+    evaluated, widened = ["def evaluate(follow, t, u, v, p):"], ["def widen(follow, part, t, v):"]
+    for k, (function, width) in enumerate(quantities):
+        names[f"quantity{k}"] = function
+        how = f"written(follow, {k}, quantity{k}, {width}" if width else f"returned(follow, {k}, quantity{k}"
+        evaluated.append(f"    {how}, t, {state}, p)")
+        widened.append(f"    widen_one(follow, {k}, {max(width, 1)}, part, t, v)")
+    defined = define("\n".join([*evaluated, "    return", "", *widened, "    return", ""]), "quantities", names)
+    return element(defined["evaluate"]), element(defined["widen"])
+
+
+def _itself(v, j):
+    return v
+
+
+def _entry(v, j):
+    return v[j]
+
+
+def _evaluate_first(follow, k, t, u, v, p):
+    EVALUATE(follow, k, t, u[0], v[0], p)

@@ -1,0 +1,164 @@
+# ruff: noqa: F821
+"""The formulas of a fixed-step method, which are the names that the method's file defines, and its starter."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from ..compile.jit import bound, element
+from ..compile.source import define
+from ..protocol import SCALAR, VECTOR, Form, rows
+
+METHODS = f"{__package__.rpartition('.')[0]}.methods"  # the package with one file for each method
+
+
+def start_scalar(f, at, y, c):
+    """Take u and v from a step of the starter, and the past values from a step of the method itself."""
+    y_next, _ = STEP(f, at, y, c)
+    u, v, success = STARTER(f, at, y[0], y[1])
+    started = u, v
+    return started + y_next[2:], success
+
+
+def start_vector(f, at, y, c, n):
+    c, scratch = c
+    kept = rows(scratch, 2)
+    for j in range(n):
+        kept[0][j], kept[1][j] = y[0][j], y[1][j]
+    y, _ = STEP(f, at, y, c, n)
+    u, v = y[0], y[1]
+    for j in range(n):
+        u[j], v[j] = kept[0][j], kept[1][j]
+    return y, STARTER(f, at, u, v, scratch, n)
+
+
+def starter_scalar(f, at, u, v):
+    """Return u and v after a step of the starter, and whether it succeeded."""
+    y, success = THEIR_STEP(f, at, (u, v), THEIR_CONSTANTS((), at.h, None))
+    return y[0], y[1], success
+
+
+def starter_vector(f, at, u, v, scratch, n):
+    """Advance u and v by a step of the starter, and return whether it succeeded."""
+    y = rows(scratch, THEIR_ROWS)
+    for j in range(n):
+        y[0][j], y[1][j] = u[j], v[j]
+    y, success = THEIR_STEP(f, at, y, THEIR_CONSTANTS((), at.h, None), n)
+    for j in range(n):
+        u[j], v[j] = y[0][j], y[1][j]
+    return success
+
+
+@element
+def no_constants(settings, h, work):
+    return ()
+
+
+@element
+def nothing(y, c, h, n):
+    pass
+
+
+class Formulas:
+    """The names that a method's file defines, with defaults for those that it leaves out.
+
+    Parameters
+    ----------
+    module : module
+        The method's file, as `eig3.kernels` describes it.
+    arguments : tuple
+        For a family of methods, the arguments of the file's function `member`, which returns the names.
+
+    Raises
+    ------
+    TypeError
+        If a required name is missing, or if there is only one of START and START_STEPS.
+    """
+
+    def __init__(self, module: ModuleType, arguments: tuple = ()) -> None:
+        defined: Any = module.member(*arguments) if arguments else module
+        missing = [name for name in ("ROWS", "step_scalar", "step_vector") if not hasattr(defined, name)]
+        if missing:
+            raise TypeError(f"kernel {module.__name__!r} must define {', '.join(missing)}: see eig3.kernels.")
+        self.module, self.defined = module, defined
+        self.label = "_".join([module.__name__, *map(str, arguments)])
+        self.past: int = getattr(defined, "PAST", 0)
+        self.matrix: bool = getattr(defined, "MATRIX", False)
+        self.turn: int = getattr(defined, "TURN", 6)
+        self.start: Callable = getattr(defined, "start", None) or _start_at_zero(self.past)
+        starter = getattr(defined, "START", None)
+        self.starter = formulas(f"{METHODS}.{starter}") if starter else None
+        self.start_steps: int = getattr(defined, "START_STEPS", 0)
+        if bool(self.starter) != (self.start_steps > 0):
+            raise TypeError(f"kernel {module.__name__!r} must define START and START_STEPS together or neither.")
+
+    @property
+    def own_rows(self) -> int:
+        """Number of rows of the vector form: u, v, the past, and scratch."""
+        return self.defined.ROWS
+
+    @property
+    def rows(self) -> int:
+        """Number of these rows and of those of the starter, which only the first steps use."""
+        return self.own_rows + (self.starter.rows if self.starter else 0)
+
+    def state_rows(self, n: int) -> int:
+        """Return the number of rows of the state for n degrees of freedom, including the matrix."""
+        return self.rows + n * self.matrix
+
+    def names(self, form: Form) -> dict[str, Any]:
+        """Return the values of the names in capitals in a template."""
+        defined = self.defined
+        cost = getattr(defined, "EVALUATIONS", 0)
+        names = {
+            "CONSTANTS": getattr(defined, "constants", no_constants),
+            "COMPLETE": getattr(defined, "complete", nothing),
+            "STEP": getattr(defined, f"step_{form.name}"),
+            "VALUES": 2 + self.past,
+            "ROWS": self.rows,
+            "OWN_ROWS": self.own_rows,
+            "START_STEPS": self.start_steps,
+            "COST": cost,
+            "START_COST": cost,
+        }
+        if self.starter:
+            begin = getattr(defined, f"start_step_{form.name}", start_scalar if form is SCALAR else start_vector)
+            steps = {"STEP": names["STEP"], "STARTER": self.starter._as_starter(form)}
+            names["START_STEP"] = element(bound(begin, steps))
+            names["START_COST"] += self.starter.names(form)["COST"]
+        return names
+
+    def _as_starter(self, form: Form) -> Any:
+        """Return the function that takes a step for another method."""
+        brief = getattr(self.defined, "brief_step_vector", None)
+        if brief and form is VECTOR:
+            return brief
+        mine = self.names(form)
+        theirs = {"THEIR_STEP": mine["STEP"], "THEIR_CONSTANTS": mine["CONSTANTS"], "THEIR_ROWS": self.defined.ROWS}
+        return element(bound(starter_scalar if form is SCALAR else starter_vector, theirs))
+
+    @property
+    def is_own(self) -> bool:
+        """Whether all formulas are in this package."""
+        starter_is_own = self.starter is None or self.starter.is_own
+        return starter_is_own and self.module.__name__.rpartition(".")[0] == METHODS
+
+
+def _start_at_zero(past: int) -> Callable:
+    """Return a function `start` for past values that the first steps do not need."""
+    return define(f"def start(u, v, a, h):\n    return ({'0 * u, ' * past})\n", "start", {})["start"]
+
+
+def formulas(name: str, arguments: tuple = ()) -> Formulas:
+    """Return the formulas of a module, given by its name. A module that was reloaded is read again."""
+    module = importlib.import_module(name)  # not from sys.modules, where another thread may just be importing it
+    return _formulas(module, arguments, getattr(module, "step_scalar", None), getattr(module, "step_vector", None))
+
+
+@functools.cache
+def _formulas(module: ModuleType, arguments: tuple, *steps: Any) -> Formulas:
+    return Formulas(module, arguments)

@@ -1,0 +1,166 @@
+# ruff: noqa: F821
+"""The search of a fixed step for events, and for times at which the state is wanted, with its dense output.
+
+From a reset, steps of a Runge-Kutta pair lead to the end of the step, where the method starts anew. The search needs
+nothing from the method's file but its past values at the start: the names in capitals depend on the form of the
+right-hand side and on the order of the method.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from typing import Any
+
+from ..compile.jit import bound, element, outlined
+from ..protocol import (
+    EVALUATIONS,
+    FULL,
+    GAP,
+    LOGGED,
+    NEXT,
+    NOT_A_NUMBER,
+    PASSED,
+    RESET,
+    RESTING,
+    SCALAR,
+    TIME,
+    WITHIN,
+    Form,
+    rows,
+)
+from .dense import quintic
+from .events import LATER, WORK, functions
+from .formulas import METHODS, Formulas
+from .march import copy_two
+from .pair import A_END, U_END, V_END, A, U, V
+
+
+def search(f, look, tally, t0, t, t_grid, n, p):
+    """Search the step from t to `t_grid`, whose two states are in rows of `watch.work`, and return the outcome.
+
+    After a reset, the state at the end of the step is that at `t_grid`, or that of the event which ends the run. If the
+    log is full after some resets, FULL is returned, and the next call goes on from the last of them. The run began at t0.
+    """
+    watch = look.watch
+    y = rows(watch.work[WORK:], PAIR_ROWS)
+    u, v, a, u_end, v_end = y[U], y[V], y[A], y[U_END], y[V_END]
+    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
+    t_end, reach, result = t_grid, 0.0, PASSED
+    if tally[WITHIN] == 0:
+        ACCELERATE(f, t, u, v, p, a)
+        STEP_DENSE(f, t, t_grid - t, p, n, y, u_there, v_there, coefficients)
+        tally[EVALUATIONS] += 1 + STEP_DENSE_COST
+    else:
+        t, reach, result = tally[TIME], LATER * tally[GAP], RESET
+        t_end = min(t_grid, t + reach)
+        TRIAL(f, t, t_end - t, t_end - t, p, n, y)
+        DENSE(f, t, t_end - t, p, n, y, coefficients)
+        tally[WITHIN] = 0
+    while True:
+        h = t_end - t
+        if int(tally[LOGGED]) + len(watch.events) > len(watch.log):
+            copy_two(u_end, v_end, u, v, n)
+            tally[TIME], tally[WITHIN] = t, 1
+            return FULL
+        outcome, _, stop = LOOK_WITHIN(look, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
+        if outcome in (NOT_A_NUMBER, RESTING):
+            copy_two(u_end, v_end, u, v, n)
+            tally[TIME] = t
+            return outcome
+        while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= stop:
+            WRITE_TIME(look, tally, t, h, t_end, n, coefficients, u_end, v_end, p)
+        if outcome > RESET or (outcome == RESET and stop >= t_grid):
+            copy_two(u_end, v_end, u_there, v_there, n)
+            tally[TIME] = stop
+            return outcome
+        if outcome == RESET:
+            copy_two(u, v, u_there, v_there, n)
+            result, reach = RESET, tally[GAP]
+        elif t_end == t_grid:
+            return result
+        else:
+            copy_two(u, v, u_end, v_end, n)
+        ACCELERATE(f, stop, u, v, p, a)
+        t, reach = stop, LATER * reach
+        t_end = min(t_grid, t + reach)
+        TRIAL(f, t, t_end - t, t_end - t, p, n, y)
+        DENSE(f, t, t_end - t, p, n, y, coefficients)
+        tally[EVALUATIONS] += PAIR_COST
+
+
+def quintic_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
+    """Write the dense output of a step whose states are known."""
+    ACCELERATE(f, t + h, y[U_END], y[V_END], p, y[A_END])
+    quintic(h, n, y[U], y[V], y[A], y[U_END], y[V_END], y[A_END], coefficients)
+
+
+def extension_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
+    """Write the dense output of a step of RK8 from the same state. The state at the end of the step is kept."""
+    copy_two(u_there, v_there, y[U_END], y[V_END], n)
+    TRIAL(f, t, h, h, p, n, y)
+    DENSE(f, t, h, p, n, y, coefficients)
+    copy_two(y[U_END], y[V_END], u_there, v_there, n)
+
+
+def started_scalar(f, t, u, v, h, p):
+    """Return the tuple of a method that starts at a state."""
+    start = u, v
+    return start + START(u, v, f(t, u, v, p), h)
+
+
+def started_without_past(f, t, u, v, h, p):
+    return u, v
+
+
+def start_anew(f, t, y, h, p, n, a):
+    """Write the past values of a method that starts at the state in its rows."""
+    f(t, y[0], y[1], p, a)
+    for j in range(n):
+        past = START(y[0][j], y[1][j], a[j], h)
+        for k in range(PAST):
+            y[2 + k][j] = past[k]
+
+
+def start_without_past(f, t, y, h, p, n, a):
+    pass
+
+
+def work_rows(order: int) -> int:
+    """Return the number of rows of `Watch.work` for a method of this order."""
+    return WORK + _pair_for(order).rows
+
+
+def _pair_for(order: int) -> Any:
+    """Return the formulas for the steps from a reset to the end of a step."""
+    return importlib.import_module(f"{METHODS}.{'rk5' if order <= 5 else 'rk8'}").variable
+
+
+def search_names(method: Formulas, order: int, form: Form) -> dict[str, Any]:
+    """Return the values of the names in capitals in the template of a kernel that searches its steps."""
+    start = {"START": element(method.start), "PAST": method.past}
+    if form is SCALAR:
+        started = {"STARTED": element(bound(started_scalar, start) if method.past else started_without_past)}
+    else:
+        started = {"START_ANEW": element(bound(start_anew, start) if method.past else start_without_past)}
+    return {**_search_names(_pair_for(order), form), **started}
+
+
+@functools.cache  # so that the kernels of all methods share the compiled search
+def _search_names(pair: Any, form: Form) -> dict[str, Any]:
+    watching = functions(form)
+    theirs = pair.functions(watching.accelerate)
+    has_extension = pair.dense_evaluations > 0
+    names = {
+        "PAIR_ROWS": pair.rows,
+        "PAIR_COST": 1 + pair.evaluations + pair.dense_evaluations,
+        "STEP_DENSE_COST": pair.evaluations + pair.dense_evaluations if has_extension else 1,
+        "TRIAL": outlined(theirs["trial"].py_func),
+        "DENSE": theirs["dense"],
+        "ACCELERATE": watching.accelerate,
+        "LOOK_WITHIN": watching.look_within,
+        "WRITE_TIME": watching.write_time,
+    }
+    names["STEP_DENSE"] = outlined(bound(extension_of_step if has_extension else quintic_of_step, names))
+    names["SEARCH"] = outlined(bound(search, names))
+    return names
