@@ -13,7 +13,7 @@ import numpy as np
 from eig3.methods import METHODS, CentralDifference, Method
 from eig3.problem import Problem
 from eig3.result.solution import Solution
-from eig3.run.integration import divide
+from eig3.run.fixed_run import divide
 
 from . import text
 from .article import FOOTNOTES, TABLES, Entry, Table, method_of

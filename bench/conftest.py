@@ -6,7 +6,7 @@ import pytest
 
 from eig3.bench.article_runs import error_of
 from eig3.bench.timing import Storage
-from eig3.run.integration import divide
+from eig3.run.fixed_run import divide
 
 
 def pytest_benchmark_update_machine_info(machine_info):

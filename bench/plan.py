@@ -13,7 +13,7 @@ import eig3
 from eig3.methods import LIBRARY, Method
 from eig3.planning.planner import EXTRAPOLATED, Plan, Prediction
 from eig3.problem import Problem
-from eig3.run.integration import divide
+from eig3.run.fixed_run import divide
 
 from . import text
 from .environment import in_words

@@ -15,7 +15,7 @@ import numpy as np
 from eig3.methods import METHODS, Method
 from eig3.problem import Problem
 from eig3.result.solution import Solution
-from eig3.run.integration import divide
+from eig3.run.fixed_run import divide
 from eig3.stability import limit
 
 from . import text

@@ -8,7 +8,7 @@ import numpy as np
 
 from eig3.problem import Problem
 from eig3.result.memory import available_memory
-from eig3.run.integration import divide
+from eig3.run.fixed_run import divide
 from eig3.stepping.stepper import Stepper
 
 from . import text

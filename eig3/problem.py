@@ -28,7 +28,6 @@ from .result.solution import Solution
 from .result.storage import Place
 from .run.integration import integrate
 from .run.loading import with_functions
-from .run.prepare import Prepared, prepare
 from .stepping.stepper import Stepper
 from .stepping.tolerances import Motion
 

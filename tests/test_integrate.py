@@ -17,7 +17,7 @@ import eig3
 from eig3 import integrate
 from eig3.result import memory
 from eig3.run import history
-from eig3.run.integration import divide
+from eig3.run.fixed_run import divide
 
 from .conftest import coupled, oscillator, oscillator_vector
 

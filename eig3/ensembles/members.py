@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..functions.callbacks import takes
 from ..functions.checks import check_h, check_resolution, check_span, reals
 from ..kernels.protocol import SCALAR, VECTOR, Form
-from ..run.integration import divide
+from ..run.fixed_run import divide
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import check_params, check_state
+from ..functions.guard import guarded
 from ..functions.quantities import Quantity, as_extremes
 from ..methods import Method
 from ..problem import Problem
 from ..result.solution import Solution, Status
 from ..stepping.stepper import Stepper
-from ..stepping.watched_stepper import WatchedStepper
+from ..stepping.system import System
 
 FEWEST = 61  # fewest steps of a run. A prime number: states at multiples of a period would hide an error of phase
 _STATES = 976  # most states at which two runs are compared, 16 times the fewest,
@@ -301,7 +302,7 @@ class Pilots:
 
         Each `every`-th state is kept. With `follow`, its energy is followed, and the last state of each piece is kept.
         """
-        stepper = self._stepper(method, h, n_steps)
+        stepper = self._stepper(method, h)
         if math.isnan(self._first_acceleration):
             self._first_acceleration = float(np.abs(self._motion(stepper.first_acceleration)).max())
         states = n_steps // every
@@ -346,14 +347,15 @@ class Pilots:
         u = max(u, np.abs(self._motion(self._u0)).max())
         return float(u) if v * self.span > _STILL * u else math.nan
 
-    def _stepper(self, method: Method, h: float, n_steps: int) -> Stepper:
+    def _stepper(self, method: Method, h: float) -> Stepper:
         """Return a stepper at the start, which follows the events that change the motion."""
         t0 = self.window[0]
         options: dict[str, Any] = {"h": h, "t0": t0, "params": self.problem.params, "method": method}
         if not self._events:
             return Stepper(self.problem.rhs, self._u0, self._v0, **options)
-        options |= {"t_end": t0 + n_steps * h, "events": self._events, "t_eval": None}
-        return WatchedStepper(self.problem.rhs, self._u0, self._v0, **options)
+        u, v, form = check_state(self._u0, self._v0)
+        system = System(self.problem.rhs, form, method, events=self._events)
+        return Stepper.of(system, t0, h, u, v, guarded(check_params(self.problem.params)))
 
     def _solve(
         self, method: Method, rtol: float, most: int, *, follow: bool = False, every: int | None = None

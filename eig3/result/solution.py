@@ -492,7 +492,11 @@ class Solution:
 
     def __getstate__(self) -> dict[str, Any]:
         # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
-        state = {**self._fields(), **dict.fromkeys(TRANSIENT), "_resume": None if callable(self._resume) else self._resume}
+        state = {
+            **self._fields(),
+            **dict.fromkeys(TRANSIENT),
+            "_resume": None if callable(self._resume) else self._resume,
+        }
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
             state |= {"_a": self.a, "_a_jumps": self._a_jumps}
         return state

@@ -70,7 +70,13 @@ def _is_state(x: Any, has_steps: bool) -> bool:
     if not (isinstance(x, dict) and (set(x) == _GOES_ON_FIXED or (has_steps and set(x) == _GOES_ON_VARIABLE))):
         return False
     has_flags = isinstance(x["inline"], bool) and isinstance(x["has_jacobian"], bool)
-    return has_flags and isinstance(x["start"], tuple) and len(x["start"]) == 2 and _is_number(x["t0"]) and _is_number(x["t_end"])
+    return (
+        has_flags
+        and isinstance(x["start"], tuple)
+        and len(x["start"]) == 2
+        and _is_number(x["t0"])
+        and _is_number(x["t_end"])
+    )
 
 
 def _is_array(x: Any) -> bool:

@@ -156,7 +156,6 @@ def integrate(
     NUMBA_BOUNDSCHECK is 1 when Python starts. They then raise an IndexError.
     """
 
-
     def begin() -> Run:
         prepared = Prepared(
             rhs,

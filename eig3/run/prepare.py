@@ -170,7 +170,9 @@ class Prepared:
         times = None if self._t_eval is None else check_times(self._t_eval, *span)
         p = guarded(check_params(params))
         if self._h is None:
-            stepper = VariableStepper(system, span, u, v, p, self._tolerances_for(1 if form is SCALAR else u.size), times)
+            stepper = VariableStepper(
+                system, span, u, v, p, self._tolerances_for(1 if form is SCALAR else u.size), times
+            )
             every = NEVER if self._save_every is None else self._save_every
             return VariableRun.at_start(stepper, every, times, place, progress)
         t0, t1 = span
@@ -240,4 +242,3 @@ def _refuse(given: dict[str, Any]) -> None:
             raise ValueError(
                 f"h and {name} exclude each other: give h for a fixed step, or rtol for tolerances ({what})."
             )
-

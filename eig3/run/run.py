@@ -123,9 +123,7 @@ class Run:
         """Return the run of a loaded solution, which stands at its end; the names of its functions are right."""
         raise NotImplementedError
 
-    def extended(
-        self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any
-    ) -> Run:
+    def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> Run:
         """Return an independent run to a later end, which stands where this one ended."""
         raise NotImplementedError
 

@@ -75,9 +75,7 @@ class VariableRun(Run):
         run.saved_outputs = solution.outputs
         return run
 
-    def extended(
-        self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any
-    ) -> VariableRun:
+    def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> VariableRun:
         """Return an independent run to a later end, with the numbers of one run over the whole span."""
         check_progress(progress)
         t_end = check_time(t_end, "t_end")
@@ -263,4 +261,3 @@ def _history(stepper: VariableStepper, times: np.ndarray | None, place: Place | 
     directory = place.directory if place else None
     shapes = stepper.system.functions.shapes
     return History(state, shapes, rows, directory, has_times=times is None, has_steps=True)
-

@@ -12,11 +12,9 @@ from ..functions.checks import reals
 from ..functions.extremes import Extremes
 from ..functions.guard import CELLS, are_untouched
 from ..functions.quantities import Functions, Quantity
-from ..kernels.loops.quantity import HIGH, LOW, T_HIGH, T_LOW
-from ..kernels.protocol import PART, PART_END, PARTS, Follow, Form, Within
+from ..kernels.protocol import COLUMN, HIGH, OUT, PART, PART_END, PARTS, ROWS, T_HIGH, T_LOW, Follow, Form, Within
 from .samples import within_steps
 
-_ADDRESS, _WIDTH, _COLUMN, _OUT, _ROWS, _WORK = range(6)  # the columns of `Follow.table`
 _FEWEST = 8  # parts of a run in which an invariant must grow, before its growth is steady
 _NOTABLE = 1e-6  # least growth over the run that is noted, relative to the invariant
 # The same of an energy less the work, relative to the larger of both. The errors of the work add up in a stable run
@@ -139,7 +137,7 @@ class Follower:
         """Raise a ValueError if a function has written beyond its values."""
         begin = 0
         for k, quantity in enumerate(self.followed.quantities):
-            end = int(self.followed.table[k, _OUT])
+            end = int(self.followed.table[k, OUT])
             if quantity.shape and not (
                 are_untouched(self.out[begin:end]) and are_untouched(self.out[end + quantity.width :][:CELLS])
             ):
@@ -149,17 +147,15 @@ class Follower:
     def save_in(self, rows: Mapping[str, np.ndarray]) -> None:
         """Let the kernel write the values of outputs in saved states to these arrays, of shape (rows, width)."""
         for name, array in rows.items():
-            self.table[self.followed.outputs[name], _ROWS] = array.__array_interface__["data"][0]
+            self.table[self.followed.outputs[name], ROWS] = array.__array_interface__["data"][0]
 
     def forget_rows(self) -> None:
         """Let the kernel write the values of outputs nowhere."""
-        self.table[:, _ROWS] = 0
+        self.table[:, ROWS] = 0
 
     def record(self) -> Follow:
         """The arguments of the kernel."""
-        return Follow(
-            self.table, self.out, self.widest, self.steps, self.parts, self.forward, self.most
-        )
+        return Follow(self.table, self.out, self.widest, self.steps, self.parts, self.forward, self.most)
 
     def fork(self) -> Follower:
         """Return an independent copy, which saves no values."""
@@ -177,11 +173,11 @@ class Follower:
 
     def values(self, k: int) -> np.ndarray:
         """The values of a quantity in the latest state, shape (width,)."""
-        begin = int(self.followed.table[k, _OUT])
+        begin = int(self.followed.table[k, OUT])
         return self.out[begin : begin + self.followed.quantities[k].width]
 
     def _columns(self, k: int) -> slice:
-        begin = int(self.followed.table[k, _COLUMN])
+        begin = int(self.followed.table[k, COLUMN])
         return slice(begin, begin + self.followed.quantities[k].width)
 
     def extremes(self, tally: np.ndarray) -> dict[str, Extremes]:
@@ -227,7 +223,13 @@ class Follower:
         n_finite = int(np.argmin(np.append(np.isfinite(middle), False)))  # number of parts before e overflows
         steady = (np.diff(middle[:n_finite]) > 0).all()
         turns = (forward[1:] != forward[:-1]).sum(axis=0)
-        if n_finite < _FEWEST / 2 or len(middle) < _FEWEST or not steady or turns.max() < 2 or np.isnan(self.steps[:, column]).any():
+        if (
+            n_finite < _FEWEST / 2
+            or len(middle) < _FEWEST
+            or not steady
+            or turns.max() < 2
+            or np.isnan(self.steps[:, column]).any()
+        ):
             return 0.0
         if n_finite < len(middle):
             return math.inf
@@ -255,4 +257,4 @@ class Follower:
         return low, high, forward
 
     def _column(self, k: int) -> int:
-        return int(self.followed.table[k, _COLUMN])
+        return int(self.followed.table[k, COLUMN])

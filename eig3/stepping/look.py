@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.protocol import EVENT_VALUES, EVENTS, PART_END
+from ..kernels.protocol import EVENT_VALUES, EVENTS, PART_END, LookWithin
 from ..kernels.protocol import Look as Arguments
 from .follower import Follower
 from .system import System
@@ -31,7 +31,7 @@ class Look:
     ----------
     watching : Watching
     follower : Follower
-    arguments : Look of `eig3.kernels.protocol`
+    arguments : Look or LookWithin of `eig3.kernels.protocol`
         What the kernel gets.
     """
 
@@ -42,8 +42,8 @@ class Look:
 
     def renew(self) -> None:
         """Take other arrays for rows, or for wanted times, into the arguments of the kernel."""
-        follower = self.follower
-        self.arguments = Arguments(self.watching.watch, follower.record(), follower.within)
+        watch, follow, within = self.watching.watch, self.follower.record(), self.follower.within
+        self.arguments = Arguments(watch, follow) if within is None else LookWithin(watch, follow, within)
 
     def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
         """Look at the start."""

@@ -32,7 +32,6 @@ from ..kernels.protocol import (
 from ..methods import Method
 from ..result.memory import aligned
 from .look import Look, tally_of
-from .slices import Slices
 from .system import Kernel, System
 from .watching import not_a_number
 
@@ -416,5 +415,3 @@ class Alone:
 
     def __exit__(self, *error: object) -> None:
         self._lock.release()
-
-

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..functions.inlining import inlined
 from ..kernels.loops import variable
-from ..kernels.loops.fixed import METHODS, STACKED_DEGREES
+from ..kernels.loops.fixed import STACKED_DEGREES
+from ..kernels.loops.formulas import METHODS
 from ..kernels.loops.pair import U_MOST, A, U, V
 from ..kernels.loops.variable import WORK, least_size
 from ..kernels.protocol import (
@@ -71,7 +72,7 @@ class VariableStepper(March):
         a = self._begin(system, t0, u, v, params, times)
         self._state[U], self._state[V], self._state[A] = u, v, a
         self._tally[ERROR], self._tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
-        if self.look and system.followed.quantities:
+        if self.look:
             self.look.follow_within(self._kernel.formulas.order, tolerances.rtol)
         self._slices, self._may_shorten = Slices(self.pace), False
 
@@ -182,4 +183,3 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
 
 def _inline(module: str, form: Any, n: int, looks: bool, rhs: Any, jacobian: None, quantities: tuple) -> Any:
     return variable.inline_kernel(module, form, n, rhs, looks=looks, quantities=quantities)
-
