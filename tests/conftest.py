@@ -13,8 +13,7 @@ import pytest
 
 import eig3
 from eig3.kernels.loops.accelerations import acceleration_kernel
-from eig3.kernels.loops.fixed import pointer_kernel
-from eig3.kernels.loops.quantity import extent_kernel
+from eig3.kernels.loops import fixed
 from eig3.kernels.protocol import SCALAR, VECTOR
 
 ROOT = Path(__file__).parent.parent
@@ -44,20 +43,20 @@ ALL_METHODS = [
 WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity="none")]
 
 
+FORMS = (SCALAR, 1), (VECTOR, 3), (VECTOR, 2)
+
+
 def compile_kernels(shift=0.0):
     """Compile every kernel of the library in pointer mode, or load it from disk, from a part of the list onwards."""
-    formulas = dict.fromkeys(method.formulas for method in ALL_METHODS + WITHOUT_VELOCITY)
-    newton = eig3.CentralDifference(solver="newton").formulas
-    kernels = [(each, form) for each in formulas for form in (SCALAR, VECTOR)]
-    kernels += [(newton, form, True) for form in (SCALAR, VECTOR)]
-    kernels += [(each, VECTOR, False, True) for each in formulas]  # those for two degrees of freedom
+    methods = {method.formulas: method for method in ALL_METHODS + WITHOUT_VELOCITY}
+    newton = eig3.CentralDifference(solver="newton")
+    kernels = [(formulas, method.order, form, n) for formulas, method in methods.items() for form, n in FORMS]
+    kernels += [(newton.formulas, newton.order, form, n, True) for form, n in FORMS[:2]]
     first = round(shift * len(kernels))
-    for kernel in kernels[first:] + kernels[:first]:
-        pointer_kernel(*kernel)
+    for formulas, order, form, n, *takes_jacobian in kernels[first:] + kernels[:first]:
+        fixed.kernel(formulas, order, form, n, looks=False, takes_jacobian=bool(takes_jacobian))
     for form in (SCALAR, VECTOR):
         acceleration_kernel(form)
-        extent_kernel(form, writes=False)
-        extent_kernel(form, writes=True)
 
 
 def pytest_sessionstart(session):

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
+from ..functions.checks import check_state
 from ..functions.events import Event
-from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
@@ -157,9 +156,10 @@ def integrate(
     """
 
     def begin() -> Run:
+        u, v, form = check_state(u0, v0)
         prepared = Prepared(
             rhs,
-            SCALAR if np.ndim(u0) == 0 else VECTOR,
+            form,
             h=h,
             rtol=rtol,
             atol=atol,
@@ -174,6 +174,6 @@ def integrate(
             max_steps=max_steps,
             inline=inline,
         )
-        return prepared.begin(t_span, u0, v0, params, progress, save_to)
+        return prepared.begin(t_span, u, v, params, progress, save_to)
 
     return carry_out(begin, cancel, raise_on_failure)

@@ -198,6 +198,8 @@ class Run:
                 history.row = int(stepper._tally[NEXT])
             self._judge(first)
             stepper = self.stepper
+            if stepper.look:
+                stepper.look.follower.check()
             if stepper.form is VECTOR and (stepper.index - self._looked_at >= _LEAST_STEPS or self.is_done):
                 self._check_written()
             if bar:
@@ -215,8 +217,6 @@ class Run:
         once more now and then.
         """
         stepper = self.stepper
-        if stepper.look:
-            stepper.look.follower.check()
         self._looked_at, t = stepper.index, stepper.t - stepper.h
         j = stepper.find_unwritten(t)
         if j is not None:

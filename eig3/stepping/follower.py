@@ -34,6 +34,8 @@ class Followed:
         The number of each quantity, by its name.
     work : list of int
         For each quantity, the degree of freedom whose velocity is the work that it takes away, or -1.
+    writing : list of int
+        The numbers of the quantities that write their values.
     columns : int
         The number of values of all quantities.
     """
@@ -48,6 +50,7 @@ class Followed:
         for name, k in self.invariants.items():
             work = functions.work_in(name)
             self.work[k] = -1 if work is None else work
+        self.writing = [k for k, quantity in enumerate(self.quantities) if quantity.shape]
         self.table = np.zeros((len(self.quantities), 6), dtype=np.int64)
         self.columns, size = 0, CELLS
         for k, quantity in enumerate(self.quantities):
@@ -135,14 +138,11 @@ class Follower:
 
     def check(self) -> None:
         """Raise a ValueError if a function has written beyond its values."""
-        begin = 0
-        for k, quantity in enumerate(self.followed.quantities):
-            end = int(self.followed.table[k, OUT])
-            if quantity.shape and not (
-                are_untouched(self.out[begin:end]) and are_untouched(self.out[end + quantity.width :][:CELLS])
-            ):
+        for k in self.followed.writing:
+            quantity, begin = self.followed.quantities[k], int(self.followed.table[k, OUT])
+            end = begin + quantity.width
+            if not (are_untouched(self.out[begin - CELLS : begin]) and are_untouched(self.out[end : end + CELLS])):
                 raise quantity.written_beyond()
-            begin = end + quantity.width
 
     def save_in(self, rows: Mapping[str, np.ndarray]) -> None:
         """Let the kernel write the values of outputs in saved states to these arrays, of shape (rows, width)."""
@@ -180,7 +180,7 @@ class Follower:
         begin = int(self.followed.table[k, COLUMN])
         return slice(begin, begin + self.followed.quantities[k].width)
 
-    def extremes(self, tally: np.ndarray) -> dict[str, Extremes]:
+    def extremes(self) -> dict[str, Extremes]:
         """The extremes of each invariant and output so far."""
         result = {}
         for name, k in (*self.followed.invariants.items(), *self.followed.outputs.items()):
@@ -198,10 +198,9 @@ class Follower:
         return result
 
     def growth(self, name: str, tally: np.ndarray, index: int) -> float:
-        """The growth of an invariant e over the run, relative to e; 0.0 if e did not grow steadily, infinity if e
-        overflowed.
+        """The growth of an invariant e over the run, relative to e.
 
-        The growth of an energy less the work is relative to the larger of the two, of which it is the difference.
+        It is 0.0 if e did not grow steadily, and infinite if e overflowed. The growth of an energy less the work is relative to the larger of the two, of which it is the difference.
 
         The growth counts as steady if e grows from each of the last parts of the run to the next. Each part is a fifth
         longer than all before it together... It is 0.0 if no velocity has changed its sign at least twice from one end
