@@ -290,6 +290,32 @@ def function_at(signature: Any) -> Any:
 
 
 @intrinsic
+def address_of(typingctx, record):
+    """``address_of(record)`` returns the address of a copy of a record, which is valid until the kernel returns.
+
+    A function that is not inlined gets a record by its address: it would be passed as some hundred numbers otherwise.
+    """
+
+    def codegen(context, builder, signature, args):
+        return builder.ptrtoint(cgutils.alloca_once_value(builder, args[0]), context.get_value_type(int64))
+
+    return int64(record), codegen
+
+
+def record_at(kind: Any) -> Any:
+    """Return a compiled ``record(address)`` for a record of some type."""
+
+    @intrinsic
+    def record(typingctx, address):
+        def codegen(context, builder, signature, args):
+            return builder.load(builder.inttoptr(args[0], context.get_value_type(kind).as_pointer()))
+
+        return kind(int64), codegen
+
+    return record
+
+
+@intrinsic
 def store_at(typingctx, address, index, value):
     """``store_at(address, index, value)`` writes a float to an index of the array at an address."""
 
@@ -391,3 +417,7 @@ def _array(context: Any, builder: Any, data: Any, n: Any) -> Any:
     stride = context.get_constant(types.intp, 8)
     arrayobj.populate_array(array, data=data, shape=[n], strides=[stride], itemsize=stride, meminfo=None)
     return array._getvalue()
+
+
+#: ``look_at(address)`` returns the `Look` at an address, and also the beginning of a `LookWithin`.
+look_at, look_within_at = record_at(LOOK), record_at(LOOK_WITHIN)

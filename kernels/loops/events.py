@@ -31,6 +31,7 @@ from ..protocol import (
     ZENO,
     Form,
     function_at,
+    look_at,
 )
 from . import follow
 from .dense import COEFFICIENTS, evaluate
@@ -63,15 +64,15 @@ def is_quiet(watch, tally, t, u, v, p):
     return True
 
 
-def look_within(look, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u, v, p):
+def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u, v, p):
     """Process the events of a step in their order, up to the first that resets the state or ends the run.
 
-    The run began at t0. `coefficients` are the dense output of the step from t to t_end, and u_end and v_end the state at its end. Return
-    the outcome, and the fraction s of the step and the time at which it ends: the compiler may round t + s h in two
-    ways if it is computed twice. If the outcome is not PASSED, u and v are changed to the state there. They are scratch
-    otherwise.
+    The look is at the address `place`, and the run began at t0. `coefficients` are the dense output of the step from t
+    to t_end, and u_end and v_end the state at its end. Return the outcome, and the fraction s of the step and the time
+    at which it ends: the compiler may round t + s h in two ways if it is computed twice. If the outcome is not PASSED,
+    u and v are changed to the state there. They are scratch otherwise.
     """
-    watch = look.watch
+    watch = look_at(place).watch
     count, search = len(watch.events), watch.search
     tolerance = 2 * EPSILON * max(abs(t), abs(t_end)) / h
     for k in range(count):
@@ -120,7 +121,7 @@ def look_within(look, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u, 
                     u[j], v[j] = u_end[j], v_end[j]
             for other in range(count):
                 search[_HERE, other] = EVENT(watch.events[other, _G], stop, u, v, p)
-        outcome = max(outcome, TAKE(look, tally, k, t0, stop, n, u, v, p))
+        outcome = max(outcome, TAKE(place, tally, k, t0, stop, n, u, v, p))
         search[_DUE, k] = _NEVER
     if outcome == PASSED:
         for k in range(count):
@@ -277,12 +278,12 @@ def round_off(address, t, n, coefficients, g, u, v, p):
     return most
 
 
-def take(look, tally, k, t0, t, n, u, v, p):
+def take(place, tally, k, t0, t, n, u, v, p):
     """Write an occurrence of the event k to the log, apply its reset to u and v, and return the outcome.
 
     The quantities are followed in the state before and in the state after the reset.
     """
-    watch, part = look.watch, int(tally[PART]) % PARTS
+    watch, part = look_at(place).watch, int(tally[PART]) % PARTS
     row, address = watch.log[int(tally[LOGGED])], watch.events[k, _APPLY]
     mine = EVENTS + EVENT_VALUES * k
     tally[LOGGED] += 1
@@ -290,7 +291,7 @@ def take(look, tally, k, t0, t, n, u, v, p):
     outcome = PASSED
     for j in range(n):
         row[2 + j], row[2 + n + j] = u[j], v[j]
-    FOLLOW(look.follow, part, t, u, v, p)
+    FOLLOW(place, part, t, u, v, p)
     if address != 0:
         APPLY(address, t, u, v, p)
         tally[mine + _FREE] = 0.0
@@ -301,10 +302,11 @@ def take(look, tally, k, t0, t, n, u, v, p):
                 v[j] - v[j] != 0 and row[2 + n + j] - row[2 + n + j] == 0
             ):
                 outcome = NOT_FINITE
+        if outcome == PASSED:
+            FOLLOW(place, part, t, u, v, p)
         tally[GAP] = t - tally[mine + _LAST]
         tally[mine + _LAST] = t
         outcome = max(outcome, RESET if tally[GAP] > _LEAST_GAP * max(abs(t), abs(t0)) else ZENO)
-        FOLLOW(look.follow, part, t, u, v, p)
     for j in range(n):
         row[2 + 2 * n + j], row[2 + 3 * n + j] = u[j], v[j]
     if watch.events[k, _IS_TERMINAL] != 0:
@@ -314,9 +316,10 @@ def take(look, tally, k, t0, t, n, u, v, p):
     return outcome
 
 
-def write_time(look, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
+def write_time(place, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
     """Write the state at the next of `watch.times`, and the values of the quantities there."""
-    watch, row = look.watch, int(tally[NEXT])
+    look, row = look_at(place), int(tally[NEXT])
+    watch = look.watch
     u, v = watch.u_rows[row], watch.v_rows[row]
     if watch.times[row] == t_end:
         for j in range(n):
@@ -329,8 +332,9 @@ def write_time(look, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
     tally[NEXT] += 1
 
 
-def followed(quantities, part, t, u, v, p):
+def followed(place, part, t, u, v, p):
     """Evaluate the quantities in a state, and widen their extremes."""
+    quantities = look_at(place).follow
     EVALUATE(quantities, t, u, v, p)
     WIDEN(quantities, part, t, v)
 

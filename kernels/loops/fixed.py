@@ -38,6 +38,7 @@ from ..protocol import (
     WITHIN,
     Form,
     Work,
+    address_of,
     copy_rows,
     floats,
     function_at,
@@ -65,6 +66,8 @@ def scalar(callbacks, state, settings, tally, steps, look):
     f, p = RHS(callbacks), steps.p
     c = CONSTANTS(settings, steps.h, Work(tally, None, JACOBIAN(callbacks)))
     y, i, row, last, ended = floats(state, VALUES), steps.first, steps.row, steps.first + steps.count, GOING
+    if LOOKS > 0:
+        place = address_of(look)
     while i < last and ended == GOING:
         first, begun, end, found = i, START_STEPS, last, THROUGH
         if LOOKS > 0:
@@ -89,7 +92,7 @@ def scalar(callbacks, state, settings, tally, steps, look):
             t = steps.t0 + i * steps.h
             if tally[WITHIN] == 0:
                 pair[U][0], pair[V][0], pair[U_END][0], pair[V_END][0] = u, v, y[0], y[1]
-            outcome = SEARCH(f, look, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, 1, p)
+            outcome = SEARCH(f, place, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, 1, p)
             if outcome != PASSED:
                 t = tally[TIME] if outcome > RESET else t
                 y = STARTED(f, t, pair[U_END][0], pair[V_END][0], steps.h, p)
@@ -123,6 +126,8 @@ def vector(callbacks, state, settings, tally, steps, look):
     if STACKED > 0:
         y = stack_rows(N, OWN_ROWS)
         copy_rows(y, kept, N)
+    if LOOKS > 0:
+        place = address_of(look)
     while i < last and ended == GOING:
         first, begun, end, found = i, START_STEPS, last, THROUGH
         if LOOKS > 0:
@@ -150,7 +155,7 @@ def vector(callbacks, state, settings, tally, steps, look):
             t = steps.t0 + i * steps.h
             if tally[WITHIN] == 0:
                 copy_two(pair[U_END], pair[V_END], y[0], y[1], n)
-            outcome = SEARCH(f, look, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, n, p)
+            outcome = SEARCH(f, place, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, n, p)
             if outcome != PASSED:
                 t = tally[TIME] if outcome > RESET else t
                 copy_two(y[0], y[1], pair[U_END], pair[V_END], n)

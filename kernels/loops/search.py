@@ -27,6 +27,7 @@ from ..protocol import (
     TIME,
     WITHIN,
     Form,
+    look_at,
     rows,
 )
 from .dense import quintic
@@ -36,13 +37,14 @@ from .march import copy_two
 from .pair import A_END, U_END, V_END, A, U, V
 
 
-def search(f, look, tally, t0, t, t_grid, n, p):
+def search(f, place, tally, t0, t, t_grid, n, p):
     """Search the step from t to `t_grid`, whose two states are in rows of `watch.work`, and return the outcome.
 
     After a reset, the state at the end of the step is that at `t_grid`, or that of the event which ends the run. If the
-    log is full after some resets, FULL is returned, and the next call goes on from the last of them. The run began at t0.
+    log is full after some resets, FULL is returned, and the next call goes on from the last of them.
+    The look is at the address `place`, and the run began at t0.
     """
-    watch = look.watch
+    watch = look_at(place).watch
     y = rows(watch.work[WORK:], PAIR_ROWS)
     u, v, a, u_end, v_end = y[U], y[V], y[A], y[U_END], y[V_END]
     u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
@@ -63,13 +65,13 @@ def search(f, look, tally, t0, t, t_grid, n, p):
             copy_two(u_end, v_end, u, v, n)
             tally[TIME], tally[WITHIN] = t, 1
             return FULL
-        outcome, _, stop = LOOK_WITHIN(look, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
+        outcome, _, stop = LOOK_WITHIN(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
         if outcome in (NOT_A_NUMBER, RESTING):
             copy_two(u_end, v_end, u, v, n)
             tally[TIME] = t
             return outcome
         while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= stop:
-            WRITE_TIME(look, tally, t, h, t_end, n, coefficients, u_end, v_end, p)
+            WRITE_TIME(place, tally, t, h, t_end, n, coefficients, u_end, v_end, p)
         if outcome > RESET or (outcome == RESET and stop >= t_grid):
             copy_two(u_end, v_end, u_there, v_there, n)
             tally[TIME] = stop

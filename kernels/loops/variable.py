@@ -49,6 +49,7 @@ from ..protocol import (
     V_SIZE,
     ZENO,
     Form,
+    address_of,
     copy_rows,
     function_at,
     matrix_type,
@@ -91,7 +92,7 @@ def variable(callbacks, state, settings, tally, span, look):
     u, v, u_end, v_end = y[U], y[V], y[U_END], y[V_END]
     has_rows = len(span.t_rows) > 0
     if LOOKS > 0:
-        watch, follow = look.watch, look.follow
+        place, watch, follow = address_of(look), look.watch, look.follow
         u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
         has_events, has_times, follows = len(watch.events) > 0, len(watch.times) > 0, len(follow.table) > 0
     share = least_size(span.rtol)
@@ -148,7 +149,7 @@ def variable(callbacks, state, settings, tally, span, look):
             DENSE(f, t, step, p, n, y, coefficients)
             is_known = True
             outcome, s, t_stop = SEARCH(
-                look, tally, span.t0, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
+                place, tally, span.t0, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
             )
             if outcome in (NOT_A_NUMBER, RESTING):
                 taken, ended = taken - 1, outcome
@@ -160,7 +161,7 @@ def variable(callbacks, state, settings, tally, span, look):
                     if not is_known:
                         DENSE(f, t, step, p, n, y, coefficients)
                         is_known = True
-                    WRITE_TIME(look, tally, t, step, t_end, n, coefficients, u_end, v_end, p)
+                    WRITE_TIME(place, tally, t, step, t_end, n, coefficients, u_end, v_end, p)
             if follows and not is_known:
                 DENSE(f, t, step, p, n, y, coefficients)
                 is_known = True
@@ -172,7 +173,7 @@ def variable(callbacks, state, settings, tally, span, look):
                 part = int(tally[PART]) % PARTS
                 EVALUATE(follow, t_stop, u_end, v_end, p)
                 if t_stop > t:
-                    FOLLOW_WITHIN(follow, look.within, t_stop, s * step, s, n, p, coefficients)
+                    FOLLOW_WITHIN(place, t_stop, s * step, s, n, p)
         if LOOKS > 0 and outcome != PASSED:
             if has_rows and span.every == 1 and s > 0:  # the state at the start is a row already
                 write_row(span, row, t_stop, s * step, n, u_end, v_end)

@@ -13,7 +13,7 @@ import functools
 from typing import Any
 
 from ..compile.jit import bound, element, outlined
-from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form
+from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form, look_within_at
 from .dense import evaluate, write_up_to
 from .follow import functions, widen
 
@@ -25,11 +25,14 @@ _CELLS = 2  # parts of the step between two points in which the slope of the pol
 _CLOSE = 1e-9  # error of the place of an extreme of the polynomial, relative to the step
 
 
-def follow_within(follow, within, t_end, h, s, n, p, coefficients):
+def follow_within(place, t_end, h, s, n, p):
     """Widen the extremes by those within a step of the length h to t_end, and by the values at its end.
 
-    The step is the part up to s of that of the dense output. The values at its end are in `follow.out`, and stay there.
+    The look is at the address `place`. The step is the part up to s of that of the dense output, in `watch.work`. The
+    values at its end are in `follow.out`, and stay there.
     """
+    look = look_within_at(place)
+    follow, within, coefficients = look.follow, look.within, look.watch.work[2:]
     samples, times, last = within.samples, within.times, len(within.points) - 1
     half, dense = last // 2, coefficients
     if s < 1.0:
@@ -38,24 +41,24 @@ def follow_within(follow, within, t_end, h, s, n, p, coefficients):
     times[last] = t_end
     for k in range(len(follow.table)):
         keep_sample(follow, within, k, last)
-    samples[0] = within.before
+    for j in range(len(within.before)):
+        samples[0, j], within.before[j] = within.before[j], samples[last, j]
     for k in range(len(follow.table)):
-        SAMPLE(follow, within, k, t_end, h, dense, within.points[half], n, p, half)
-        widen_by(follow, within, k, half)
-        widen_by(follow, within, k, last)
-        if may_go_beyond(follow, within, k, half):
+        SAMPLE(place, k, t_end, h, dense, within.points[half], n, p, half)
+        widen_by(place, k, half)
+        widen_by(place, k, last)
+        if may_go_beyond(place, k, half):
             for m in range(1, last):
                 if m != half:
-                    SAMPLE(follow, within, k, t_end, h, dense, within.points[m], n, p, m)
+                    SAMPLE(place, k, t_end, h, dense, within.points[m], n, p, m)
             for m in range(1, last):
-                widen_by(follow, within, k, m)
+                widen_by(place, k, m)
             first = follow.table[k, COLUMN]
             for j in range(first, first + max(follow.table[k, WIDTH], 1)):
-                REFINE(follow, within, k, j, t_end, h, dense, n, p)
+                REFINE(place, k, j, t_end, h, dense, n, p)
     for k in range(len(follow.table)):
         for j in range(max(follow.table[k, WIDTH], 1)):
             follow.out[follow.table[k, OUT] + j] = samples[last, follow.table[k, COLUMN] + j]
-    within.before[:] = samples[last]
 
 
 def follow_end(follow, within):
@@ -73,8 +76,10 @@ def keep_sample(follow, within, k, m):
 
 
 @outlined
-def may_go_beyond(follow, within, k, half):
+def may_go_beyond(place, k, half):
     """Return whether a value may go beyond its extremes between the start, the middle and the end."""
+    look = look_within_at(place)
+    follow, within = look.follow, look.within
     samples, first = within.samples, follow.table[k, COLUMN]
     for j in range(first, first + max(follow.table[k, WIDTH], 1)):
         a, b, c = samples[0, j], samples[half, j], samples[2 * half, j]
@@ -91,15 +96,19 @@ def is_candidate(lowest, highest, beyond, floor, ends, j):
 
 
 @outlined
-def widen_by(follow, within, k, m):
+def widen_by(place, k, m):
     """Widen the extremes of the quantity k by the row m of the samples."""
+    look = look_within_at(place)
+    follow, within = look.follow, look.within
     first = follow.table[k, COLUMN]
     for j in range(first, first + max(follow.table[k, WIDTH], 1)):
         widen(follow.extremes, j, within.samples[m, j], within.times[m])
 
 
-def sample(follow, within, k, t_end, h, dense, s, n, p, m):
+def sample(place, k, t_end, h, dense, s, n, p, m):
     """Evaluate the quantity k after the fraction s of a step, into the row m of the samples."""
+    look = look_within_at(place)
+    follow, within = look.follow, look.within
     u, v = within.state[0], within.state[1]
     evaluate(dense, s, n, u, v)
     within.times[m] = t_end - (1 - s) * h
@@ -107,8 +116,10 @@ def sample(follow, within, k, t_end, h, dense, s, n, p, m):
     keep_sample(follow, within, k, m)
 
 
-def refine(follow, within, k, j, t_end, h, dense, n, p):
+def refine(place, k, j, t_end, h, dense, n, p):
     """Widen the extremes by the values where the polynomial of the value j has extremes beyond those so far."""
+    look = look_within_at(place)
+    follow, within = look.follow, look.within
     fit, samples, c, ends = within.fit, within.samples, within.c, follow.extremes
     count, extra = len(fit), len(fit)
     lowest = highest = samples[0, j]
@@ -133,8 +144,8 @@ def refine(follow, within, k, j, t_end, h, dense, n, p):
                 value = value * x + c[i]
             value += samples[0, j]
             if value > ends[HIGH, j] or value < ends[LOW, j]:
-                SAMPLE(follow, within, k, t_end, h, dense, (1 + x) / 2, n, p, extra)
-                widen_by(follow, within, k, extra)
+                SAMPLE(place, k, t_end, h, dense, (1 + x) / 2, n, p, extra)
+                widen_by(place, k, extra)
 
 
 @element
