@@ -14,12 +14,15 @@ from ..kernels.protocol import SCALAR, VECTOR, Form
 from ..methods import METHODS, Method, named, nearest, shown
 
 _NEVER_REACHED = 2**62
+_PLAIN = float, int
 
 
 def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
     """Return u0 and v0 as two floats or two new arrays, and the form of right-hand side that belongs to them."""
     if type(u0) is float and type(v0) is float and math.isfinite(u0) and math.isfinite(v0):
         return u0, v0, SCALAR
+    if _are_rows(u0, v0) and math.isfinite(np.add.reduce(u0)) and math.isfinite(np.add.reduce(v0)):
+        return u0.copy(), v0.copy(), VECTOR  # type: ignore[union-attr]
     u, v = reals(u0, "u0"), reals(v0, "v0")
     if u.ndim > 1:
         raise ValueError(f"u0 must be a number or a 1-D array, not an array of shape {u.shape}.")
@@ -33,9 +36,21 @@ def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
     return (float(u), float(v), SCALAR) if u.ndim == 0 else (u, v, VECTOR)
 
 
+def _are_rows(u0: Any, v0: Any) -> bool:
+    """Return whether u0 and v0 need no conversion."""
+    return (
+        type(u0) is np.ndarray
+        and type(v0) is np.ndarray
+        and u0.dtype == v0.dtype == np.float64
+        and u0.ndim == v0.ndim == 1
+        and 0 < len(u0) == len(v0)
+    )
+
+
 def check_params(params: ArrayLike) -> np.ndarray:
     """Return the parameters as a new 1-D array of float64."""
-    p = np.atleast_1d(reals(params, "params"))
+    p = reals(params, "params")
+    p = p if p.ndim else p.reshape(1)
     if p.ndim > 1:
         raise ValueError(f"params must be a number or a 1-D sequence, not an array of shape {p.shape}.")
     return p
@@ -43,10 +58,13 @@ def check_params(params: ArrayLike) -> np.ndarray:
 
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     """Return the first and the last time of the span as floats."""
-    ends = reals(t_span, "t_span")
-    if ends.shape != (2,):
-        raise ValueError(f"t_span must be the two times (t0, t1), not {shown(t_span)}.")
-    t0, t1 = ends.tolist()
+    if type(t_span) is tuple and len(t_span) == 2 and type(t_span[0]) in _PLAIN and type(t_span[1]) in _PLAIN:
+        t0, t1 = float(t_span[0]), float(t_span[1])
+    else:
+        ends = reals(t_span, "t_span")
+        if ends.shape != (2,):
+            raise ValueError(f"t_span must be the two times (t0, t1), not {shown(t_span)}.")
+        t0, t1 = ends.tolist()
     if not (math.isfinite(t0) and math.isfinite(t1)):
         raise ValueError(f"t_span must be finite, not ({t0}, {t1}).")
     if not t1 > t0:
@@ -154,7 +172,7 @@ def reals(value: Any, name: str) -> np.ndarray:
     """Return a new C-contiguous array of float64; `name` is the name of the argument in errors."""
     try:
         array = np.asarray(value)
-        if array.dtype.kind not in "buif" or np.ma.is_masked(value):
+        if array.dtype.kind not in "buif" or (isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)):
             raise TypeError
         return np.array(array, dtype=np.float64, order="C")
     except (TypeError, ValueError):

@@ -62,9 +62,14 @@ def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
     ValueError
         If rhs writes beyond the end of a.
     """
-    a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
-    if _is_finite(a, form):
-        return a
+    if form is SCALAR:
+        a = rhs.call(t, u, v, p)
+        if math.isfinite(a):
+            return a
+    else:
+        a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
+        if _is_finite(a, form):
+            return a
     beyond = _read_beyond(rhs, form, t, u, v, p)
     if beyond:
         sizes = ", ".join(f"{name} ({np.size({'p': p, 'u': u, 'v': v}[name])} values)" for name in beyond)
@@ -81,7 +86,7 @@ def is_finite_at_start(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
 
 
 def _is_finite(a: Any, form: Form) -> bool:
-    return math.isfinite(a) if form is SCALAR else bool(np.isfinite(a).all())
+    return math.isfinite(a) if form is SCALAR else bool(np.logical_and.reduce(np.isfinite(a)))
 
 
 def not_finite_at_start(a: Any) -> str:
@@ -98,14 +103,15 @@ def _not_finite(a: Any) -> str:
 def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells: dict[str, float] | None = None) -> Any:
     if form is SCALAR:
         return rhs.call(t, given["u"], given["v"], given["p"])
-    u, v = (guarded(given[name], (cells or {}).get(name, np.nan)) for name in "uv")
+    u = guarded(given["u"], np.nan if cells is None else cells.get("u", np.nan))
+    v = guarded(given["v"], np.nan if cells is None else cells.get("v", np.nan))
     row = np.empty(u.size + 2 * CELLS)
     row.fill(np.nan)  # an entry that rhs does not write stays NaN
     a = row[CELLS:-CELLS]
     rhs.call(t, u, v, given["p"], a)
     kept = np.isnan(row)
     kept[CELLS:-CELLS] = True
-    if not kept.all():
+    if not np.logical_and.reduce(kept):
         raise written_beyond(a.size)
     return a
 

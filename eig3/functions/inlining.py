@@ -1,4 +1,4 @@
-"""Kernels with a right-hand side, and the quantities that a run follows, inlined. Each is compiled once in a process."""
+"""Kernels with a right-hand side and the quantities of a run inlined. Each is compiled once in a process."""
 
 from __future__ import annotations
 

@@ -202,7 +202,7 @@ class FixedRun(Run):
             if self.status is not Status.DIVERGED:
                 if stepper.index == self.n_steps or stepper.is_over:
                     t = stepper.t if stepper.is_over else self.t_end
-                    stepper.look.watching.finish(stepper._tally, stepper.t0, t, stepper.h, stepper.u, stepper.v)
+                    stepper.look.watching.finish(stepper.tally, stepper.t0, t, stepper.h, stepper.u, stepper.v)
                 history.row = stepper.n_wanted
         else:
             if stepper.index % self.every or stepper.is_within_step:
@@ -227,17 +227,9 @@ class FixedRun(Run):
         """Return the times of the first rows."""
         if self.times is not None:
             return self.times[:count]
-        return self._grid(count, self.stepper.index, self.stepper.t)
-
-    def _grid(self, count: int, index: int, t_last: float) -> np.ndarray:
-        """Return the times of `count` rows up to step `index`, of which the last may lie between two others."""
-        t = np.arange(float(count))
-        t *= self.every
-        t *= self.stepper.h
-        t += self.stepper.t0
-        if count and (count - 1) * self.every >= index:  # the last row is the present state
-            t[-1] = self.t_end if index == self.n_steps else t_last
-        return t
+        stepper = self.stepper
+        end = self.t_end if stepper.index == self.n_steps else stepper.t
+        return grid(stepper.t0, stepper.h, self.every, count, stepper.index, end)
 
     def _fields(self) -> dict[str, Any]:
         return {"h": self.stepper.h}
@@ -250,12 +242,14 @@ class FixedRun(Run):
         elif self.times is not None:
             solution.t = self.times[: len(rows["u"])]
         else:
-            solution._later["t"] = partial(self._grid, len(rows["u"]), stepper.index, stepper.t)
+            count, index = len(rows["u"]), stepper.index
+            end = self.t_end if index == self.n_steps else stepper.t
+            solution._later["t"] = partial(grid, stepper.t0, stepper.h, self.every, count, index, end)
         return solution
 
-    def _notes(self, status: Status) -> list[str]:
+    def _notes(self) -> list[str]:
         stepper, notes = self.stepper, []
-        if status is Status.COMPLETED:
+        if self.status is Status.COMPLETED:
             notes = self._growth_notes("take a smaller h, or a method that is stable for this system")
             coarse = self._coarseness()
             notes += [coarse] if coarse else []
@@ -291,6 +285,17 @@ class _Nothing(History):
 
 
 _EMPTY = _Nothing()
+
+
+def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float) -> np.ndarray:
+    """Return the times of the first `count` rows of a run which has reached step `index` at the time t_end."""
+    t = np.arange(float(count))
+    t *= every
+    t *= h
+    t += t0
+    if (count - 1) * every >= index:  # the last row is the present state
+        t[-1] = t_end
+    return t
 
 
 def stride(save_every: int | None, n_steps: int) -> int:

@@ -10,9 +10,14 @@ import numpy as np
 
 from ..stepping.stepper import Stepper
 
-_STRANGE = 1e3  # from this multiple of its natural size on, the motion may be unstable
+STRANGE = 1e3  # from this multiple of its natural size on, the motion may be unstable
 BLOWN_UP = 1e4  # from this multiple of its natural size on, a search for an instability is worth its time
 OVERFLOWING = 1e100  # a motion of this size is suspect, whatever its natural size is
+
+
+def size_of(x: Any) -> float:
+    """Return the largest absolute value of a float or an array."""
+    return abs(x) if type(x) is float else float(np.maximum.reduce(np.abs(x)))
 
 
 class Growth:
@@ -25,9 +30,8 @@ class Growth:
     """
 
     def __init__(self, stepper: Stepper, n_steps: int) -> None:
-        a = stepper.first_acceleration
-        a_size = abs(a) if type(a) is float else float(np.maximum.reduce(np.abs(a)))
-        self._h, self._start = stepper.h, (*stepper.sizes, a_size)
+        (u, v), a = stepper.start, stepper.first_acceleration
+        self._h, self._start = stepper.h, tuple(map(size_of, (u, v, a)))
         self._set_span(n_steps)
         self._strange: Stepper | None = None
         self._size, self._is_overflowing = 0.0, False
@@ -74,7 +78,7 @@ class Growth:
         u_natural, v_natural = self._natural
         self._size = max(u / u_natural if u_natural else 0.0, v / v_natural if v_natural else 0.0)
         self._is_overflowing = max(u, v) > OVERFLOWING
-        if self._strange is None and self._size > _STRANGE:
+        if self._strange is None and self._size > STRANGE:
             self._strange = stepper.before()
 
     @property

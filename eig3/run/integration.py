@@ -14,7 +14,6 @@ from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
 from .prepare import Prepared
-from .run import Run, carry_out
 
 
 def integrate(
@@ -154,9 +153,8 @@ def integrate(
     Later errors of this kind go undetected, and may overwrite other data, unless the environment variable
     NUMBA_BOUNDSCHECK is 1 when Python starts. They then raise an IndexError.
     """
-
-    def begin() -> Run:
-        u, v, form = check_state(u0, v0)
+    u, v, form = check_state(u0, v0)
+    try:
         prepared = Prepared(
             rhs,
             form,
@@ -174,6 +172,8 @@ def integrate(
             max_steps=max_steps,
             inline=inline,
         )
-        return prepared.begin(t_span, u, v, params, progress, save_to)
-
-    return carry_out(begin, cancel, raise_on_failure)
+    except KeyboardInterrupt as error:  # while a function was compiled
+        error.solution = None  # type: ignore[attr-defined]
+        raise
+    options: dict[str, Any] = {"progress": progress, "raise_on_failure": raise_on_failure}
+    return prepared(t_span, u, v, params, cancel=cancel, save_to=save_to, **options)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -17,7 +16,6 @@ from ..result import storage
 from ..result.solution import Solution
 from ..stepping.system import System
 from .fixed_run import FixedRun
-from .run import extend
 from .variable_run import VariableRun
 
 
@@ -115,5 +113,5 @@ def with_functions(
     solution._accelerations = run.stepper.accelerations
     if isinstance(run, VariableRun):
         solution._between = run.between
-    solution._extend = partial(extend, run)
+    solution._extend = run.extend
     return solution

@@ -7,6 +7,7 @@ from functools import partial
 from os import PathLike
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.callbacks import takes
@@ -34,7 +35,8 @@ from ..stepping.system import System, remembered
 from ..stepping.tolerances import check_tolerances, method_for
 from ..stepping.variable_stepper import VariableStepper
 from ..stepping.watching import check_times
-from .fixed_run import FixedRun, divide
+from . import short
+from .fixed_run import FixedRun, divide, stride
 from .progress import check_progress
 from .run import Run, carry_out
 from .variable_run import VariableRun
@@ -104,6 +106,11 @@ class Prepared:
         options = {"inline": check_flag(inline, "inline"), "events": events, "functions": functions}
         self._system: System = remembered(rhs, form, record, has_times=t_eval is not None, **options)
         self._tolerances: dict[int, Any] = {}
+        self._every = NEVER if self._save_every is None else self._save_every
+        self._n_steps: int = 0  # of the last run with tolerances
+        self._n_rows: int | None = None  # that the next one may need
+        has_end = any(event.terminal for event in self._system.events.values())
+        self._may_be_short = t_eval is None and not has_end
 
     @property
     def form(self) -> str:
@@ -144,7 +151,44 @@ class Prepared:
         TypeError, ValueError, MemoryError, OSError, ImportError, IntegrationError, KeyboardInterrupt
             As for `eig3.integrate`.
         """
+        if cancel is None and save_to is None and progress is False and self._may_be_short:
+            try:
+                solution = self._short(t_span, u0, v0, params)
+            except KeyboardInterrupt as error:
+                error.solution = None  # type: ignore[attr-defined]
+                raise
+            if solution is not None:
+                return solution
         return carry_out(partial(self.begin, t_span, u0, v0, params, progress, save_to), cancel, raise_on_failure)
+
+    def _short(self, t_span: Sequence[float], u0: ArrayLike, v0: ArrayLike, params: ArrayLike) -> Solution | None:
+        """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
+        start = self._start(t_span, u0, v0, params)
+        (t0, t1), u, v, p = start
+        again = short.Again(partial(self._run, *start, None, None, False))
+        if self._h is None:
+            if self._n_rows is None:
+                return None
+            stepper = self._variable_stepper((t0, t1), u, v, p, None)
+            if not short.is_short(stepper, self._n_steps, self._n_rows):
+                return None
+            return short.variable(stepper, self._every, self._n_rows, again)
+        n_steps, h = divide(t1 - t0, self._h)
+        check_resolution(h, t0, t1)
+        fixed = Stepper.of(self._system, t0, h, u, v, p, None)
+        if not short.is_short(fixed, n_steps, n_steps // stride(self._save_every, n_steps)):
+            return None
+        return short.fixed(fixed, n_steps, t1, self._save_every, again)
+
+    def _start(self, t_span: Sequence[float], u0: ArrayLike, v0: ArrayLike, params: ArrayLike) -> tuple:
+        """Check what a call gets; return the span, u and v at its start, and p."""
+        u, v, form = check_state(u0, v0)
+        if form is not self._system.form:
+            raise ValueError(
+                f"u0 must be {'a number' if self._system.form is SCALAR else 'an array'}, because rhs has the "
+                f"{self._system.form.name} form, not {shown(u0)}."
+            )
+        return check_span(t_span), u, v, guarded(check_params(params))
 
     def begin(
         self,
@@ -158,34 +202,44 @@ class Prepared:
         """Return a run at its start."""
         if progress is not False:
             check_progress(progress)
-        span = check_span(t_span)
-        u, v, form = check_state(u0, v0)
-        system = self._system
-        if form is not system.form:
-            raise ValueError(
-                f"u0 must be {'a number' if system.form is SCALAR else 'an array'}, because rhs has the "
-                f"{system.form.name} form, not {shown(u0)}."
-            )
         place = None if save_to is None else Place.of(save_to)
+        span, u, v, p = self._start(t_span, u0, v0, params)
         times = None if self._t_eval is None else check_times(self._t_eval, *span)
-        p = guarded(check_params(params))
+        return self._run(span, u, v, p, times, place, progress)
+
+    def _run(
+        self,
+        span: tuple[float, float],
+        u: Any,
+        v: Any,
+        p: np.ndarray,
+        times: np.ndarray | None,
+        place: Place | None,
+        progress: bool,
+    ) -> Run:
         if self._h is None:
-            stepper = VariableStepper(
-                system, span, u, v, p, self._tolerances_for(1 if form is SCALAR else u.size), times
-            )
-            every = NEVER if self._save_every is None else self._save_every
-            return VariableRun.at_start(stepper, every, times, place, progress)
+            stepper = self._variable_stepper(span, u, v, p, times)
+            return VariableRun.at_start(stepper, self._every, times, place, progress, self._note_size)
         t0, t1 = span
         n_steps, h = divide(t1 - t0, self._h)
         check_resolution(h, t0, t1)
-        return FixedRun.at_start(
-            Stepper.of(system, t0, h, u, v, p, times), n_steps, t1, self._save_every, times, place, progress
-        )
+        fixed = Stepper.of(self._system, t0, h, u, v, p, times)
+        return FixedRun.at_start(fixed, n_steps, t1, self._save_every, times, place, progress)
+
+    def _variable_stepper(
+        self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, times: np.ndarray | None
+    ) -> VariableStepper:
+        n = 1 if self._system.form is SCALAR else u.size
+        tolerances = self._tolerances.get(n) or self._tolerances_for(n)
+        return VariableStepper(self._system, span, u, v, p, tolerances, times)
+
+    def _note_size(self, n_steps: int, rows: int) -> None:
+        """Note how many steps and rows a run with tolerances had: the next one may have as many."""
+        self._n_steps, self._n_rows = n_steps, rows + rows // 4 + 16
 
     def _tolerances_for(self, n: int) -> Any:
         """Return the tolerances for n degrees of freedom."""
-        if n not in self._tolerances:
-            self._tolerances[n] = check_tolerances(n, *self._limits)
+        self._tolerances[n] = check_tolerances(n, *self._limits)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:

@@ -6,7 +6,6 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -24,6 +23,7 @@ from .history import History
 from .progress import Progress
 
 _CHUNK_SECONDS = 0.1  # duration of a chunk of steps, after which a run is looked at
+COMPLETED = "The run reached the end of its span."
 _LEAST_STEPS = 100  # between two looks for entries of a that rhs does not write, so that they take little time
 _FAST = 1e3  # a growth above this is not called slow
 _OVERFLOW = "beyond the largest floating-point number,"
@@ -49,13 +49,13 @@ class IntegrationError(RuntimeError):
 class Stop:
     """Whether a chunk of steps should end: after Ctrl-C, after a cancellation, or after its usual duration."""
 
-    def __init__(self, interrupt: DeferredInterrupt, cancel: Cancel | None) -> None:
-        self._interrupt, self._cancel = interrupt, cancel
+    def __init__(self, interrupt: DeferredInterrupt | None, cancel: Cancel | None) -> None:
+        self._asked = [event for event in (interrupt, cancel) if event is not None]
         self._until = 0.0
 
     def is_final(self) -> bool:
         """Return whether the run should end too."""
-        return self._interrupt.is_set() or (self._cancel is not None and self._cancel.is_set())
+        return any(event.is_set() for event in self._asked)
 
     def begin_chunk(self) -> None:
         self._until = time.perf_counter() + _CHUNK_SECONDS
@@ -100,7 +100,7 @@ class Run:
     ) -> None:
         self.stepper, self.history, self.every, self.times = stepper, history, every, times
         self.place, self._shows_progress = place, progress
-        self.status, self.message = Status.COMPLETED, "The run reached the end of its span."
+        self.status, self.message = Status.COMPLETED, COMPLETED
         self.reason: Callable[[], str] | None = None
         self.is_done = False
         self.saved: dict[str, np.ndarray] | None = None  # the rows, when the run has ended
@@ -143,7 +143,7 @@ class Run:
         """Return fields of the solution that only this kind of run has."""
         raise NotImplementedError
 
-    def _notes(self, status: Status) -> list[str]:
+    def _notes(self) -> list[str]:
         raise NotImplementedError
 
     @property
@@ -195,7 +195,7 @@ class Run:
                 continue
             most *= growth or 1
             if self.times is not None:
-                history.row = int(stepper._tally[NEXT])
+                history.row = int(stepper.tally[NEXT])
             self._judge(first)
             stepper = self.stepper
             if stepper.look:
@@ -251,17 +251,14 @@ class Run:
         if self.times is None or self.times[0] == stepper.t0:
             self._write_present(0.0)
             if self.times is not None:
-                stepper._tally[NEXT] = 1
+                stepper.tally[NEXT] = 1
 
     def _write_present(self, step: float) -> None:
         """Save the present state in the next row."""
         stepper = self.stepper
-        values = {"t": stepper.t, "steps": step, "u": stepper._state[0], "v": stepper._state[1]}
+        values = {"t": stepper.t, "steps": step, "u": stepper.state[0], "v": stepper.state[1]}
         if self.history.outputs:
-            follower = stepper.look.follower
-            for name, k in follower.followed.outputs.items():
-                shape = follower.followed.quantities[k].shape
-                values[name] = follower.values(k) if shape else follower.values(k)[0]
+            values |= stepper.look.follower.present_outputs()
         self.history.write(values)
 
     # What a run gives back --------------------------------------------------------------------------------------------
@@ -283,7 +280,7 @@ class Run:
         assert self.saved is not None
         solution = self._solution(self.saved, self.saved_outputs)
         if not isinstance(error, Exception):
-            solution._extend = partial(extend, self)
+            solution._extend = self.extend
             if solution.can_go_on:
                 solution._resume = self.state
         return solution
@@ -291,27 +288,10 @@ class Run:
     def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
         """Return a solution with these rows, which finds what else it has when it is read."""
         stepper, status = self.stepper, self.status
-        fields = {
-            "u": rows["u"],
-            "v": rows["v"],
-            "n_steps": stepper.index,
-            "n_rhs": stepper.n_rhs,
-            "n_iterations": stepper.n_iterations,
-            "status": status,
-            "message": self.message,
-            "kernel_seconds": stepper.seconds,
-            "method": stepper.system.method,
-            "reason": self.reason,
-            "outputs": outputs,
-            "_accelerations": stepper.accelerations,
-            **self._fields(),
-        }
-        later: dict[str, Callable[[], Any]] = {"notes": partial(self._all_notes, status)}
-        if stepper.look:
-            later["events"] = stepper.look.watching.occurrences
-            later["drift"] = stepper.look.follower.drift
-            later["extremes"] = stepper.look.follower.extremes
-        return Solution._of(fields, later)
+        fields = common_fields(stepper) | self._fields()
+        fields |= {"u": rows["u"], "v": rows["v"], "status": status, "message": self.message, "reason": self.reason}
+        later = stepper.look.found() if stepper.look else {}
+        return Solution._of({**fields, "outputs": outputs}, {**later, "notes": self.all_notes})
 
     def _growth_notes(self, remedy: str) -> list[str]:
         """Return a sentence about each invariant that grew steadily; `remedy` says what may help."""
@@ -319,13 +299,27 @@ class Run:
         if stepper.look:
             follower = stepper.look.follower
             for name, k in follower.followed.invariants.items():
-                growth = follower.growth(name, stepper._tally, stepper.index)
+                growth = follower.growth(name, stepper.tally, stepper.index)
                 if growth:
                     notes.append(growth_note(name, growth, follower.followed.work[k] >= 0, stepper.method, remedy))
         return notes
 
-    def _all_notes(self, status: Status) -> tuple[str, ...]:
-        return (*self._notes(status), *self.stepper.notes)
+    def all_notes(self) -> tuple[str, ...]:
+        """Sentences about what the user should know of the run."""
+        return (*self._notes(), *self.stepper.notes)
+
+    def extend(
+        self,
+        t_end: float,
+        *,
+        save_to: str | PathLike[str] | None,
+        progress: bool,
+        raise_on_failure: bool,
+        cancel: Cancel | None,
+        t_eval: Any = None,
+    ) -> Solution:
+        """Go on from the end of the run, as `Solution.extend` describes it."""
+        return carry_out(lambda: self.extended(t_end, progress, save_to, t_eval), cancel, raise_on_failure)
 
     def _keep(self) -> None:
         """Write now and then what the run has found so far: what is left if its process is killed."""
@@ -336,21 +330,8 @@ class Run:
         """Return a run that goes on; its rows are in files."""
         solution = self._solution(self.history.whole(), self.history.whole_outputs())
         solution.status, solution._resume = Status.INTERRUPTED, self.state
+        solution.notes = tuple(self.stepper.notes)
         return solution
-
-
-def extend(
-    run: Run,
-    t_end: float,
-    *,
-    save_to: str | PathLike[str] | None,
-    progress: bool,
-    raise_on_failure: bool,
-    cancel: Cancel | None,
-    t_eval: Any = None,
-) -> Solution:
-    """Go on from the end of a run, as `Solution.extend` describes it."""
-    return carry_out(lambda: run.extended(t_end, progress, save_to, t_eval), cancel, raise_on_failure)
 
 
 def carry_out(begin: Callable[[], Run], cancel: Cancel | None, raise_on_failure: bool) -> Solution:
@@ -408,6 +389,21 @@ def _write(run: Run, solution: Solution) -> None:
     """Write the solution, whose rows are written, to the place of the run."""
     assert run.place
     run.place.write(solution, len(solution.t), has_ended=True)
+
+
+def common_fields(stepper: Any) -> dict[str, Any]:
+    """Return the fields of the solution of a run that has ended well, which each kind of run has."""
+    return {
+        "n_steps": stepper.index,
+        "n_rhs": stepper.n_rhs,
+        "n_iterations": stepper.n_iterations,
+        "status": Status.COMPLETED,
+        "message": COMPLETED,
+        "reason": None,
+        "kernel_seconds": stepper.seconds,
+        "method": stepper.system.method,
+        "_accelerations": stepper.accelerations,
+    }
 
 
 def growth_note(name: str, growth: float, is_balance: bool, method: Method, remedy: str) -> str:

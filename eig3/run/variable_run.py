@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -38,6 +38,7 @@ class VariableRun(Run):
 
     stepper: VariableStepper
     _mark: _Mark | None = None
+    _note_size: Callable[[int, int], None] | None = None
 
     @classmethod
     def at_start(
@@ -47,9 +48,11 @@ class VariableRun(Run):
         times: np.ndarray | None,
         place: Place | None,
         progress: bool,
+        note_size: Callable[[int, int], None] | None = None,
     ) -> VariableRun:
-        """Return a run at its start."""
+        """Return a run at its start. At its end it calls ``note_size(steps, rows)``."""
         run = cls(stepper, _history(stepper, times, place), every, times, place, progress)
+        run._note_size = note_size
         run.begin()
         return run
 
@@ -116,10 +119,8 @@ class VariableRun(Run):
 
     @property
     def between(self) -> Any:
-        """The function of `Solution.at` for a run by RK8 whose states are all saved; None for other runs."""
-        stepper = self.stepper
-        has_all = stepper.method.variable == "rk8" and self.every == 1 and self.times is None
-        return stepper.states_between if has_all else None
+        """The function of `Solution.at`, if it has one, for a run whose states are all saved; None for other runs."""
+        return self.stepper.states_between if self.every == 1 and self.times is None else None
 
     def _rows_to_write(self) -> Rows:
         if self.times is None:
@@ -161,7 +162,7 @@ class VariableRun(Run):
 
     def _end_too_small(self) -> None:
         stepper, t = self.stepper, self.stepper.t
-        if np.abs(stepper._state[:2]).max() > OVERFLOWING:
+        if np.abs(stepper.state[:2]).max() > OVERFLOWING:
             message = f"The motion grew beyond {OVERFLOWING:g} at t = {t:g}, where it is singular"
             self._end(Status.DIVERGED, f"{message}; no step is short enough to go on.", self._explained)
             return
@@ -185,10 +186,10 @@ class VariableRun(Run):
             if not np.isfinite(a).all():
                 bad = int(np.argmin(np.isfinite(a)))
                 return f"{self.message} rhs gives {a[bad]} for degree of freedom {bad} at t = {t:g}."
-        sizes = np.abs(stepper._state[:3]).max(axis=1)
+        sizes = np.abs(stepper.state[:3]).max(axis=1)
         return (
-            f"{self.message} rhs is finite there: the largest |u| is {sizes[0]:.3g}, the largest |v| {sizes[1]:.3g} and "
-            f"the largest |a| {sizes[2]:.3g}, after steps of {stepper.mean_step:.3g} on average."
+            f"{self.message} rhs is finite there: the largest |u| is {sizes[0]:.3g}, the largest |v| {sizes[1]:.3g}, "
+            f"and the largest |a| {sizes[2]:.3g}, after steps of {stepper.mean_step:.3g} on average."
         )
 
     def _complete(self) -> None:
@@ -198,7 +199,7 @@ class VariableRun(Run):
         if self.times is not None:
             if stepper.look and (stepper.is_over or stepper.t >= stepper.t_end):
                 watching = stepper.look.watching
-                watching.finish(stepper._tally, stepper.t0, stepper.t, stepper.h, stepper.u, stepper.v)
+                watching.finish(stepper.tally, stepper.t0, stepper.t, stepper.h, stepper.u, stepper.v)
             history.row = stepper.n_wanted
             if history.files:
                 history.arrays["t"][: history.row] = self.times[: history.row]
@@ -207,6 +208,8 @@ class VariableRun(Run):
         same = last["t"] == stepper.t and (last["u"] == stepper.u).all() and (last["v"] == stepper.v).all()
         if not same:
             self._write_present(stepper.h)
+        if self._note_size:
+            self._note_size(stepper.index, history.count)
 
     def _marked(self) -> _Mark:
         return _Mark(self.stepper.fork(), self.history.count)
@@ -227,9 +230,9 @@ class VariableRun(Run):
         solution.steps = rows["steps"]
         return solution
 
-    def _notes(self, status: Status) -> list[str]:
+    def _notes(self) -> list[str]:
         notes, stepper = [], self.stepper
-        if status is Status.COMPLETED:
+        if self.status is Status.COMPLETED:
             notes = self._growth_notes("take a smaller rtol, or a fixed step with a method that keeps it")
         tiny = stepper.tiny if stepper.n > 1 else ()
         if len(tiny):

@@ -176,6 +176,13 @@ class Follower:
         begin = int(self.followed.table[k, OUT])
         return self.out[begin : begin + self.followed.quantities[k].width]
 
+    def present_outputs(self) -> dict[str, Any]:
+        """Return the values of each output in the latest state."""
+        result = {}
+        for name, k in self.followed.outputs.items():
+            result[name] = self.values(k) if self.followed.quantities[k].shape else self.values(k)[0]
+        return result
+
     def _columns(self, k: int) -> slice:
         begin = int(self.followed.table[k, COLUMN])
         return slice(begin, begin + self.followed.quantities[k].width)
@@ -200,11 +207,13 @@ class Follower:
     def growth(self, name: str, tally: np.ndarray, index: int) -> float:
         """The growth of an invariant e over the run, relative to e.
 
-        It is 0.0 if e did not grow steadily, and infinite if e overflowed. The growth of an energy less the work is relative to the larger of the two, of which it is the difference.
+        It is 0.0 if e did not grow steadily, and infinite if e overflowed. The growth of an energy less the work is
+        relative to the larger of the two, of which it is the difference.
 
-        The growth counts as steady if e grows from each of the last parts of the run to the next. Each part is a fifth
-        longer than all before it together... It is 0.0 if no velocity has changed its sign at least twice from one end
-        of a part to the next: the run may then be shorter than a period, and the error of e only follows the motion.
+        The growth is steady if e grows from each of the last parts of the run to the next. A part is longer by a fifth
+        than the part before it, so that the parts do not all end in the same phase of a periodic motion, and the last
+        ones cover nearly all of the run. It is 0.0 if no velocity has changed its sign at least twice from one end of a
+        part to the next: the run may then be shorter than a period, and the error of e only follows the motion.
 
         Parameters
         ----------

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from ..kernels.protocol import EVENT_VALUES, EVENTS, PART_END, LookWithin
+from ..kernels.protocol import PART_END, LookWithin
 from ..kernels.protocol import Look as Arguments
 from .follower import Follower
 from .system import System
@@ -62,14 +62,14 @@ class Look:
         self.watching.save_in(rows["steps"] if "steps" in rows else np.empty(len(u)), u, v)
         self.renew()
 
+    def found(self) -> dict[str, Callable[[], Any]]:
+        """Return functions that find what a solution has of the look, by the names of its fields."""
+        follower = self.follower
+        return {"events": self.watching.occurrences, "drift": follower.drift, "extremes": follower.extremes}
+
     def fork(self) -> Look:
         """Return an independent copy, which saves nothing."""
         other = object.__new__(Look)
         other.watching, other.follower = self.watching.fork(), self.follower.fork()
         other.renew()
         return other
-
-
-def tally_of(system: System) -> np.ndarray:
-    """Return an empty tally for the kernels of a system."""
-    return np.zeros(EVENTS + EVENT_VALUES * len(system.events))

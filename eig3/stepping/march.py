@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
@@ -17,6 +18,8 @@ from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import (
     ENDED_BY,
     EVALUATIONS,
+    EVENT_VALUES,
+    EVENTS,
     FULL,
     GOING,
     LOGGED,
@@ -31,12 +34,16 @@ from ..kernels.protocol import (
 )
 from ..methods import Method
 from ..result.memory import aligned
-from .look import Look, tally_of
+from .look import Look
 from .system import Kernel, System
 from .watching import not_a_number
 
 NEVER = 2**62  # `every` of a run that writes no states
 ENDED_BY_EVENT = (TERMINAL, RESTING)  # the first and the last of the outcomes of an event that ends a run
+
+
+def _is_set(cancels: tuple[Cancel, ...]) -> bool:
+    return any(cancel.is_set() for cancel in cancels)
 
 
 class Cancel(Protocol):
@@ -110,13 +117,14 @@ class March:
         self.index, self.seconds, self.ended = 0, 0.0, GOING
         self.raised_before: int | None = None
         self.changed_at: float | None = None
+        self._lock = threading.Lock()
         self.look = Look(system, times, n, self._work_rows()) if system.looks else None
         self.first_acceleration = a = first_acceleration(system.callback, self.form, t0, u, v, params)
-        self._tally = tally_of(system)
-        self._tally[TIME] = t0
-        self._use(self._compiled(system.method))
+        self.tally = np.zeros(EVENTS + EVENT_VALUES * len(system.event_table))
+        self.tally[TIME] = t0
+        self._use(system.kernels.get(n) or self._compiled(system.method))
         if self.look:
-            self.look.begin(self._tally, t0, u, v, params)
+            self.look.begin(self.tally, t0, u, v, params)
         return a
 
     def _work_rows(self) -> int:
@@ -127,12 +135,12 @@ class March:
         """Return the kernel of a method for this number of degrees of freedom."""
         raise NotImplementedError
 
-    def _steps(self, count: int, every: int, row: int, rows: Rows) -> Any:
+    def steps(self, count: int, every: int, row: int, rows: Rows) -> Any:
         """Return the argument `steps` of the kernel."""
         raise NotImplementedError
 
     def _use(self, kernel: Kernel) -> None:
-        self._kernel, self.running = kernel, kernel.running
+        self.kernel, self.running = kernel, kernel.running
 
     @property
     def method(self) -> Method:
@@ -146,7 +154,7 @@ class March:
     @property
     def n_rhs(self) -> int:
         """Number of evaluations of the right-hand side, including the one at the start."""
-        return 1 + int(self._tally[EVALUATIONS])
+        return 1 + int(self.tally[EVALUATIONS])
 
     @property
     def is_over(self) -> bool:
@@ -156,22 +164,22 @@ class March:
     @property
     def ended_by(self) -> str:
         """The name of the event that ended the run."""
-        return list(self.system.events)[int(self._tally[ENDED_BY])]
+        return list(self.system.events)[int(self.tally[ENDED_BY])]
 
     @property
     def is_within_log(self) -> bool:
         """Whether a call of the kernel ended within a step because the log was full: u and v are no state after it."""
-        return bool(self._tally[WITHIN] == 1)
+        return bool(self.tally[WITHIN] == 1)
 
     @property
     def n_wanted(self) -> int:
         """The number of wanted times whose states are written."""
-        return int(self._tally[NEXT])
+        return int(self.tally[NEXT])
 
     @property
     def is_finite(self) -> bool:
         """Whether u and v are finite. If they are not, they stay so in all later steps."""
-        return bool(np.isfinite(self._state[:2]).all())
+        return bool(np.logical_and.reduce(np.isfinite(self.state[:2]), axis=None))
 
     @property
     def u(self) -> Any:
@@ -184,7 +192,7 @@ class March:
         return self._component(1)
 
     def _component(self, row: int) -> Any:
-        return self._state[row].copy() if self.form is not SCALAR else float(self._state[row].item())
+        return self.state[row].copy() if self.form is not SCALAR else float(self.state[row].item())
 
     def take(self, count: int, every: int, row: int, rows: Rows, cancels: tuple[Cancel, ...]) -> int:
         """Take at most `count` steps, one slice after the other.
@@ -211,7 +219,7 @@ class March:
         After an exception of a function, the march is at its state before the call.
         """
         self._before = self.position()
-        end, kernel = self.index + count, self._kernel
+        end, kernel = self.index + count, self.kernel
         arguments = self.look and self.look.arguments
         self.ended, self.raised_before = GOING, None
         slices = self._slices
@@ -221,33 +229,32 @@ class March:
             try:
                 taken, row, ended = kernel.call(
                     kernel.callbacks,
-                    self._state,
+                    self.state,
                     kernel.settings,
-                    self._tally,
-                    self._steps(steps, every, row, rows),
+                    self.tally,
+                    self.steps(steps, every, row, rows),
                     arguments,
                 )
-                if ended == NOT_A_NUMBER or ended == NOT_FINITE:
+                if ended in (NOT_A_NUMBER, NOT_FINITE):
                     self.ended = ended
-                    raise not_a_number(self, float(self._tally[TIME]))
+                    raise not_a_number(self, float(self.tally[TIME]))
             except BaseException:
                 self.raised_before = self.index + steps
                 self.go_back(self._before)
                 raise
             self.seconds += slices.end(taken, *begun)
             self.index += taken
-            if self.look and self._tally[LOGGED]:
-                self.look.watching.collect(self._tally)
+            if self.look and self.tally[LOGGED]:
+                self.look.watching.collect(self.tally)
             if ended != GOING:
                 if ended == FULL and self._has_room(row, rows):
                     continue
                 if not self._goes_on_after(ended):
                     self.ended = ended
                     break
-                kernel = self._kernel
-            elif self.index < end and not (self.look and self.is_within_log):
-                if any([cancel.is_set() for cancel in cancels]):
-                    break
+                kernel = self.kernel
+            elif self.index < end and not (self.look and self.is_within_log) and _is_set(cancels):
+                break
         return row
 
     def _has_room(self, row: int, rows: Rows) -> bool:
@@ -262,35 +269,43 @@ class March:
         """Return the present state, for `go_back`."""
         look = self.look
         numbers, found = (look.follower.numbers.copy(), look.watching.n_found) if look else (None, 0)
-        return Position(
-            self.running, self.index, self.changed_at, self._state.copy(), self._tally.copy(), numbers, found
-        )
+        return Position(self.running, self.index, self.changed_at, self.state.copy(), self.tally.copy(), numbers, found)
 
     def go_back(self, position: Position) -> None:
         """Stand at an earlier state."""
         if position.running is not self.running:
             self._use(self._compiled(position.running))
         self.index, self.changed_at, self.ended = position.index, position.changed_at, GOING
-        if position.state.shape != self._state.shape:
-            self._state = aligned(position.state.shape)
-        self._state[...], self._tally[...] = position.state, position.tally
+        if position.state.shape != self.state.shape:
+            self.state = aligned(position.state.shape)
+        self.state[...], self.tally[...] = position.state, position.tally
         if self.look and position.numbers is not None:
             self.look.follower.numbers[...] = position.numbers
             self.look.watching.forget_from(position.n_found)
 
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """A block that only one thread can be in."""
+        if not self._lock.acquire(blocking=False):
+            raise RuntimeError("this stepper is in use: give each thread its own, made with fork().")
+        try:
+            yield
+        finally:
+            self._lock.release()
+
     def back(self) -> None:
         """Go back to the state before the last call that took steps. `seconds` still includes its time."""
-        with DeferredInterrupt(), self._alone:
+        with DeferredInterrupt(), self._alone():
             self.go_back(self._before)
 
     def fork(self) -> Any:
         """Return an independent march at the same state, as `copy.copy` does too. It saves nothing at wanted times."""
-        with DeferredInterrupt(), self._alone:
+        with DeferredInterrupt(), self._alone():
             other = object.__new__(type(self))
             vars(other).update(vars(self))
-            other._alone = Alone()
-            other._state, other._tally = aligned(self._state.shape), self._tally.copy()
-            other._state[...] = self._state
+            other._lock = threading.Lock()
+            other.state, other.tally = aligned(self.state.shape), self.tally.copy()
+            other.state[...] = self.state
             other._slices = self._slices.copy()
             other.look = self.look and self.look.fork()
         return other
@@ -313,15 +328,15 @@ class March:
             "index": self.index,
             "changed_at": self.changed_at,
             "seconds": self.seconds,
-            "state": self._state[: self._carried].copy(),
-            "tally": self._tally.copy(),
+            "state": self.state[: self._carried].copy(),
+            "tally": self.tally.copy(),
             "numbers": numbers,
         }
 
     @property
     def _carried(self) -> int:
         """The number of rows of the state that are not scratch."""
-        return len(self._state)
+        return len(self.state)
 
     def restore(self, kept: Mapping[str, Any]) -> None:
         """Become the march that has returned `kept`; it has the same arguments.
@@ -333,15 +348,15 @@ class March:
         """
         self._restore_method(kept["changed_at"])
         state, tally = (reals(kept[name], name) for name in ("state", "tally"))
-        carried = self._state[: self._carried]
-        if state.shape != carried.shape or tally.shape != self._tally.shape:
+        carried = self.state[: self._carried]
+        if state.shape != carried.shape or tally.shape != self.tally.shape:
             raise ValueError(f"a state of the shape {state.shape} does not belong to {self.method!r}.")
         counts = tally[[EVALUATIONS, TIME, NEXT]]
         if not (np.isfinite(counts).all() and tally[EVALUATIONS] >= 0 and tally[NEXT] >= 0):
             raise ValueError(f"{counts} are not the counts and the time of a run.")
-        carried[...], self._tally[...] = state, tally
+        carried[...], self.tally[...] = state, tally
         if self.look:
-            self.look.watching.restore(self._tally)
+            self.look.watching.restore(self.tally)
             self.look.follower.restore(kept["numbers"])
         self.index, self.seconds = check_index(kept["index"]), float(kept["seconds"])
 
@@ -378,7 +393,7 @@ class March:
 
         This takes one evaluation, which `n_rhs` does not count.
         """
-        u, v, call = self._state[0], self._state[1], self.system.callback.call
+        u, v, call = self.state[0], self.state[1], self.system.callback.call
         a = np.empty(u.size)
         a.fill(np.nan)
         try:
@@ -395,23 +410,9 @@ class March:
     @property
     def pace(self) -> float | None:
         """Seconds per step of the last run with this right-hand side and kernel; None before the first run."""
-        return self.system.callback.pace.get(self._kernel.pace_key)
+        return self.system.callback.pace.get(self.kernel.pace_key)
 
     def note_pace(self) -> None:
         """Store the measured time per step for later runs."""
         if self.index:
-            self.system.callback.pace[self._kernel.pace_key] = self.seconds / self.index
-
-
-class Alone:
-    """A block that only one thread can be in."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-
-    def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
-            raise RuntimeError("this stepper is in use: give each thread its own, made with fork().")
-
-    def __exit__(self, *error: object) -> None:
-        self._lock.release()
+            self.system.callback.pace[self.kernel.pace_key] = self.seconds / self.index

@@ -27,7 +27,7 @@ from ..kernels.loops import fixed
 from ..kernels.protocol import DEGREE, FAILED, ITERATIONS, RESIDUAL, SCALAR, TIME, Steps
 from ..methods import Method
 from ..result.memory import aligned, check_workspace
-from .march import NEVER, Alone, Cancel, March, Rows
+from .march import NEVER, Cancel, March, Rows
 from .slices import Slices
 from .system import Kernel, System
 
@@ -116,16 +116,19 @@ class Stepper(March):
     def _begin_with(
         self, system: System, t0: float, h: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None
     ) -> None:
-        self.h, self._alone = h, Alone()
+        self.h = h
         a = self._begin(system, t0, u, v, params, times)
-        if system.method.ignores_velocity:
+        if system.ignores_velocity:
             self._check_velocity(a)
-        with np.errstate(over="ignore"):  # a past value that overflows makes the first step non-finite
-            past = self._kernel.formulas.start(u, v, a, h)
-        self._state[0], self._state[1] = u, v
+        if self.form is SCALAR:
+            past = self.kernel.formulas.start(u, v, a, h)
+        else:
+            with np.errstate(over="ignore"):  # a past value that overflows makes the first step non-finite
+                past = self.kernel.formulas.start(u, v, a, h)
+        self.state[0], self.state[1] = u, v
         for k, values in enumerate(past):
-            self._state[2 + k] = values
-        turn = self._kernel.formulas.turn if self.n >= _LARGE else 1
+            self.state[2 + k] = values
+        turn = self.kernel.formulas.turn if self.n >= _LARGE else 1
         self._slices = Slices(self.pace, turn)
 
     def _work_rows(self) -> int:
@@ -133,7 +136,7 @@ class Stepper(March):
 
     def _compiled(self, method: Method) -> Kernel:
         system, n = self.system, self.n
-        key = n, method
+        key = n if method is system.method else (n, method)
         if key not in system.kernels:
             system.kernels[key] = _kernel(system, method, n)
         return system.kernels[key]
@@ -142,12 +145,12 @@ class Stepper(March):
         super()._use(kernel)
         formulas, n = kernel.formulas, self.n
         rows = 2 + formulas.past
-        self._state = np.zeros(rows) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
+        self.state = np.zeros(rows) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
 
     @property
     def t(self) -> float:
         """The time reached: t0 + index h, or that of the event which ended the run."""
-        return float(self._tally[TIME]) if self.is_over else self.t0 + self.index * self.h
+        return float(self.tally[TIME]) if self.is_over else self.t0 + self.index * self.h
 
     @property
     def is_within_step(self) -> bool:
@@ -161,24 +164,24 @@ class Stepper(March):
     @property
     def n_iterations(self) -> int:
         """Number of iterations of an implicit method's solver."""
-        return int(self._tally[ITERATIONS])
+        return int(self.tally[ITERATIONS])
 
     @property
     def residual(self) -> float:
         """The residual of the last failed solve for v; NaN if a value was not finite at its first iteration."""
-        return float(self._tally[RESIDUAL])
+        return float(self.tally[RESIDUAL])
 
     @property
     def failed_degree(self) -> int:
         """The degree of freedom in which the last failed solve met a value that is not finite."""
-        return int(self._tally[DEGREE])
+        return int(self.tally[DEGREE])
 
     @property
     def sizes(self) -> tuple[float, float]:
         """The largest |u| and the largest |v|."""
         if self.form is SCALAR:
-            return abs(self._state.item(0)), abs(self._state.item(1))
-        u, v = np.maximum.reduce(np.abs(self._state[:2]), axis=1).tolist()
+            return abs(self.state.item(0)), abs(self.state.item(1))
+        u, v = np.maximum.reduce(np.abs(self.state[:2]), axis=1).tolist()
         return u, v
 
     def advance(
@@ -227,7 +230,7 @@ class Stepper(March):
         first = self.index
         interrupt = DeferredInterrupt()  # it is never set within an outer block, which asks `cancel` instead
         cancels = (interrupt,) if cancel is None else (interrupt, check_cancel(cancel))
-        with interrupt, self._alone:
+        with interrupt, self._alone():
             self.take(count, every, 0, Rows(_NONE, _NONE, u_rows, v_rows), cancels)
         return self.index - first
 
@@ -254,12 +257,12 @@ class Stepper(March):
             )
         return tuple(notes)
 
-    def _steps(self, count: int, every: int, row: int, rows: Rows) -> Steps:
+    def steps(self, count: int, every: int, row: int, rows: Rows) -> Steps:
         return Steps(self.h, self.t0, self.params, self.index, count, every, row, rows.u, rows.v)
 
     @property
     def _carried(self) -> int:
-        return 2 + self._kernel.formulas.past
+        return 2 + self.kernel.formulas.past
 
     def _goes_on_after(self, ended: int) -> bool:
         """Change to the method's fallback from here on; return whether there is one.
@@ -269,9 +272,9 @@ class Stepper(March):
         fallback = self.method.fallback(self.n) if ended == FAILED else None
         if fallback is None or self.changed_at is not None or not math.isfinite(self.residual):
             return False
-        state, carried = self._state, self._carried
+        state, carried = self.state, self._carried
         self._use(self._compiled(fallback))
-        self._state[:carried] = state[:carried]
+        self.state[:carried] = state[:carried]
         self.changed_at = self.t
         return True
 

@@ -70,8 +70,11 @@ class System:
         The quantities, compiled.
     looks : bool
         Whether runs look for something within their steps, or follow quantities.
+    ignores_velocity : bool
+        Whether the method is valid only for a force that does not depend on the velocity.
     kernels : dict
-        The kernels that were compiled so far.
+        The kernels that were compiled so far: by the number of degrees of freedom for the method, and by this number
+        and a record for others that take its steps.
 
     Raises
     ------
@@ -107,6 +110,7 @@ class System:
         for quantity in self.followed.quantities:
             self._checked.append(((quantity.function, quantity.kind, form, quantity.name), quantity.callback))
         self.looks = has_times or bool(self.events) or bool(self.followed.quantities)
+        self.ignores_velocity = method.ignores_velocity
         self.kernels: dict[Any, Kernel] = {}
 
     def _check(self, *arguments: Any) -> Callback:
@@ -123,10 +127,7 @@ class System:
     @property
     def is_present(self) -> bool:
         """Whether no function was compiled anew since, and each value that was compiled into one is the same."""
-        for arguments, callback in self._checked:
-            if check_callback(*arguments) is not callback:
-                return False
-        return True
+        return all(check_callback(*arguments) is callback for arguments, callback in self._checked)
 
 
 def remembered(rhs: Any, form: Form, method: Method, **options: Any) -> System:

@@ -29,7 +29,7 @@ from ..kernels.protocol import (
 from ..methods import Method
 from ..result.extension import states_between
 from ..result.memory import aligned
-from .march import Alone, March, Rows
+from .march import March, Rows
 from .slices import Slices
 from .system import Kernel, System
 from .tolerances import Tolerances
@@ -67,13 +67,13 @@ class VariableStepper(March):
         tolerances: Tolerances,
         times: np.ndarray | None = None,
     ) -> None:
-        self.tolerances, self._alone = tolerances, Alone()
+        self.tolerances = tolerances
         t0, self.t_end = t_span
         a = self._begin(system, t0, u, v, params, times)
-        self._state[U], self._state[V], self._state[A] = u, v, a
-        self._tally[ERROR], self._tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
+        self.state[U], self.state[V], self.state[A] = u, v, a
+        self.tally[ERROR], self.tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
         if self.look:
-            self.look.follow_within(self._kernel.formulas.order, tolerances.rtol)
+            self.look.follow_within(self.kernel.formulas.order, tolerances.rtol)
         self._slices, self._may_shorten = Slices(self.pace), False
 
     def _work_rows(self) -> int:
@@ -87,17 +87,17 @@ class VariableStepper(March):
 
     def _use(self, kernel: Kernel) -> None:
         super()._use(kernel)
-        self._state = aligned((kernel.formulas.rows, self.n))
+        self.state = aligned((kernel.formulas.rows, self.n))
 
     @property
     def t(self) -> float:
         """The time reached."""
-        return float(self._tally[TIME])
+        return float(self.tally[TIME])
 
     @property
     def h(self) -> float:  # type: ignore[override]
         """The length of the last step."""
-        return float(self._tally[STEP_BEFORE])
+        return float(self.tally[STEP_BEFORE])
 
     @property
     def mean_step(self) -> float:
@@ -106,31 +106,34 @@ class VariableStepper(March):
     @property
     def n_rejected(self) -> int:
         """Number of steps that were repeated with a shorter step."""
-        return int(self._tally[REJECTED])
+        return int(self.tally[REJECTED])
 
     @property
     def follows_span(self) -> bool:
         """Whether a run to another end would have taken other steps, not only another last one."""
-        return self._tally[BY_SPAN] != 0
+        return self.tally[BY_SPAN] != 0
 
     @property
     def silence(self) -> tuple[float, float]:
         """The longest step in which no force acted though rhs reads t, or 0, and the time of its end."""
-        return float(self._tally[SILENT_STEP]), float(self._tally[SILENT_END])
+        return float(self.tally[SILENT_STEP]), float(self.tally[SILENT_END])
 
     @property
     def tiny(self) -> np.ndarray:
         """The degrees of freedom that move, but by less than ten times the error that a step may have."""
-        rtol, largest, sizes = self.tolerances.rtol, self._tally[U_SIZE], self._state[U_MOST]  # zeros with atol
+        rtol, largest, sizes = self.tolerances.rtol, self.tally[U_SIZE], self.state[U_MOST]  # zeros with atol
         tolerance = rtol * least_size(rtol) * largest
         return np.flatnonzero((sizes > _STANDING * largest) & (sizes < 10 * tolerance))
 
     @property
     def states_between(self) -> Any:
-        """A function that returns u and v at some times, from a history with the states after all steps of RK8."""
-        return partial(states_between, self.system.callback, self.params)
+        """A function that returns u and v at some times, from a history with the states after all steps of RK8.
 
-    def _steps(self, count: int, every: int, row: int, rows: Rows) -> Span:
+        It is None for other methods.
+        """
+        return None if self.method.variable != "rk8" else partial(states_between, self.system.callback, self.params)
+
+    def steps(self, count: int, every: int, row: int, rows: Rows) -> Span:
         tolerances = self.tolerances
         return Span(
             self.t0,
