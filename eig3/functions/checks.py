@@ -15,14 +15,17 @@ from ..methods import METHODS, Method, named, nearest, shown
 
 _NEVER_REACHED = 2**62
 _PLAIN = float, int
+_FLOAT64 = np.dtype(np.float64)
 
 
 def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
     """Return u0 and v0 as two floats or two new arrays, and the form of right-hand side that belongs to them."""
     if type(u0) is float and type(v0) is float and math.isfinite(u0) and math.isfinite(v0):
         return u0, v0, SCALAR
-    if _are_rows(u0, v0) and math.isfinite(np.add.reduce(u0)) and math.isfinite(np.add.reduce(v0)):
-        return u0.copy(), v0.copy(), VECTOR  # type: ignore[union-attr]
+    is_array = type(u0) is np.ndarray and type(v0) is np.ndarray
+    are_rows = is_array and u0.dtype == v0.dtype == _FLOAT64 and u0.ndim == v0.ndim == 1 and 0 < u0.size == v0.size
+    if are_rows and math.isfinite(np.add.reduce(u0)) and math.isfinite(np.add.reduce(v0)):
+        return u0.copy(), v0.copy(), VECTOR
     u, v = reals(u0, "u0"), reals(v0, "v0")
     if u.ndim > 1:
         raise ValueError(f"u0 must be a number or a 1-D array, not an array of shape {u.shape}.")
@@ -36,19 +39,10 @@ def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
     return (float(u), float(v), SCALAR) if u.ndim == 0 else (u, v, VECTOR)
 
 
-def _are_rows(u0: Any, v0: Any) -> bool:
-    """Return whether u0 and v0 need no conversion."""
-    return (
-        type(u0) is np.ndarray
-        and type(v0) is np.ndarray
-        and u0.dtype == v0.dtype == np.float64
-        and u0.ndim == v0.ndim == 1
-        and 0 < len(u0) == len(v0)
-    )
-
-
 def check_params(params: ArrayLike) -> np.ndarray:
-    """Return the parameters as a new 1-D array of float64."""
+    """Return the parameters as a 1-D array of float64, which is `params` itself if it is one."""
+    if type(params) is np.ndarray and params.dtype == _FLOAT64 and params.ndim == 1:
+        return params
     p = reals(params, "params")
     p = p if p.ndim else p.reshape(1)
     if p.ndim > 1:

@@ -62,18 +62,28 @@ def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
     ValueError
         If rhs writes beyond the end of a.
     """
+    # These lines are short cuts for `_evaluate`, because each run begins with them.
     if form is SCALAR:
         a = rhs.call(t, u, v, p)
         if math.isfinite(a):
             return a
     else:
-        a = _evaluate(rhs, form, t, {"p": p, "u": u, "v": v})
-        if _is_finite(a, form):
+        n = u.size
+        cells = np.empty(3 * n + 4 * CELLS)
+        cells.fill(np.nan)  # an entry that rhs does not write stays NaN
+        a, begin = cells[CELLS : CELLS + n], 2 * CELLS + n
+        cells[begin : begin + n], cells[begin + n + CELLS : -CELLS] = u, v
+        rhs.call(t, cells[begin : begin + n], cells[begin + n + CELLS : -CELLS], p, a)
+        around = np.isnan(cells[:begin])
+        around[CELLS : CELLS + n] = True
+        if not np.logical_and.reduce(around):
+            raise written_beyond(n)
+        if math.isfinite(np.add.reduce(a)) or _is_finite(a, form):
             return a
-    beyond = _read_beyond(rhs, form, t, u, v, p)
-    if beyond:
-        sizes = ", ".join(f"{name} ({np.size({'p': p, 'u': u, 'v': v}[name])} values)" for name in beyond)
-        remedy = " and ".join(_DESCRIBED[name] for name in beyond)
+    names = _read_beyond(rhs, form, t, u, v, p)
+    if names:
+        sizes = ", ".join(f"{name} ({np.size({'p': p, 'u': u, 'v': v}[name])} values)" for name in names)
+        remedy = " and ".join(_DESCRIBED[name] for name in names)
         raise ReadsBeyondError(
             f"{_not_finite(a)}, because it reads beyond the end of {sizes}; give {remedy} all the values it reads."
         )
@@ -103,15 +113,10 @@ def _not_finite(a: Any) -> str:
 def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells: dict[str, float] | None = None) -> Any:
     if form is SCALAR:
         return rhs.call(t, given["u"], given["v"], given["p"])
-    u = guarded(given["u"], np.nan if cells is None else cells.get("u", np.nan))
-    v = guarded(given["v"], np.nan if cells is None else cells.get("v", np.nan))
-    row = np.empty(u.size + 2 * CELLS)
-    row.fill(np.nan)  # an entry that rhs does not write stays NaN
-    a = row[CELLS:-CELLS]
+    u, v = (guarded(given[name], (cells or {}).get(name, np.nan)) for name in "uv")
+    a = guarded(np.full(u.size, np.nan))
     rhs.call(t, u, v, given["p"], a)
-    kept = np.isnan(row)
-    kept[CELLS:-CELLS] = True
-    if not np.logical_and.reduce(kept):
+    if beyond(a):
         raise written_beyond(a.size)
     return a
 

@@ -158,9 +158,20 @@ class Solution:
     def _of(cls, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:
         """Return a solution with some fields, and functions that find others when they are read."""
         solution = object.__new__(cls)
-        vars(solution).update(_empty(), **fields, _later=later)
+        state = vars(solution)
+        state |= {
+            "drift": {},
+            "extremes": {},
+            "integrals": {},
+            "events": {},
+            "notes": (),
+            "n_rejected": 0,
+            "steps": None,
+        }
+        state |= {"labels": None, "_explanation": "", "_between": None, "_extend": None, "_resume": None}
+        state |= {"_a": None, "_a_jumps": None, "_knots": None, "_whole": None, **fields, "_later": later}
         for name in later:
-            vars(solution).pop(name, None)
+            state.pop(name, None)
         return solution
 
     def __getattr__(self, name: str) -> Any:
@@ -524,28 +535,3 @@ def _steps_to(saved: np.ndarray, h: float, steps: np.ndarray | None, t: np.ndarr
     if steps is None:
         return np.full(len(t), h)
     return steps[np.minimum(np.searchsorted(saved, t), len(saved) - 1)]
-
-
-def _empty() -> dict[str, Any]:
-    """The fields of a solution in which nothing was found."""
-    return {
-        "drift": {},
-        "extremes": {},
-        "notes": (),
-        "integrals": {},
-        "events": {},
-        "outputs": {},
-        "n_rejected": 0,
-        "steps": None,
-        "labels": None,
-        "reason": None,
-        "_accelerations": None,
-        "_extend": None,
-        "_between": None,
-        "_explanation": "",
-        "_resume": None,
-        "_a": None,
-        "_a_jumps": None,
-        "_knots": None,
-        "_whole": None,
-    }

@@ -36,10 +36,12 @@ from ..stepping.tolerances import check_tolerances, method_for
 from ..stepping.variable_stepper import VariableStepper
 from ..stepping.watching import check_times
 from . import short
-from .fixed_run import FixedRun, divide, stride
+from .fixed_run import FixedRun, divide
 from .progress import check_progress
 from .run import Run, carry_out
 from .variable_run import VariableRun
+
+_SHORT = 1e-12  # a step of this part of the time may be too short for floating-point times
 
 
 class Prepared:
@@ -107,8 +109,6 @@ class Prepared:
         self._system: System = remembered(rhs, form, record, has_times=t_eval is not None, **options)
         self._tolerances: dict[int, Any] = {}
         self._every = NEVER if self._save_every is None else self._save_every
-        self._n_steps: int = 0  # of the last run with tolerances
-        self._n_rows: int | None = None  # that the next one may need
         has_end = any(event.terminal for event in self._system.events.values())
         self._may_be_short = t_eval is None and not has_end
 
@@ -151,80 +151,65 @@ class Prepared:
         TypeError, ValueError, MemoryError, OSError, ImportError, IntegrationError, KeyboardInterrupt
             As for `eig3.integrate`.
         """
+        u, v, form = check_state(u0, v0)
+        if form is not self._system.form:
+            raise self._wrong_form(u0)
+        start = check_span(t_span), u, v, guarded(check_params(params))
         if cancel is None and save_to is None and progress is False and self._may_be_short:
             try:
-                solution = self._short(t_span, u0, v0, params)
+                solution = self._short(*start)
             except KeyboardInterrupt as error:
                 error.solution = None  # type: ignore[attr-defined]
                 raise
+            except Exception:  # a `Run` raises it again, with the solution up to then
+                solution = None
             if solution is not None:
                 return solution
-        return carry_out(partial(self.begin, t_span, u0, v0, params, progress, save_to), cancel, raise_on_failure)
+        return carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
 
-    def _short(self, t_span: Sequence[float], u0: ArrayLike, v0: ArrayLike, params: ArrayLike) -> Solution | None:
+    def _short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
-        start = self._start(t_span, u0, v0, params)
-        (t0, t1), u, v, p = start
-        again = short.Again(partial(self._run, *start, None, None, False))
+        again, t_end = partial(self._begin, span, u, v, p, False, None), span[1]
         if self._h is None:
-            if self._n_rows is None:
-                return None
-            stepper = self._variable_stepper((t0, t1), u, v, p, None)
-            if not short.is_short(stepper, self._n_steps, self._n_rows):
-                return None
-            return short.variable(stepper, self._every, self._n_rows, again)
-        n_steps, h = divide(t1 - t0, self._h)
-        check_resolution(h, t0, t1)
-        fixed = Stepper.of(self._system, t0, h, u, v, p, None)
-        if not short.is_short(fixed, n_steps, n_steps // stride(self._save_every, n_steps)):
+            (steps, rows), every = self._system.last_size, self._every
+            stepper: Any = self._variable_stepper(span, u, v, p, None)
+        else:
+            stepper, steps = self._fixed_stepper(span, u, v, p, None)
+            every = min(self._every, steps)
+            rows = steps // every + 2
+        pace = self._system.callback.pace.get(stepper.kernel.pace_key)
+        if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
             return None
-        return short.fixed(fixed, n_steps, t1, self._save_every, again)
+        if self._h is None:
+            return short.variable(stepper, every, rows, again)
+        return short.fixed(stepper, steps, t_end, every, again)
 
-    def _start(self, t_span: Sequence[float], u0: ArrayLike, v0: ArrayLike, params: ArrayLike) -> tuple:
-        """Check what a call gets; return the span, u and v at its start, and p."""
-        u, v, form = check_state(u0, v0)
-        if form is not self._system.form:
-            raise ValueError(
-                f"u0 must be {'a number' if self._system.form is SCALAR else 'an array'}, because rhs has the "
-                f"{self._system.form.name} form, not {shown(u0)}."
-            )
-        return check_span(t_span), u, v, guarded(check_params(params))
+    def _wrong_form(self, u0: Any) -> ValueError:
+        form = self._system.form
+        wanted = "a number" if form is SCALAR else "an array"
+        return ValueError(f"u0 must be {wanted}, because rhs has the {form.name} form, not {shown(u0)}.")
 
-    def begin(
-        self,
-        t_span: Sequence[float],
-        u0: ArrayLike,
-        v0: ArrayLike,
-        params: ArrayLike,
-        progress: bool,
-        save_to: Any,
-    ) -> Run:
+    def _begin(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, progress: bool, save_to: Any) -> Run:
         """Return a run at its start."""
         if progress is not False:
             check_progress(progress)
         place = None if save_to is None else Place.of(save_to)
-        span, u, v, p = self._start(t_span, u0, v0, params)
         times = None if self._t_eval is None else check_times(self._t_eval, *span)
-        return self._run(span, u, v, p, times, place, progress)
-
-    def _run(
-        self,
-        span: tuple[float, float],
-        u: Any,
-        v: Any,
-        p: np.ndarray,
-        times: np.ndarray | None,
-        place: Place | None,
-        progress: bool,
-    ) -> Run:
         if self._h is None:
             stepper = self._variable_stepper(span, u, v, p, times)
             return VariableRun.at_start(stepper, self._every, times, place, progress, self._note_size)
+        fixed, n_steps = self._fixed_stepper(span, u, v, p, times)
+        return FixedRun.at_start(fixed, n_steps, span[1], self._save_every, times, place, progress)
+
+    def _fixed_stepper(
+        self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, times: np.ndarray | None
+    ) -> tuple[Stepper, int]:
+        """Return a stepper at the start, and the number of its steps."""
         t0, t1 = span
-        n_steps, h = divide(t1 - t0, self._h)
-        check_resolution(h, t0, t1)
-        fixed = Stepper.of(self._system, t0, h, u, v, p, times)
-        return FixedRun.at_start(fixed, n_steps, t1, self._save_every, times, place, progress)
+        n_steps, h = divide(t1 - t0, self._h)  # type: ignore[arg-type]
+        if h < _SHORT * max(abs(t0), abs(t1)):
+            check_resolution(h, t0, t1)
+        return Stepper.of(self._system, t0, h, u, v, p, times), n_steps
 
     def _variable_stepper(
         self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, times: np.ndarray | None
@@ -234,8 +219,8 @@ class Prepared:
         return VariableStepper(self._system, span, u, v, p, tolerances, times)
 
     def _note_size(self, n_steps: int, rows: int) -> None:
-        """Note how many steps and rows a run with tolerances had: the next one may have as many."""
-        self._n_steps, self._n_rows = n_steps, rows + rows // 4 + 16
+        """Note how many steps a run with tolerances had, and how many rows the next one may need."""
+        self._system.last_size = n_steps, rows + rows // 4 + 16
 
     def _tolerances_for(self, n: int) -> Any:
         """Return the tolerances for n degrees of freedom."""

@@ -6,14 +6,16 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
+from ..functions.accelerations import accelerations
 from ..functions.checks import check_cancel, check_flag
 from ..kernels.compile.interrupt import DeferredInterrupt
-from ..kernels.protocol import NEXT, RESTING, TERMINAL, VECTOR
+from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
 from ..result.solution import Solution, Status
 from ..result.storage import Place
@@ -256,7 +258,7 @@ class Run:
     def _write_present(self, step: float) -> None:
         """Save the present state in the next row."""
         stepper = self.stepper
-        values = {"t": stepper.t, "steps": step, "u": stepper.state[0], "v": stepper.state[1]}
+        values = {"t": stepper.t, "steps": step, "u": stepper.u, "v": stepper.v}
         if self.history.outputs:
             values |= stepper.look.follower.present_outputs()
         self.history.write(values)
@@ -395,14 +397,14 @@ def common_fields(stepper: Any) -> dict[str, Any]:
     """Return the fields of the solution of a run that has ended well, which each kind of run has."""
     return {
         "n_steps": stepper.index,
-        "n_rhs": stepper.n_rhs,
-        "n_iterations": stepper.n_iterations,
+        "n_rhs": 1 + int(stepper.tally[EVALUATIONS]),
+        "n_iterations": int(stepper.tally[ITERATIONS]),
         "status": Status.COMPLETED,
         "message": COMPLETED,
         "reason": None,
         "kernel_seconds": stepper.seconds,
         "method": stepper.system.method,
-        "_accelerations": stepper.accelerations,
+        "_accelerations": partial(accelerations, stepper.system.callback, stepper.params),
     }
 
 

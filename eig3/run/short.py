@@ -14,97 +14,61 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.protocol import AT_END, GOING, SCALAR
-from ..result.memory import n_rows
+from ..kernels.protocol import AT_END, GOING, REJECTED, SCALAR, STEP_BEFORE, TIME, Steps
 from ..result.solution import Solution
-from ..stepping.march import Rows
 from ..stepping.stepper import Stepper
 from ..stepping.variable_stepper import VariableStepper
-from .fixed_run import grid, stride
-from .growth import STRANGE, size_of
+from .fixed_run import grid
+from .growth import STRANGE
 from .run import Run, Stop, common_fields
 
-_MOST_SECONDS = 4e-4  # duration of a short run, by the time per step of an earlier one
-_MOST_VALUES = 2**17  # in its rows
-_NONE = np.empty(0)
+MOST_SECONDS = 4e-4  # duration of a short run, by the time per step of an earlier one
+MOST_VALUES = 2**17  # in its rows
 
 
-class Again:
-    """The `Run` of a short run, which is made when it is needed: it takes the same steps again.
-
-    Parameters
-    ----------
-    begin : callable
-        It returns a `Run` at its start.
-    """
-
-    def __init__(self, begin: Callable[[], Run]) -> None:
-        self._begin = begin
-        self._run: Run | None = None
-
-    @property
-    def run(self) -> Run:
-        if self._run is None:
-            run = self._begin()
-            run.march(Stop(None, None))
-            run.close()
-            self._run = run
-        return self._run
-
-    def notes(self) -> tuple[str, ...]:
-        return self.run.all_notes()
-
-    def state(self) -> dict[str, Any]:
-        return self.run.state()
-
-    def extend(self, *arguments: Any, **options: Any) -> Solution:
-        return self.run.extend(*arguments, **options)
-
-
-def is_short(stepper: Any, steps: int, rows: int) -> bool:
-    """Return whether a run of so many steps and rows is over within a slice, as far as is known."""
-    pace = stepper.system.callback.pace.get(stepper.kernel.pace_key)
-    return pace is not None and steps * pace < _MOST_SECONDS and rows * stepper.n < _MOST_VALUES
-
-
-def fixed(stepper: Stepper, n_steps: int, t_end: float, save_every: int | None, again: Again) -> Solution | None:
+def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Callable[[], Run]) -> Solution | None:
     """Take the steps of a run with a fixed step; return None if its end needs a closer look.
 
     Parameters
     ----------
     stepper : Stepper
         It stands at the start.
-    n_steps, t_end, save_every
+    n_steps, t_end, every
         As for `FixedRun`.
-    again : Again
+    again : callable
+        It returns the same run at its start, as a `Run`.
     """
-    every, start, state = stride(save_every, n_steps), stepper.start, stepper.state
-    count = n_rows(n_steps, every)
+    start, state = stepper.start, stepper.state
+    count = n_steps // every + 1 + (n_steps % every > 0)
     u = np.empty(count) if stepper.form is SCALAR else np.empty((count, stepper.n))
     v = np.empty(u.shape)
     u[0], v[0] = start
-    outputs = _rows_of_outputs(stepper, count)
-    ended, row = _called(stepper, n_steps, every, Rows(_NONE, _NONE, u, v))
-    if ended != GOING or not _is_sound(stepper, n_steps * stepper.h):
+    outputs = _rows_of_outputs(stepper, count) if stepper.look else {}
+    steps = Steps(stepper.h, stepper.t0, stepper.params, 0, n_steps, every, 1, u, v)
+    row = _last_row(stepper, steps, GOING, n_steps * stepper.h)
+    if row is None:
         return None
     if row < count:
         u[row], v[row] = state[0], state[1]
         _write_outputs(stepper, outputs, row)
-    later = {"t": partial(grid, stepper.t0, stepper.h, every, count, n_steps, t_end)}
-    return _solution(stepper, {"u": u, "v": v, "h": stepper.h}, outputs, later, again)
+    later = {"t": partial(grid, stepper.t0, stepper.h, every, count, n_steps, t_end), "notes": partial(_notes, again)}
+    fields = {"u": u, "v": v, "h": stepper.h, "outputs": outputs}
+    fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
+    return Solution._of(common_fields(stepper) | fields, {**stepper.look.found(), **later} if stepper.look else later)
 
 
-def variable(stepper: VariableStepper, every: int, rows: int, again: Again) -> Solution | None:
+def variable(stepper: VariableStepper, every: int, rows: int, again: Callable[[], Run]) -> Solution | None:
     """Do the same for a run with tolerances, which needs at most this number of rows."""
     n = stepper.n
     t, h, u, v = np.empty(rows), np.empty(rows), np.empty((rows, n)), np.empty((rows, n))
     t[0], h[0], (u[0], v[0]) = stepper.t0, 0.0, stepper.start
-    outputs = _rows_of_outputs(stepper, rows)
-    stepper.shorten()
-    ended, row = _called(stepper, stepper.tolerances.max_steps, every, Rows(t, h, u, v))
-    t_last, h_last = stepper.t, stepper.h
-    if ended != AT_END or not _is_sound(stepper, math.inf):
+    outputs = _rows_of_outputs(stepper, rows) if stepper.look else {}
+    stepper.may_shorten = True
+    steps, tally = stepper.steps(stepper.tolerances.max_steps, every, 1, (t, h, u, v)), stepper.tally
+    row = _last_row(stepper, steps, AT_END, math.inf)
+    if row is None:
         return None
+    t_last, h_last = float(tally[TIME]), float(tally[STEP_BEFORE])
     if t[row - 1] != t_last:
         t[row], h[row], u[row], v[row] = t_last, h_last, stepper.state[0], stepper.state[1]
         _write_outputs(stepper, outputs, row)
@@ -118,49 +82,52 @@ def variable(stepper: VariableStepper, every: int, rows: int, again: Again) -> S
         "v": v,
         "_between": stepper.states_between if every == 1 else None,
     }
-    fields |= {"h": (t_last - stepper.t0) / stepper.index, "n_rejected": stepper.n_rejected}
-    return _solution(stepper, fields, outputs, {}, again)
+    fields |= {"h": (t_last - stepper.t0) / stepper.index, "n_rejected": int(tally[REJECTED])}
+    fields |= {"outputs": outputs, "_extend": partial(_extend, again), "_resume": partial(_state, again)}
+    later = {"notes": partial(_notes, again)}
+    return Solution._of(common_fields(stepper) | fields, {**stepper.look.found(), **later} if stepper.look else later)
 
 
-def _called(stepper: Any, count: int, every: int, rows: Rows) -> tuple[int, int]:
-    """Call the kernel; return how it ended, and the next row to write."""
-    kernel, steps = stepper.kernel, stepper.steps(count, every, 1, rows)
+def _last_row(stepper: Any, steps: Any, wanted: int, span: float) -> int | None:
+    """Call the kernel, and return the next row to write; None if the run needs a closer look.
+
+    It does if it has not ended as `wanted`, if the motion is not finite or has grown much over a span with a fixed
+    step, or if rhs leaves out an entry of a.
+    """
+    kernel, state, tally = stepper.kernel, stepper.state, stepper.tally
     arguments = stepper.look.arguments if stepper.look else None
     begin = time.perf_counter()
-    taken, row, ended = kernel.call(kernel.callbacks, stepper.state, kernel.settings, stepper.tally, steps, arguments)
+    taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, tally, steps, arguments)
     stepper.seconds, stepper.index = time.perf_counter() - begin, taken
-    if taken:
-        stepper.system.callback.pace[kernel.pace_key] = stepper.seconds / taken
-    return ended, row
-
-
-def _is_sound(stepper: Any, span: float) -> bool:
-    """Return whether the motion is finite and has not grown much, and whether rhs writes every entry of a."""
-    state, (u, v) = stepper.state, stepper.start
-    if stepper.form is SCALAR:
-        u_end, v_end = abs(state.item(0)), abs(state.item(1))
-    else:
-        u_end, v_end = np.maximum.reduce(np.abs(state[:2]), axis=1).tolist()
-        if stepper.find_unwritten(stepper.t - stepper.h) is not None:
-            return False
+    if ended != wanted:
+        return None
+    stepper.system.callback.pace[kernel.pace_key] = stepper.seconds / taken
     if stepper.look:
         stepper.look.follower.check()
-        stepper.look.watching.collect(stepper.tally)
-    if span == math.inf:
-        return u_end < math.inf and v_end < math.inf
-    v_natural = size_of(v) + span * size_of(stepper.first_acceleration)
-    return u_end < STRANGE * (size_of(u) + span * v_natural) and v_end < STRANGE * v_natural
+        stepper.look.watching.collect(tally)
+    (u, v), a = stepper.start, stepper.first_acceleration
+    if stepper.form is SCALAR:
+        u_end, v_end, u, v, a = abs(state.item(0)), abs(state.item(1)), abs(u), abs(v), abs(a)
+    else:
+        t = stepper.t0 + (taken - 1) * stepper.h if wanted == GOING else float(tally[TIME] - tally[STEP_BEFORE])
+        if stepper.find_unwritten(t) is not None:
+            return None
+        u_end, v_end = np.maximum.reduce(np.abs(state[:2]), axis=1).tolist()
+        u, v, a = np.maximum.reduce(np.abs(u)), np.maximum.reduce(np.abs(v)), np.maximum.reduce(np.abs(a))
+    if wanted != GOING:
+        return row if u_end < math.inf and v_end < math.inf else None
+    v_natural = v + span * a
+    return row if u_end < STRANGE * (u + span * v_natural) and v_end < STRANGE * v_natural else None
 
 
 def _rows_of_outputs(stepper: Any, count: int) -> dict[str, np.ndarray]:
     """Return arrays for the values of outputs in each row, into which the kernel will write."""
-    if not (stepper.look and stepper.look.follower.followed.outputs):
-        return {}
     outputs = {}
     for name, shape in stepper.system.functions.shapes.items():
         outputs[name] = np.empty((count, *shape))
-    stepper.look.follower.save_in(outputs)
-    _write_outputs(stepper, outputs, 0)
+    if outputs:
+        stepper.look.follower.save_in(outputs)
+        _write_outputs(stepper, outputs, 0)
     return outputs
 
 
@@ -170,9 +137,21 @@ def _write_outputs(stepper: Any, outputs: dict[str, np.ndarray], row: int) -> No
             outputs[name][row] = value
 
 
-def _solution(stepper: Any, fields: dict[str, Any], outputs: Any, later: dict[str, Any], again: Again) -> Solution:
-    later["notes"] = again.notes
-    if stepper.look:
-        later |= stepper.look.found()
-    fields |= {"outputs": outputs, "_extend": again.extend, "_resume": again.state}
-    return Solution._of(common_fields(stepper) | fields, later)
+def _taken(again: Callable[[], Run]) -> Run:
+    """Take the steps again, as a `Run`."""
+    run = again()
+    run.march(Stop(None, None))
+    run.close()
+    return run
+
+
+def _notes(again: Callable[[], Run]) -> tuple[str, ...]:
+    return _taken(again).all_notes()
+
+
+def _state(again: Callable[[], Run]) -> dict[str, Any]:
+    return _taken(again).state()
+
+
+def _extend(again: Callable[[], Run], t_end: float, **options: Any) -> Solution:
+    return _taken(again).extend(t_end, **options)

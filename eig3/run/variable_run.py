@@ -146,7 +146,7 @@ class VariableRun(Run):
             self.is_done = True
         elif ended == BEFORE_END:
             self._mark = self._marked()
-            stepper.shorten()
+            stepper.may_shorten = True
         elif ended == FULL and self.times is None:
             self._make_room()
         elif ended == TOO_SMALL:

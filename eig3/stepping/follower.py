@@ -59,9 +59,19 @@ class Followed:
             self.columns += quantity.width
             size += quantity.width + CELLS
         self._out_size = size
+        self._places: dict[int, tuple[int, list[tuple[int, int, tuple[int, ...]]]]] = {}
 
-    def sizes(self, n: int) -> dict[str, tuple[int, ...]]:
-        """Return the shapes of the arrays of a `Follower`."""
+    def places(self, n: int) -> tuple[int, list[tuple[int, int, tuple[int, ...]]]]:
+        """Return the size of `Follower.numbers`; and the begin, the end and the shape of each array there."""
+        if n not in self._places:
+            size, places = 0, []
+            for shape in self._shapes(n).values():
+                places.append((size, size + math.prod(shape), shape))
+                size += math.prod(shape)
+            self._places[n] = size, places
+        return self._places[n]
+
+    def _shapes(self, n: int) -> dict[str, tuple[int, ...]]:
         columns = self.columns
         return {
             "out": (self._out_size,),
@@ -91,17 +101,13 @@ class Follower:
     """
 
     def __init__(self, followed: Followed, n: int, numbers: np.ndarray | None = None) -> None:
-        self.followed, self._n, sizes = followed, n, followed.sizes(n)
-        self.numbers = np.zeros(sum(map(math.prod, sizes.values()))) if numbers is None else numbers
-        self.table, begin = followed.table.copy(), 0
-        arrays: dict[str, Any] = {}
-        for name, shape in sizes.items():
-            end = begin + math.prod(shape)
-            arrays[name] = self.numbers[begin:end].reshape(shape)
-            begin = end
-        self.out, self.widest, self.steps, self.parts = (arrays[name] for name in ("out", "extremes", "steps", "parts"))
-        self.forward, self.most = arrays["forward"], arrays["most"]
-        self.start, self.before = arrays["start"], arrays["before"]  # the values at the start, and before the next step
+        self.followed, self._n, (size, places) = followed, n, followed.places(n)
+        self.numbers = np.zeros(size) if numbers is None else numbers
+        self.table, arrays = followed.table.copy(), []
+        for begin, end, shape in places:
+            arrays.append(self.numbers[begin:end].reshape(shape))
+        self.out, self.widest, self.steps, self.parts, self.forward, self.most, *others = arrays
+        self.start, self.before = others  # the values at the start, and before the next step
         self.within: Within | None = None
 
     def begin(self, t: float, u: Any, v: Any, p: np.ndarray) -> None:

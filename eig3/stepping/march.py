@@ -35,6 +35,7 @@ from ..kernels.protocol import (
 from ..methods import Method
 from ..result.memory import aligned
 from .look import Look
+from .slices import Slices
 from .system import Kernel, System
 from .watching import not_a_number
 
@@ -118,6 +119,7 @@ class March:
         self.raised_before: int | None = None
         self.changed_at: float | None = None
         self._lock = threading.Lock()
+        self._slices: Slices | None = None
         self.look = Look(system, times, n, self._work_rows()) if system.looks else None
         self.first_acceleration = a = first_acceleration(system.callback, self.form, t0, u, v, params)
         self.tally = np.zeros(EVENTS + EVENT_VALUES * len(system.event_table))
@@ -140,7 +142,8 @@ class March:
         raise NotImplementedError
 
     def _use(self, kernel: Kernel) -> None:
-        self.kernel, self.running = kernel, kernel.running
+        """Take the next steps with a kernel, and a state of the size that it needs."""
+        raise NotImplementedError
 
     @property
     def method(self) -> Method:
@@ -222,7 +225,7 @@ class March:
         end, kernel = self.index + count, self.kernel
         arguments = self.look and self.look.arguments
         self.ended, self.raised_before = GOING, None
-        slices = self._slices
+        slices = self._slices = self._slices or self._new_slices()
         while self.index < end:
             # After a call that ended within a step, the next one takes this step only: then the run may stop.
             steps, *begun = slices.begin(1 if self.look and self.is_within_log else end - self.index)
@@ -256,6 +259,9 @@ class March:
             elif self.index < end and not (self.look and self.is_within_log) and _is_set(cancels):
                 break
         return row
+
+    def _new_slices(self) -> Slices:
+        return Slices(self.pace)
 
     def _has_room(self, row: int, rows: Rows) -> bool:
         """Return whether rows are left, so that it was the log of events that was full."""
@@ -306,7 +312,7 @@ class March:
             other._lock = threading.Lock()
             other.state, other.tally = aligned(self.state.shape), self.tally.copy()
             other.state[...] = self.state
-            other._slices = self._slices.copy()
+            other._slices = self._slices and self._slices.copy()
             other.look = self.look and self.look.fork()
         return other
 

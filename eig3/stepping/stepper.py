@@ -31,6 +31,7 @@ from .march import NEVER, Cancel, March, Rows
 from .slices import Slices
 from .system import Kernel, System
 
+_SMALL = 1e100  # an acceleration with which no past value overflows
 _FLOAT64 = np.dtype(np.float64)
 # At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system.
 # There is nothing to move after a multiple of the steps in which the rows rotate.
@@ -101,26 +102,20 @@ class Stepper(March):
     ) -> None:
         h, t0 = check_h(h), check_time(t0, "t0")
         u, v, form = check_state(u0, v0)
-        p = guarded(check_params(params))
-        self._begin_with(System(rhs, form, check_method(method), inline=inline), t0, h, u, v, p, None)
+        system = System(rhs, form, check_method(method), inline=inline)
+        vars(self).update(vars(Stepper.of(system, t0, h, u, v, guarded(check_params(params)))))
 
     @classmethod
     def of(
         cls, system: System, t0: float, h: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None = None
     ) -> Stepper:
         """Return a stepper at the start of a system, whose arguments are checked; `params` come from `guarded`."""
-        stepper = object.__new__(cls)
-        stepper._begin_with(system, t0, h, u, v, params, times)
-        return stepper
-
-    def _begin_with(
-        self, system: System, t0: float, h: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None
-    ) -> None:
+        self = object.__new__(cls)
         self.h = h
         a = self._begin(system, t0, u, v, params, times)
         if system.ignores_velocity:
             self._check_velocity(a)
-        if self.form is SCALAR:
+        if self.form is SCALAR or np.maximum.reduce(np.abs(a)) < _SMALL:
             past = self.kernel.formulas.start(u, v, a, h)
         else:
             with np.errstate(over="ignore"):  # a past value that overflows makes the first step non-finite
@@ -128,8 +123,7 @@ class Stepper(March):
         self.state[0], self.state[1] = u, v
         for k, values in enumerate(past):
             self.state[2 + k] = values
-        turn = self.kernel.formulas.turn if self.n >= _LARGE else 1
-        self._slices = Slices(self.pace, turn)
+        return self
 
     def _work_rows(self) -> int:
         return fixed.work_rows(self.system.method.order)
@@ -142,10 +136,11 @@ class Stepper(March):
         return system.kernels[key]
 
     def _use(self, kernel: Kernel) -> None:
-        super()._use(kernel)
-        formulas, n = kernel.formulas, self.n
-        rows = 2 + formulas.past
-        self.state = np.zeros(rows) if self.form is SCALAR else aligned((formulas.state_rows(n), n))
+        self.kernel, self.running = kernel, kernel.running
+        self.state = np.zeros(kernel.rows) if self.form is SCALAR else aligned((kernel.rows, self.n))
+
+    def _new_slices(self) -> Slices:
+        return Slices(self.pace, self.kernel.formulas.turn if self.n >= _LARGE else 1)
 
     @property
     def t(self) -> float:
@@ -324,4 +319,5 @@ def _kernel(system: System, method: Method, n: int) -> Kernel:
     else:
         call = fixed.kernel(formulas, order, form, n, looks=looks, takes_jacobian=jacobian is not None)
         callbacks = system.callback.address, jacobian and jacobian.address
-    return Kernel(running, formulas, call, callbacks, settings, (formulas, n, system.inline))
+    rows = 2 + formulas.past if form is SCALAR else formulas.state_rows(n)
+    return Kernel(running, formulas, rows, call, callbacks, settings, (formulas, n, system.inline))

@@ -27,6 +27,8 @@ class Kernel(NamedTuple):
     running : Method
         The record that takes the steps: the method with every option "auto" decided.
     formulas : Formulas or Pair
+    rows : int
+        Number of rows of the state, or of values of one degree of freedom with a fixed step.
     call : callable
         The compiled kernel.
     callbacks : tuple
@@ -37,6 +39,7 @@ class Kernel(NamedTuple):
 
     running: Method
     formulas: Any
+    rows: int
     call: Callable
     callbacks: tuple
     settings: np.ndarray
@@ -72,6 +75,8 @@ class System:
         Whether runs look for something within their steps, or follow quantities.
     ignores_velocity : bool
         Whether the method is valid only for a force that does not depend on the velocity.
+    last_size : tuple of int
+        The steps of the last run with tolerances, and the rows that the next one may need.
     kernels : dict
         The kernels that were compiled so far: by the number of degrees of freedom for the method, and by this number
         and a record for others that take its steps.
@@ -112,6 +117,7 @@ class System:
         self.looks = has_times or bool(self.events) or bool(self.followed.quantities)
         self.ignores_velocity = method.ignores_velocity
         self.kernels: dict[Any, Kernel] = {}
+        self.last_size = 0, 0
 
     def _check(self, *arguments: Any) -> Callback:
         callback = check_callback(*arguments)

@@ -30,7 +30,6 @@ from ..methods import Method
 from ..result.extension import states_between
 from ..result.memory import aligned
 from .march import March, Rows
-from .slices import Slices
 from .system import Kernel, System
 from .tolerances import Tolerances
 
@@ -52,6 +51,11 @@ class VariableStepper(March):
     tolerances : Tolerances
     times : ndarray or None
         The times at which the state is wanted.
+
+    Attributes
+    ----------
+    may_shorten : bool
+        Whether the last step may be shortened, so that it ends at the end of the span.
     """
 
     n_iterations = 0
@@ -74,7 +78,7 @@ class VariableStepper(March):
         self.tally[ERROR], self.tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
         if self.look:
             self.look.follow_within(self.kernel.formulas.order, tolerances.rtol)
-        self._slices, self._may_shorten = Slices(self.pace), False
+        self.may_shorten = False
 
     def _work_rows(self) -> int:
         return WORK
@@ -86,8 +90,8 @@ class VariableStepper(March):
         return system.kernels[n]
 
     def _use(self, kernel: Kernel) -> None:
-        super()._use(kernel)
-        self.state = aligned((kernel.formulas.rows, self.n))
+        self.kernel, self.running = kernel, kernel.running
+        self.state = aligned((kernel.rows, self.n))
 
     @property
     def t(self) -> float:
@@ -131,7 +135,9 @@ class VariableStepper(March):
 
         It is None for other methods.
         """
-        return None if self.method.variable != "rk8" else partial(states_between, self.system.callback, self.params)
+        return (
+            None if self.system.method.variable != "rk8" else partial(states_between, self.system.callback, self.params)
+        )
 
     def steps(self, count: int, every: int, row: int, rows: Rows) -> Span:
         tolerances = self.tolerances
@@ -147,7 +153,7 @@ class VariableStepper(March):
             tolerances.rtol,
             tolerances.atol,
             int(tolerances.is_relative),
-            int(self._may_shorten),
+            int(self.may_shorten),
             int(self.system.callback.reads_time),
             *rows,
         )
@@ -155,14 +161,10 @@ class VariableStepper(March):
     def _has_room(self, row: int, rows: Rows) -> bool:
         return not len(rows.t) or row + 2 <= len(rows.t)
 
-    def shorten(self) -> None:
-        """Allow the last step to be shortened, so that it ends at the end of the span."""
-        self._may_shorten = True
-
     def extended(self, t_end: float) -> VariableStepper:
         """Return an independent stepper at the same state, for a run to a later end."""
         other = self.fork()
-        other.t_end, other._may_shorten = t_end, False
+        other.t_end, other.may_shorten = t_end, False
         return other
 
     def restarted(self, t_end: float, times: np.ndarray | None) -> VariableStepper:
@@ -181,7 +183,7 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
         callbacks: tuple = ()
     else:
         call, callbacks = variable.kernel(module, form, n, looks=looks), (system.callback.address,)
-    return Kernel(system.method, formulas, call, callbacks, _NO_SETTINGS, (module, n, system.inline))
+    return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NO_SETTINGS, (module, n, system.inline))
 
 
 def _inline(module: str, form: Any, n: int, looks: bool, rhs: Any, jacobian: None, quantities: tuple) -> Any:
