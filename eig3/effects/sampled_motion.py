@@ -1,5 +1,7 @@
 """Supports that move according to a sampled record of their displacement."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
 from queue import Empty, SimpleQueue
@@ -31,7 +31,7 @@ from .members import Members, check_members
 from .parts import Joined, Listed, Recipe, Results, parts_of
 from .shared import Shared
 from .shipping import check_executor, check_reduce, march_parts
-from .solution import EnsembleSolution
+from .solution import EnsembleSolution, Reduce
 
 _ALONE = 16  # members of a piece of work that runs them one at a time
 _POLL_SECONDS = 0.05  # between two looks for Ctrl-C
@@ -51,7 +51,7 @@ def ensemble(
     outputs: Mapping[str, Any] | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
-    reduce: Callable[[EnsembleSolution], Any] | None = None,
+    reduce: Reduce | None = None,
     progress: bool = False,
     save_to: None = None,
 ) -> Any:
@@ -162,7 +162,7 @@ def _in_parts(
     method: Method,
     save_every: int | None,
     functions: Functions,
-    reduce: Callable[[EnsembleSolution], Any] | None,
+    reduce: Reduce | None,
     executor: Executor | None,
     threads: tuple[int, int],
     progress: bool,

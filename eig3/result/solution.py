@@ -22,12 +22,14 @@ from ..methods import Method
 from . import frames
 from .interpolation import Knots
 from .labels import Labels
-from .resolution import Resolution
+from .resolution import Evaluate, Resolution
 
 _TOO_FAR = 1e-2  # the relative error from which on states are too far apart to be interpolated
 
 _NO_STATES = "the run ended before the first time of t_eval"
 
+#: Looks for the reason why a run failed, and describes it.
+Reason = Callable[[], str]
 #: The fields that a copy, a pickle and a file do not keep.
 TRANSIENT = ("reason", "_accelerations", "_extend", "_between", "_knots", "_whole")
 
@@ -142,8 +144,8 @@ class Solution:
     n_rejected: int = 0
     steps: np.ndarray | None = None
     labels: Labels | None = None
-    reason: Callable[[], str] | None = None
-    _accelerations: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
+    reason: Reason | None = None
+    _accelerations: Evaluate | None = None
     _extend: Callable[..., Solution] | None = None
     _between: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     _explanation: str = ""
