@@ -32,7 +32,7 @@ _DENSE_VALUES = 2**17  # values in the dense output of the steps of one call, if
 
 
 class Stop(Protocol):
-    """An object that tells whether to end a run, or a chunk of its steps."""
+    """An object that says whether to end a run, or a chunk of its steps."""
 
     def is_final(self) -> bool:
         """Return True to end the run."""
@@ -465,7 +465,7 @@ class VariableRun:
         elif ended in (NOT_A_NUMBER, NOT_FINITE):
             raise not_a_number(stepper, t)
         elif ended == TOO_SMALL:
-            relative = "; if hardly anything has moved so far, rtol needs atol beside it"
+            relative = "; if hardly anything has moved so far, rtol needs atol too"
             self._end(
                 Status.STEP_TOO_SMALL,
                 f"The tolerances need a step below the resolution of t at t = {t:g}: the motion may be singular there, "

@@ -68,7 +68,7 @@ class Effect:
     source : str
         Where the formula comes from.
     picture : str
-        What animations draw: of a `Link` a "line", a "spring", a "string" whose state tells that it has broken, "discs"
+        What animations draw: of a `Link` a "line", a "spring", a "string" until its state is no longer 0, "discs"
         around its ends that touch at the distance of the field reach, or nothing for ""; of a `Body` a "plane" with the
         fields normal and offset, or nothing. "weight" draws scenes of one dimension upright.
     """

@@ -45,7 +45,7 @@ _LARGE = 1000  # degrees of freedom from which on slices are such multiples
 
 
 class Cancel(Protocol):
-    """An object that tells whether to stop, such as a `threading.Event`."""
+    """An object that says whether to stop, such as a `threading.Event`."""
 
     def is_set(self) -> bool:
         """Return True to stop."""
@@ -145,7 +145,7 @@ class Stepper:
 
     @property
     def is_over(self) -> bool:
-        """Whether something else than the number of steps ended the run."""
+        """Whether anything but the number of steps ended the run."""
         return False
 
     @property
@@ -499,7 +499,7 @@ class Stepper:
             raise ValueError("u_rows and v_rows must be writeable, C-contiguous arrays of float64.")
         if rows.shape[1:] != self._nowhere.shape[1:] or len(rows) < count:
             needed = (count, *self._nowhere.shape[1:])
-            raise ValueError(f"u_rows and v_rows must have shape {needed} at least, not {rows.shape}.")
+            raise ValueError(f"u_rows and v_rows must have at least the shape {needed}, not {rows.shape}.")
         return rows
 
     def _check_velocity(self, a: Any) -> None:
