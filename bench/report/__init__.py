@@ -1,6 +1,6 @@
 """Measure what each accuracy costs in time on a set of problems, beside rivals, and write a page of it.
 
-The numbers are kept in JSON files as soon as they are measured. A run that was cut off goes on with --resume, and
+The numbers are kept in JSON files as soon as they are measured. --resume continues a run that was cut off, and
 --from draws the page again without measuring.
 """
 

@@ -298,7 +298,7 @@ class Solution:
         raise_on_failure: bool = False,
         cancel: Any = None,
     ) -> Solution:
-        """Go on from the end of the run, exactly as if it had not ended there.
+        """Continue the run to a later time, with the same bits as one run over the whole span.
 
         Parameters
         ----------
@@ -310,7 +310,7 @@ class Solution:
         Returns
         -------
         Solution
-            The run over the whole span. This one stays as it is. t, u and v have the same bits as those of one run with
+            The run over the whole span; this one does not change. t, u and v have the same bits as those of a run with
             the same h or tolerances, and `save_every` counts from the first state on: the last state of this solution
             is not in the new one if it was saved only because it was the last. `drift`, `extremes`, `outputs` and the
             counts are those of the whole span too. With tolerances, a run whose steps follow from the length of its
