@@ -16,7 +16,7 @@ from .animation import Curves
 from .animation.animate import View, animate
 from .diagnosis.critical import CriticalStep, critical_step
 from .ensembles.run import ensemble
-from .ensembles.solution import EnsembleSolution
+from .ensembles.solution import EnsembleSolution, Reduce
 from .functions.callbacks import check_callback, reads_velocity
 from .functions.checks import check_names, check_params, check_span, check_state, reals
 from .functions.events import Event
@@ -30,6 +30,9 @@ from .run.integration import integrate
 from .run.loading import with_functions
 from .stepping.stepper import Stepper
 from .stepping.tolerances import Motion
+
+#: Draws the response on a matplotlib figure.
+Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
 _OF_RHS = ("rhs", "integrals")  # these fields change only with the right-hand side
@@ -94,7 +97,7 @@ class Problem:
     source: str = ""
     note: str = ""
     h: float | None = None
-    draw: Callable[[Any, Solution], None] | None = None
+    draw: Draw | None = None
     energy_unit: str = "J"
     units: str | tuple[str, ...] = "m"
     names: tuple[str, ...] = ()
@@ -442,7 +445,7 @@ def _separated(result: Any, n: int, names: Sequence[str]) -> Any:
     return result
 
 
-def _reduced(reduce: Callable[[EnsembleSolution], Any], n: int, names: Sequence[str], part: EnsembleSolution) -> Any:
+def _reduced(reduce: Reduce, n: int, names: Sequence[str], part: EnsembleSolution) -> Any:
     return reduce(_separated(part, n, names))
 
 

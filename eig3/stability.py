@@ -40,6 +40,9 @@ _VISIBLE = 1e-11  # a term that is less than this on its circle is round-off
 NEGLIGIBLE_GROWTH = 1e-5
 NEGLIGIBLE = "1e-5"
 
+#: A function of an array of omega h that is positive where a method is unstable.
+Excess = Callable[[np.ndarray], np.ndarray]
+
 
 def amplification_matrix(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
     """The matrix of one step on (u, h v, ...). Its columns are one step of the kernel from each unit state.
@@ -248,12 +251,12 @@ def alternating_limit(grade: int, xi: float) -> float:
     return (math.sqrt(damping * damping + 16 * stiffness) - damping) / (2 * stiffness)
 
 
-def _excess_at(method: Method, xi: float) -> Callable[[np.ndarray], np.ndarray]:
+def _excess_at(method: Method, xi: float) -> Excess:
     return lambda Omega: _excess(amplification_matrix(method, Omega, xi))
 
 
 def first_exit(
-    excess: Callable[[np.ndarray], np.ndarray],
+    excess: Excess,
     tolerance: float,
     accuracy: float = 1e-10,
     blocks: Iterable[np.ndarray] = (),
@@ -273,7 +276,7 @@ def first_exit(
 
 
 def first_above(
-    excess: Callable[[np.ndarray], np.ndarray],
+    excess: Excess,
     tolerance: float,
     accuracy: float = 1e-10,
     blocks: Iterable[np.ndarray] = (),

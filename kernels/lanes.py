@@ -299,7 +299,7 @@ def _obstacle(code: str) -> str:
     called = set((_OF_LIBM_IN_LANES if is_vectorised else _OF_LIBM).findall(code))
     if called:
         names = ", ".join(sorted(called))
-        return f"it calls {names} of the C library for one member after the other; take the functions of eig3.math"
+        return f"it calls {names} of the C library for each member separately; use the functions of eig3.math"
     if not is_vectorised:
         return "it has branches or loops that do not work for several members at once; choose between simple values"
     return ""

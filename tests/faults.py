@@ -198,7 +198,7 @@ def interrupts_in_diverging_runs(number):
     return count_lost(10, lambda k: 0.02 * (k + 1), run)
 
 
-@fault("Ctrl-C after rhs became 3000 times dearer", 2)
+@fault("Ctrl-C after rhs became 3000 times slower", 2)
 def interrupt_of_a_dear_rhs(number):
     import eig3
 

@@ -145,7 +145,7 @@ def test_the_command_prints_the_tables(capsys, monkeypatch):
 
 def test_the_table_of_the_readme():
     """The table of "Higher order" has the figures that the command prints, to its digits."""
-    section = (ROOT / "README.md").read_text().split("## Higher order")[1].split("\n## ")[0]
+    section = (ROOT / "eig3/diagnosis/README.md").read_text().split("## Higher order")[1].split("\n## ")[0]
     rows = cells(section)
     assert [row[0] for row in rows] == [str(grade) for grade in family.GRADES]
     for grade, row in zip(family.GRADES, rows, strict=True):

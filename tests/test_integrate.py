@@ -189,7 +189,7 @@ def raises_between_seconds(t, u, v, p):
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "remedy"), [(9.0, "shorter steps"), (1e200, "was not tried, because that would take long")]
+    ("stiffness", "remedy"), [(9.0, "shorter steps"), (1e200, "was not tried, because that would take too long")]
 )
 def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_it(stiffness, remedy):
     run = integrate(raises_between_seconds, (0, 2000), 1.0, 0.0, h=1.0, params=stiffness)

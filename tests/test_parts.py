@@ -432,7 +432,7 @@ def test_a_form_is_itself_after_pickling():
 
 def test_the_example_of_the_readme_is_a_script(tmp_path):
     """`test_readme` does not run what the script does only where it is the main module."""
-    (example,) = (text for _, text in BLOCKS["README.md"] if "LocalCluster" in text)
+    (example,) = (text for _, text in BLOCKS["eig3/ensembles/README.md"] if "LocalCluster" in text)
     namespace = {}
     exec(example, namespace)
     start = np.random.default_rng(0).uniform(-2, 2, (2, 100_000))

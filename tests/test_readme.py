@@ -13,14 +13,24 @@ from eig3.stability import limit
 
 from .conftest import BLOCKS, OWN_METHOD, README_FILES, ROOT
 
+LINES = 150  # of the first page
+
 
 def texts(readme, wanted):
     return [text for language, text in BLOCKS[readme] if language == wanted]
 
 
+def shown(code, language, text):
+    """Return the output that a block shows: in the block of text after it, or in the comments at its end."""
+    if language == "text":
+        return text
+    (comments,) = re.search(r"((?:^# .*\n)*)\Z", code, flags=re.MULTILINE).groups()
+    return re.sub("^# ", "", comments, flags=re.MULTILINE)
+
+
 @pytest.mark.parametrize("readme", README_FILES)
 def test_examples_print_what_they_show(readme, symplectic_euler, tmp_path, monkeypatch):
-    """The blocks of one file share a namespace, and a block without a text block after it prints nothing."""
+    """The blocks of one file share a namespace, and a block that shows no output prints nothing."""
     monkeypatch.chdir(tmp_path)
     namespace = {}
     for (language, code), (next_language, next_text) in zip(
@@ -31,7 +41,7 @@ def test_examples_print_what_they_show(readme, symplectic_euler, tmp_path, monke
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
             exec(compile(code, readme, "exec"), namespace)
-        assert printed.getvalue() == (next_text if next_language == "text" else "")
+        assert printed.getvalue() == shown(code, next_language, next_text)
 
 
 @pytest.mark.parametrize("readme", README_FILES)
@@ -42,13 +52,31 @@ def test_every_block_is_one_that_is_tested(readme):
     assert (ROOT / readme).read_text().count("```") == 2 * len(languages)
 
 
+def anchors(page):
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), flags=re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 @pytest.mark.parametrize("readme", README_FILES)
-def test_links_lead_to_files(readme):
-    links = re.findall(r"\]\(([^)]+)\)", (ROOT / readme).read_text())
-    missing = [
-        link for link in links if not link.startswith("https://") and not (ROOT / readme).parent.joinpath(link).exists()
-    ]
-    assert not missing
+def test_links_lead_to_files_and_headings(readme):
+    page = ROOT / readme
+    links = re.findall(r"\]\(([^)]+)\)", page.read_text())
+    for link in (link for link in links if not link.startswith("https://")):
+        path, _, anchor = link.partition("#")
+        target = page.parent / path if path else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+def test_the_first_page_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= LINES
+
+
+def test_every_page_is_reached_from_the_first():
+    """In one step, so that no page is lost."""
+    first = (ROOT / "README.md").read_text()
+    assert [readme for readme in README_FILES[1:] if f"]({readme})" not in first] == []
 
 
 @eig3.jit

@@ -89,7 +89,7 @@ def test_a_run_that_was_cut_off_goes_on_and_gives_what_an_uncut_run_gives(tmp_pa
     with monkeypatch.context() as patch:
         interrupt_second(patch, parts, "measure")
         assert two_problems(cut) == 130
-    assert f"1 parts are not measured: eig3 bench report --out {cut} --resume goes on." in capsys.readouterr().out
+    assert f"1 parts are not measured: eig3 bench report --out {cut} --resume continues." in capsys.readouterr().out
     assert "Not measured yet: precision_kepler." in (cut / "report.md").read_text()
     first = (cut / "precision_single_dof.json").read_bytes()
     assert command("--out", cut, "--resume", "--repeats", "1") == 0
@@ -139,7 +139,7 @@ def test_what_does_not_fit_a_run_is_refused(tmp_path, monkeypatch):
         assert "\n" not in str(caught.value)
 
     refused("--out DIR to measure, or --from DIR to draw")
-    refused("holds a run: go on with it by --resume", "--out", run)
+    refused("holds a run: continue it with --resume", "--out", run)
     refused("in which repeats is 1, not 2", "--out", run, "--resume", "--repeats", "2")
     refused("in which methods is .'rk4'., not .'rk8'.", "--out", run, "--resume", "--method", "rk8")
     refused("empty has no run.json", "--out", empty, "--resume")

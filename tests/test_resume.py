@@ -1,4 +1,4 @@
-"""Runs that go on after they were loaded: with fixed steps no bit differs from one run over the whole span."""
+"""Runs that go on after they were loaded: with fixed steps every bit is that of one run over the whole span."""
 
 import subprocess
 import sys
@@ -349,7 +349,7 @@ def test_functions_of_another_run_are_refused(tmp_path):
     for functions, message in bad:
         with pytest.raises(ValueError, match=message):
             eig3.load(path, rhs=oscillator, **functions)
-    with pytest.raises(ValueError, match="outputs needs rhs beside it"):
+    with pytest.raises(ValueError, match="outputs needs rhs too"):
         eig3.load(path, outputs=FUNCTIONS["outputs"])
     with pytest.raises(TypeError, match="rhs must be compiled"):
         eig3.load(path, rhs=oscillator.py_func, **options)

@@ -432,7 +432,7 @@ def two(added, dimension=1, places=(0.0, 1.0)):
 WRONG = {
     "no event": (
         lambda: one(effect(Body, velocity_after=number, force=staticmethod(number))),
-        "Own must have a function event, at whose zeros velocity_after is called.",
+        "Own must have a function event: velocity_after is called at its zeros.",
     ),
     "a state that never changes": (
         lambda: one(effect(Body, force=reading)),

@@ -333,7 +333,7 @@ def test_a_step_that_is_too_small_names_atol():
     tiny = {"rhs": late, "span": (0, 4), "u0": 1e-30, "v0": 0.0, "params": (0.0, 1.0)}
     solution = run(**tiny)
     assert solution.status is Status.STEP_TOO_SMALL
-    assert "atol beside it" in solution.message
+    assert "needs atol too" in solution.message
     assert run(**tiny, atol=1e-9).success
 
 

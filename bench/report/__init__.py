@@ -1,6 +1,6 @@
 """Measure what each accuracy costs in time on a set of problems, beside rivals, and write a page of it.
 
-The numbers are kept in JSON files as soon as they are measured. A run that was cut off goes on with --resume, and
+The numbers are kept in JSON files as soon as they are measured. --resume continues a run that was cut off, and
 --from draws the page again without measuring.
 """
 
@@ -61,7 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--no-rivals", dest="rivals", action="store_false", default=None, help="leave out SciPy, heyoka and CyRK")
     add_accuracies(parser, "1e-1 to 1e-10, or 1e-2, 1e-4, 1e-6 and 1e-8 for your own problem")
     add_out(parser, "folder for the numbers and the page")
-    add("--resume", action="store_true", help="go on with the run in the folder of --out")
+    add("--resume", action="store_true", help="continue the run in the folder of --out")
     add("--from", dest="source", type=Path, metavar="DIR", help="draw the page of the run in DIR, without measuring")
     add("--against", type=Path, metavar="DIR", help="compare with the run in DIR")
 
@@ -106,7 +106,7 @@ def _measure(options: argparse.Namespace, given: Mapping[str, Any]) -> None:
         complete(record, parts, print)
     except (KeyboardInterrupt, SystemExit):
         draw(record, options.out, _against(record, options.against), print)
-        print(f"{len(record.missing)} parts are not measured: {COMMAND} --out {options.out} --resume goes on.")
+        print(f"{len(record.missing)} parts are not measured: {COMMAND} --out {options.out} --resume continues.")
         raise
     draw(record, options.out, _against(record, options.against), print)
 
@@ -116,7 +116,7 @@ def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings
     has_run = (options.out / RUN).exists()
     if has_run and not options.resume:
         raise SystemExit(
-            f"{COMMAND}: {options.out} holds a run: go on with it by --resume, draw its page by --from, or choose "
+            f"{COMMAND}: {options.out} holds a run: continue it with --resume, draw its page by --from, or choose "
             "another folder."
         )
     if options.resume:
@@ -124,7 +124,7 @@ def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings
         for name, value in given.items():
             if value != getattr(known, name):
                 raise SystemExit(
-                    f"{COMMAND}: --resume goes on with the options of the run, in which {name} is "
+                    f"{COMMAND}: --resume continues with the options of the run, in which {name} is "
                     f"{getattr(known, name)}, not {value}: leave the option out, or choose another folder."
                 )
         _check_names(known)

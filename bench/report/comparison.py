@@ -157,7 +157,7 @@ class Comparison:
             f"{text.ratio(self.control, 3)} of their time: so much of each ratio is the machine, its load and its "
             "versions."
             if self.control
-            else "No rival of the same version is in both runs, so nothing tells how the machine and its load changed."
+            else "No rival of the same version is in both runs, so nothing shows how the machine and its load changed."
         )
         if self.other_versions:
             others = "; ".join(f"{name} ({versions})" for name, versions in self.other_versions.items())

@@ -11,6 +11,9 @@ import numpy as np
 
 from ..result.solution import Solution
 
+#: Computes places at times, shape (m,), from displacements, shape (m, n).
+Places = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
 RATE = 20  # frames a second
 _SECONDS = 8.0  # about the duration of a film
 _REAL_TIME = 6.0, 10.0  # motions of this duration, s, are shown in real time
@@ -84,7 +87,7 @@ class Film:
         between = np.linspace(self.t[0], self.t[-1], _PATH * (len(self.t) - 1) + 1)
         return np.unique(np.concatenate([saved, between, self.t]))
 
-    def path(self, shown: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda t, u: u) -> np.ndarray:
+    def path(self, shown: Places = lambda t, u: u) -> np.ndarray:
         """Return the displacements at `times`, or ``shown(t, u)`` of them.
 
         `shown` gets some of the times in each call. Only what it returns is kept, because all displacements at all

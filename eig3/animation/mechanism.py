@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .film import Film
+from .film import Film, Places
 from .shapes import coils
 
 _COILS = 40  # more springs than this are drawn as lines
@@ -39,7 +39,7 @@ class Magnified:
         The places from which the displacements are measured.
     """
 
-    places: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    places: Places
     factor: float
     start: np.ndarray
 
@@ -79,7 +79,7 @@ class Mechanism:
         A line below the picture, such as how much the displacements are magnified.
     """
 
-    places: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    places: Places
     links: Any = ()
     springs: Any = ()
     strings: Any = ()

@@ -130,7 +130,7 @@ class BlowUp:
         last = self.last
         return (
             f"The motion stayed finite up to t = {last.t:g}, but from t = {self.began:g} on it grew to "
-            f"{self.growth:.2g} times its size, through the step h = {last.h:g}: {self.why}."
+            f"{self.growth:.2g} times its size, because of the step h = {last.h:g}: {self.why}."
         )
 
     def explain(self) -> str:
@@ -280,7 +280,7 @@ def _remedy(last: Stepper, limits: list[float]) -> str:
         n_steps = math.ceil((end - last.t0) / h)
         left -= n_steps
         if left < 0:
-            return f"h = {h:g} may be stable, but was not tried, because that would take long"
+            return f"h = {h:g} may be stable, but was not tried, because that would take too long"
         if _holds(last.restarted(h), n_steps):
             return f"h = {h:g} was tried and is stable up to then"
         tried = h

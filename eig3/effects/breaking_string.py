@@ -1,5 +1,7 @@
 """A string that breaks."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike

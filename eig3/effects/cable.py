@@ -1,5 +1,7 @@
 """A cable, which only pulls."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Dry friction, smoothed at low speeds."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """A uniform field of gravity."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike

@@ -1,5 +1,7 @@
 """A spring with a cubic term, as in Duffing's equation."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike

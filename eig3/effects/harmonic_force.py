@@ -1,5 +1,7 @@
 """A harmonic force."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike

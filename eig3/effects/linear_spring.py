@@ -1,5 +1,7 @@
 """A linear spring between two points."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

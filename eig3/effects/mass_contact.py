@@ -1,5 +1,7 @@
 """Contact between two points, such as the centres of balls."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

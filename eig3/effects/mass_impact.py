@@ -1,5 +1,7 @@
 """Impacts between two rigid masses."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike

@@ -1,5 +1,7 @@
 """Contact between masses and a plane, on one side of it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Drag in a fluid at rest."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike

@@ -1,5 +1,7 @@
 """Impacts of masses on a rigid plane."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike

@@ -1,5 +1,7 @@
 """The accelerations in a rotating frame."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike

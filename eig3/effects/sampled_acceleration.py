@@ -1,5 +1,7 @@
 """Supports that move according to a sampled record of their acceleration."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Supports that move according to a sampled record of their displacement."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +34,8 @@ class Sampled(Motion):
     def __post_init__(self) -> None:
         super().__post_init__()
         times, values = self._reals("times"), self._reals("values")
-        self.require(times.ndim == 1 and times.size >= 2, "times must hold two samples at least")
-        self.require(values.shape == times.shape, f"values must be as many as times, {times.size}")
+        self.require(times.ndim == 1 and times.size >= 2, "times must hold at least two samples")
+        self.require(values.shape == times.shape, f"values must have as many samples as times, {times.size}")
         self.require(np.diff(times) > 0, "times must increase from sample to sample")
 
 

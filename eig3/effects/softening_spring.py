@@ -1,5 +1,7 @@
 """A spring whose force tends to a limit."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """Supports that move as a function of time."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -249,7 +249,7 @@ class Block:
                 histories.judge(
                     member,
                     Status.DIVERGED,
-                    f"The motion stayed finite, but grew through the step h = {h:g}: its largest u or v at the end is "
-                    f"{sizes[:, lane].max():.2g}, and {half[:, lane].max():.2g} with h = {h / 2:g}; solution.explain() "
-                    "looks for the reason.",
+                    f"The motion stayed finite, but grew because of the step h = {h:g}: its largest u or v at the end "
+                    f"is {sizes[:, lane].max():.2g}, and {half[:, lane].max():.2g} with h = {h / 2:g}; "
+                    "solution.explain() looks for the reason.",
                 )

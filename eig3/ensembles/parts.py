@@ -12,7 +12,7 @@ from ..result.memory import n_rows
 from ..result.solution import Solution
 from .histories import Histories
 from .members import Members
-from .solution import EnsembleSolution
+from .solution import EnsembleSolution, Reduce
 
 _UNIT = 128  # members; the number in a part is a multiple of it, so that a part fills the lanes of its blocks
 _PARTS = 128  # as long as the parts stay below the following limits
@@ -69,7 +69,7 @@ class Recipe:
     """
 
     march: Callable[[Members, int, int], EnsembleSolution]
-    reduce: Callable[[EnsembleSolution], Any] | None
+    reduce: Reduce | None
 
     def __call__(self, part: Part, threads: int) -> Any:
         solution = self.march(part.members, part.first, threads)

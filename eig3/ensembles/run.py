@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
 from queue import Empty, SimpleQueue
@@ -31,7 +31,7 @@ from .members import Members, check_members
 from .parts import Joined, Listed, Recipe, Results, parts_of
 from .shared import Shared
 from .shipping import check_executor, check_reduce, march_parts
-from .solution import EnsembleSolution
+from .solution import EnsembleSolution, Reduce
 
 _ALONE = 16  # members of a piece of work that runs them one at a time
 _POLL_SECONDS = 0.05  # between two looks for Ctrl-C
@@ -51,14 +51,14 @@ def ensemble(
     outputs: Mapping[str, Any] | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
-    reduce: Callable[[EnsembleSolution], Any] | None = None,
+    reduce: Reduce | None = None,
     progress: bool = False,
     save_to: None = None,
 ) -> Any:
     """Integrate many trajectories of u'' = f(t, u, v) with fixed steps, in SIMD lanes and on all cores.
 
-    The members of the ensemble differ in their start, their parameters or their step. An argument with a first axis of
-    length m has a value for each of the m members; without it, all members share the value.
+    The members differ in their start, their parameters or their step: an argument with a first axis of length m has a
+    value for each of the m members, and all members share any other. The page eig3/ensembles/README.md has examples.
 
     Parameters
     ----------
@@ -69,73 +69,46 @@ def ensemble(
     u0, v0 : array_like, shape () or (m,), or in the vector form (n,) or (m, n)
         Displacements and velocities at the first time.
     h : float or array_like, shape (m,)
-        The step. If it does not divide the span, the run uses the next shorter step that does.
+        The step. If it does not divide the span, the run takes the next shorter step that does.
     params : array_like, shape (k,) or (m, k)
         The parameters. rhs gets those of a member as p, of shape (k,).
-    method : str or Method
-        As for `eig3.integrate`.
-    save_every : int or None
-        Save every `save_every`-th state, the first and the last. None saves only the first and the last.
-    invariants : dict of str to jitted function, optional
-        Functions ``e(t, u, v, p) -> float`` by name, which are evaluated at every step. The result has their drifts and
-        their extremes.
-    outputs : dict of str to jitted function, or to (jitted function, k), optional
-        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` that write k values, by name, as for
-        `eig3.integrate`. The result has their values at the saved states, and their extremes over the ends of all
-        steps.
-    threads : int, optional
+    method, save_every, invariants, outputs, progress
+        As for `eig3.integrate`. By default only the first and the last state are saved.
+    threads : int
         Number of threads; by default all cores that the process may use.
-    executor : concurrent.futures.Executor, optional
-        Run the ensemble in parts on the workers of this executor: a `ProcessPoolExecutor` that spawns, the
-        `get_executor()` of a dask.distributed Client, or mpi4py's `MPIPoolExecutor`. A part whose worker dies runs
-        again; if the executor itself breaks, the rest runs in this process, and `notes` or a RuntimeWarning says so.
-        Each part takes one thread, or `threads`.
-    reduce : callable, optional
-        ``reduce(part)`` gets the `EnsembleSolution` of a part of the ensemble, whose `first` is the number of its first
-        member, and returns what you need of it. The result of `ensemble` is then the list of what it returned, in
-        order. It runs where the part ran, and the states of a part are dropped after it, so that memory stays bounded.
-        The parts depend on the ensemble only. With an executor, it and what it returns must be picklable.
-    progress : bool
-        Show a progress bar that counts members. This needs tqdm.
+    executor : concurrent.futures.Executor
+        Run the ensemble in parts on the workers of this executor, such as a `ProcessPoolExecutor` that spawns, or that
+        of a dask.distributed Client. A part whose worker dies runs again. Each part takes one thread, or `threads`.
+    reduce : callable
+        ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
+        returns what you need of it. It runs where the part ran, and the states of the part are dropped after it. With
+        an executor, it and what it returns must be picklable.
     save_to : None
         An ensemble refuses this option of `eig3.integrate`, because `reduce` bounds its memory.
 
     Returns
     -------
     EnsembleSolution or list
-        A list with `reduce`. A member that becomes infinite or NaN has the status DIVERGED, and ends at its last finite
-        state; the others go on. A member whose rhs is not finite at the start is DIVERGED too, and ends there, even if
-        no member can start. The result says the same of each member as `eig3.integrate` would say.
+        With `reduce`, the list of what it returned for each part. A member that becomes infinite or NaN has the status
+        DIVERGED, and ends at its last finite state; the others continue.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is not valid, or the shapes of two arguments do not fit; also if no member can start, and rhs
-        reads beyond its arrays.
+        An argument is not valid, two shapes do not fit, or no member can start because rhs reads beyond its arrays.
     MemoryError
-        If the histories do not fit in memory.
+        The histories do not fit in memory.
     ImportError
-        If `progress` is True and tqdm is not installed.
+        `progress` is True and tqdm is not installed.
     KeyboardInterrupt
-        After Ctrl-C, within some milliseconds, or when the compiler is done. Its attribute `solution` has the members
-        that were finished; the others are INTERRUPTED. With `reduce` it is the list, with None for parts that are not
-        finished. It is None if no member had begun.
+        After Ctrl-C. Its attribute `solution` has the members that were finished, and the others as INTERRUPTED. With
+        `reduce` it is the list, with None for unfinished parts. It is None if no member had started. What rhs raises is
+        raised too, with the same attribute.
 
     Notes
     -----
-    Members run in blocks, each in a lane of the vector registers. The compiler computes them together if rhs is
-    straight code: arithmetic, functions of `eig3.math`, choices such as ``a if c else b`` between simple values, and
-    loops over few degrees of freedom. `notes` says if it cannot. rhs is compiled with the options of `eig3.jit`: a
-    division by zero gives infinity and raises no exception. Members of implicit methods, and of systems with more than
-    24 degrees of freedom, run one at a time.
-
-    The numbers of a member do not depend on the other members, on their number, on its place or on the number of
-    threads. For this, a single member is given as it would be among others: ``params[i : i + 1]``, of shape (1, k), if
-    params has a first axis, and likewise h. rhs is compiled in another way for values that all members share. Such
-    numbers, and those of `eig3.integrate`, agree often to the last bit, and otherwise except for round-off, because the
-    compiler may fuse other multiply-adds: after 10^4 steps of regular motions to 3e-13 of their size.
-
-    If rhs raises an exception, `ensemble` raises it too, and its attribute `solution` has the members up to then.
+    The numbers of a member do not depend on the other members, on its place or on the number of threads, to the last
+    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k).
     """
     if save_to is not None:
         raise TypeError("save_to is for single runs: take reduce=, a function that saves what you need of each part.")
@@ -162,7 +135,7 @@ def _in_parts(
     method: Method,
     save_every: int | None,
     functions: Functions,
-    reduce: Callable[[EnsembleSolution], Any] | None,
+    reduce: Reduce | None,
     executor: Executor | None,
     threads: tuple[int, int],
     progress: bool,

@@ -18,7 +18,10 @@ from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method
 from ..result import frames
 from ..result.labels import Labels
-from ..result.solution import Solution, Status
+from ..result.solution import Reason, Solution, Status
+
+#: Runs one member alone, by its number.
+Repeat = Callable[[int], Solution]
 
 
 @dataclass(repr=False, eq=False)
@@ -89,7 +92,7 @@ class EnsembleSolution:
     labels: Labels | None = None
     _last: dict[int, tuple] = field(default_factory=dict)  # t, u, v, outputs and integrals, by member
     _rhs: Any = None  # the jitted function
-    _repeat: Callable[[int], Solution] | None = None
+    _repeat: Repeat | None = None
 
     @property
     def success(self) -> np.ndarray:
@@ -166,7 +169,7 @@ class EnsembleSolution:
         """Evaluate the accelerations of a member. After a run on other machines, rhs is compiled only here."""
         return accelerations(check_callback(rhs, "rhs", SCALAR if u.ndim == 1 else VECTOR), params, t, u, v)
 
-    def _reason(self, i: int) -> Callable[[], str] | None:
+    def _reason(self, i: int) -> Reason | None:
         """Return the function that explains why member i diverged: it repeats the member alone."""
         repeat = self._repeat
         if repeat is None or self.status[i] is not Status.DIVERGED:
@@ -200,6 +203,10 @@ class EnsembleSolution:
     def _counts(self) -> str:
         counts = collections.Counter(self.status.tolist())
         return ", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status])
+
+
+#: Takes from a part of an ensemble what the caller needs of it.
+Reduce = Callable[[EnsembleSolution], Any]
 
 
 def _extent(values: np.ndarray, form: str) -> str:

@@ -135,7 +135,7 @@ def check_method(method: str | Method, *, has_tolerances: bool = False) -> Metho
         record, needs_tolerances = found
         if needs_tolerances and not has_tolerances:
             raise ValueError(
-                f"method {shown(method)} is that of a run with tolerances: give rtol in place of h, or "
+                f"method {shown(method)} belongs to a run with tolerances: give rtol in place of h, or "
                 f"method={_default(record).name!r} for a fixed step."
             )
         return _default(record)

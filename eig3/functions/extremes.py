@@ -1,7 +1,5 @@
 """The extremes of an invariant or an output over a run."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +29,6 @@ class Extremes(NamedTuple):
     t_low: Any
     t_high: Any
 
-    def of_member(self, i: int) -> Extremes:
+    def of_member(self, i: int) -> "Extremes":
         """Return the extremes of one member of an ensemble."""
         return Extremes(*(x[i].item() if np.ndim(x) == 1 else x[i] for x in self))

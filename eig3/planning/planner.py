@@ -211,42 +211,12 @@ def plan(
 
     Notes
     -----
-    The pilot runs of most problems take less than two seconds. Where the fastest stable run of the whole span takes
-    longer than a tenth of a second, they take up to some ten times as long as this run. No pilot run begins that is
-    expected to end after ten seconds of processor time. The first plan on a machine also compiles a kernel for each
-    method that it tries, which takes some seconds each; with events, it may take a minute. The kernels are kept on the
-    disk. `pilot_seconds` and `compile_seconds` tell what a plan took.
-
-    RK8 runs first, each time with twice the steps, until two runs agree to a quarter of the accuracy. The last run is
-    the reference: the difference of another run from it is the error of that run. For the metric "energy", each run
-    gives its error itself.
-
-    If RK8 takes too long, as where stability limits the step, EIG-3 surveys the whole span with a stable step, for at
-    most five seconds. If its runs agree, they are the reference. If not, the runs cover the part of the span in which
-    the survey found the motion to be fastest. Errors are always relative to the displacements of the whole span. They
-    are extrapolated from the part to the whole by the ratio that the errors of EIG-3 show, or else by their growth in
-    the part. Only if no survey is possible, the runs cover the beginning of the span.
-
-    RK8 and RK5 run with tolerances. From the error of each run follows the rtol of the next, until the error is between
-    half of the accuracy and the accuracy. They come last where stability limits the step. If the motion starts from
-    rest, the tolerances are relative to its later size, and the longest step is the time between the states that are
-    compared; `Prediction.options` has both.
-
-    With a fixed step, each method starts with the number of steps that should take as long as the best method so far.
-    From there its longest step is searched for, down to 6 %. A method is given up when it would take twice the time of
-    the best one.
-    A method is ruled out before it runs, and is then not compiled,
-
-    - by its order and evaluations: if another method takes four times as long as the best one, has at least the same
-      order and no more evaluations per step, and is not limited by stability;
-    - by its limit: if it is an EIG method, and stability limits the step of an EIG method of a lower grade, whose limit
-      is longer;
-    - if there is no time left.
-
-    The methods that are close to the fastest are timed at their steps, in turn.
-
-    RK8, and each method that the user names, may take a number of evaluations in any case, so that the load of the
-    machine does not decide which methods are stable.
+    The pilot runs of most problems take less than two seconds, and at most some ten times as long as the fastest stable
+    run of the whole span if that takes longer than a tenth of a second. No pilot run begins that is expected to end
+    after ten seconds of processor time. The first plan on a machine also compiles a kernel for each method that it
+    tries, which takes some seconds each; with events, it may take a minute. `pilot_seconds` and `compile_seconds` of
+    the plan are the two times. The page eig3/diagnosis/README.md says how the reference and the steps are found, and
+    which methods are ruled out.
     """
     if not isinstance(problem, Problem):
         raise TypeError(f"problem must be an eig3.Problem, not {type(problem).__name__}.")

@@ -22,12 +22,14 @@ from ..methods import Method
 from . import frames
 from .interpolation import Knots
 from .labels import Labels
-from .resolution import Resolution
+from .resolution import Evaluate, Resolution
 
 _TOO_FAR = 1e-2  # the relative error from which on states are too far apart to be interpolated
 
 _NO_STATES = "the run ended before the first time of t_eval"
 
+#: Looks for the reason why a run failed, and describes it.
+Reason = Callable[[], str]
 #: The fields that a copy, a pickle and a file do not keep.
 TRANSIENT = ("reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_later")
 
@@ -142,8 +144,8 @@ class Solution:
     n_rejected: int = 0
     steps: np.ndarray | None = None
     labels: Labels | None = None
-    reason: Callable[[], str] | None = None
-    _accelerations: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
+    reason: Reason | None = None
+    _accelerations: Evaluate | None = None
     _extend: Callable[..., Solution] | None = None
     _between: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     _explanation: str = ""
@@ -331,7 +333,7 @@ class Solution:
         cancel: Any = None,
         t_eval: ArrayLike | None = None,
     ) -> Solution:
-        """Go on from the end of the run, exactly as if it had not ended there.
+        """Continue the run to a later time, with the same bits as one run over the whole span.
 
         Parameters
         ----------
@@ -345,7 +347,7 @@ class Solution:
         Returns
         -------
         Solution
-            The run over the whole span. This one stays as it is. t, u and v have the same bits as those of one run with
+            The run over the whole span; this one does not change. t, u and v have the same bits as those of a run with
             the same h or tolerances, and `save_every` counts from the first state on: the last state of this solution
             is not in the new one if it was saved only because it was the last. `drift`, `extremes`, `outputs` and the
             counts are those of the whole span too. With tolerances, a run whose steps follow from the length of its

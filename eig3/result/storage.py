@@ -105,7 +105,7 @@ def _write(
 ) -> Path:
     """Write the values of the fields of a solution, and `rest` in the record beside them.
 
-    The file is there with all of it, or as it was before. If it is lasting, that holds also if the power fails.
+    Afterwards the file has all of it, or what it had before. If it is lasting, that holds after a power failure too.
     """
     state = {name: value for name, value in values.items() if name in _FIELDS}
     if solution.method.jacobian is not None:

@@ -45,11 +45,12 @@ def load(
     Returns
     -------
     Solution
-        With every number as it was saved. Without rhs, `explain` returns what it had found before, and `at` takes the
-        saved accelerations. A directory has none of these, so that `at` is a cubic polynomial. Its t, u, v and outputs
-        are maps of files that can only be read. If the process of its run was killed, or is still running, the status
-        is INTERRUPTED, and the solution is the run up to the last record that it wrote: some tenths of a second of
-        computing before, or somewhat more for a large system, so that records take at most a twentieth of the time.
+        The numbers are the saved ones, to the last bit. Without rhs, `explain` returns what it had found before, and
+        `at` takes the saved accelerations. A directory has none of these, so that `at` is a cubic polynomial. Its t, u,
+        v and outputs are maps of files that can only be read. If the process of its run was killed, or is still
+        running, the status is INTERRUPTED, and the solution is the run up to the last record that it wrote: some tenths
+        of a second of computing before, or somewhat more for a large system, so that records take at most a twentieth
+        of the time.
 
     Raises
     ------
@@ -58,8 +59,7 @@ def load(
     TypeError, ValueError
         If it is not a file of `Solution.save`, is damaged or comes from a newer eig3, or if its method is a class of
         the user that is not imported yet. With rhs, if the run cannot go on, or the functions are not those of the run:
-        their names are checked, and the parameters are those of the file, but a function that computes something else
-        is not found out.
+        their names are checked, but not what they compute. The parameters are those of the file.
 
     Notes
     -----
@@ -71,7 +71,7 @@ def load(
         return with_functions(solution, rhs, **given)
     for name, value in given.items():
         if value is not None:
-            raise ValueError(f"{name} needs rhs beside it: the right-hand side of the run.")
+            raise ValueError(f"{name} needs rhs too: the right-hand side of the run.")
     return solution
 
 

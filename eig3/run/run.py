@@ -437,10 +437,12 @@ def _ended_by_event(ended: int, name: str, t: float) -> tuple[Status, str]:
         return Status.TERMINATED, f"The event {name!r} ended the run at t = {t:g}."
     if ended == RESTING:
         return Status.ZENO, (
-            f"From t = {t:g} on, the state rests on the surface g = 0 of the event {name!r}, and is pushed through it: "
-            "a reset at one moment cannot hold it there; end the run with terminal=True, or hold it with a force."
+            f"From t = {t:g} on, the state rests on the surface g = 0 of the event {name!r}, and is pushed through it. "
+            "A reset acts at one moment and cannot hold it there: end the run with terminal=True, or add a force that "
+            "holds it."
         )
     return Status.ZENO, (
-        f"The resets of the event {name!r} follow each other at t = {t:g} in ever shorter times, as the impacts of a "
-        "ball that comes to rest do; end the run before with a terminal event, or hold the body at rest with a force."
+        f"The resets of the event {name!r} follow each other at t = {t:g} in ever shorter times, like the impacts of a "
+        "ball that comes to rest: end the run earlier with a terminal event, or add a force that holds the state at "
+        "rest."
     )

@@ -166,7 +166,7 @@ class VariableRun(Run):
             message = f"The motion grew beyond {OVERFLOWING:g} at t = {t:g}, where it is singular"
             self._end(Status.DIVERGED, f"{message}; no step is short enough to go on.", self._explained)
             return
-        relative = "; if hardly anything has moved so far, rtol needs atol beside it"
+        relative = "; if hardly anything has moved so far, rtol needs atol too"
         self._end(
             Status.STEP_TOO_SMALL,
             f"The tolerances need a step below the resolution of t at t = {t:g}: the motion may be singular there, "

@@ -68,7 +68,7 @@ class Effect:
     source : str
         Where the formula comes from.
     picture : str
-        What animations draw: of a `Link` a "line", a "spring", a "string" whose state tells that it has broken, "discs"
+        What animations draw: of a `Link` a "line", a "spring", a "string" until its state is no longer 0, "discs"
         around its ends that touch at the distance of the field reach, or nothing for ""; of a `Body` a "plane" with the
         fields normal and offset, or nothing. "weight" draws scenes of one dimension upright.
     """
@@ -240,7 +240,7 @@ class Effect:
             raise ValueError(f"crossing of {self.title} must be -1, 0 or 1, not {self.crossing!r}.")
         resets = [name for name in RESETS if name in functions]
         if resets and "event" not in functions:
-            raise TypeError(f"{self.title} must have a function event, at whose zeros {resets[0]} is called.")
+            raise TypeError(f"{self.title} must have a function event: {resets[0]} is called at its zeros.")
         reading = [name for name, function in functions.items() if "state" in arguments(function)]
         if reading and "state_after" not in functions:
             raise TypeError(f"{self.title} must have a function state_after, because {reading[0]} reads the state.")

@@ -48,7 +48,7 @@ def _is_set(cancels: tuple[Cancel, ...]) -> bool:
 
 
 class Cancel(Protocol):
-    """An object that tells whether to stop, such as a `threading.Event`."""
+    """An object that says whether to stop, such as a `threading.Event`."""
 
     def is_set(self) -> bool:
         """Return True to stop."""

@@ -288,7 +288,7 @@ class Stepper(March):
         if not (isinstance(rows, np.ndarray) and rows.dtype == _FLOAT64 and rows.flags.carray):
             raise ValueError("u_rows and v_rows must be writeable, C-contiguous arrays of float64.")
         if rows.shape[1:] != shape or len(rows) < count:
-            raise ValueError(f"u_rows and v_rows must have shape {(count, *shape)} at least, not {rows.shape}.")
+            raise ValueError(f"u_rows and v_rows must have at least the shape {(count, *shape)}, not {rows.shape}.")
         return rows
 
     def _check_velocity(self, a: Any) -> None:

@@ -64,7 +64,7 @@ def check_tolerances(
 ) -> Tolerances:
     """Check the tolerances of a run with n degrees of freedom."""
     if rtol is None:
-        raise ValueError("atol needs rtol beside it: the relative tolerance, such as 1e-6.")
+        raise ValueError("atol needs rtol too: the relative tolerance, such as 1e-6.")
     n_integrals = 0
     if isinstance(atol, Motion):
         n_integrals, (atol, n) = n - atol.n, atol

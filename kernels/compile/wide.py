@@ -1,7 +1,7 @@
 """Vectors of 512 bits, where the processor has them.
 
 For many processors with AVX-512, LLVM prefers vectors of 256 bits, because the first of them lowered their frequency
-for wider ones. Loops over the lanes of a block do little else than compute vectors: they gain a quarter.
+for wider ones. Loops over the lanes of a block do little but compute vectors: they gain a quarter.
 """
 
 from collections.abc import Iterator

@@ -68,7 +68,7 @@ def ordinates(differences: Sequence[Fraction]) -> list[Fraction]:
 
 @functools.cache
 def member(grade: int, predicts: bool) -> SimpleNamespace:
-    """Return the names of a method's file for one grade; `predicts` tells whether f reads the velocity."""
+    """Return the names of a method's file for one grade; `predicts` says whether f reads the velocity."""
     p = grade - 1
     c = Constants()
     past = [f"a{i}" for i in range(p)]  # a_n, a_{n-1}, ...
