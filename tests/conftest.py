@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.kernels.loops.accelerations import acceleration_kernel
 from eig3.kernels.loops import fixed
+from eig3.kernels.loops.accelerations import acceleration_kernel
 from eig3.kernels.protocol import SCALAR, VECTOR
 
 ROOT = Path(__file__).parent.parent

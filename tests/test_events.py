@@ -13,8 +13,11 @@ from scipy.integrate import solve_ivp
 
 import eig3
 from eig3 import Event, Status
+from eig3.functions.guard import guarded
+from eig3.kernels.protocol import SCALAR
 from eig3.problems.bouncing_ball import bouncing_ball, impact_times
-from eig3.stepping.watched_stepper import WatchedStepper
+from eig3.stepping.stepper import Stepper
+from eig3.stepping.system import System
 
 from .conftest import spring
 
@@ -759,9 +762,8 @@ class _Set:
 def test_a_step_with_a_full_log_can_be_taken_back():
     """The log is full after some thousand impacts, within a step: a cancellation waits for the end of the step."""
     events = {"impact": Event(height, -1, apply=bounce)}
-    stepper = WatchedStepper(
-        fall, 1e-10, 0.0, h=0.25, t0=0.0, t_end=0.5, params=(9.81, 1.0), method="eig3", events=events, t_eval=None
-    )
+    system = System(fall, SCALAR, eig3.EIG3(), events=events)
+    stepper = Stepper.of(system, 0.0, 0.25, 1e-10, 0.0, guarded(np.array([9.81, 1.0])))
     whole = stepper.fork()
     whole.advance(2)
     stepper.advance(2, cancel=_Set())
@@ -774,8 +776,8 @@ def test_a_step_with_a_full_log_can_be_taken_back():
         each.advance(1)
         assert each.index == 2
         assert (each.u, each.v) == (whole.u, whole.v)
-        times = each.watching.occurrences()["impact"].t
-        assert np.array_equal(times, whole.watching.occurrences()["impact"].t)
+        times = each.look.watching.occurrences()["impact"].t
+        assert np.array_equal(times, whole.look.watching.occurrences()["impact"].t)
 
 
 # Long runs and failures ----------------------------------------------------------------------------------------------

@@ -163,7 +163,7 @@ def test_an_interrupted_run_with_tolerances_goes_on(save_every, monkeypatch):
         def is_set(self):
             return next(chunks, None) is None
 
-    monkeypatch.setattr("eig3.run.variable_run._CHUNK_SECONDS", 1e-6)  # chunks of few steps
+    monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-6)  # chunks of few steps
     options = {"rtol": 1e-6, "params": 0.0, "save_every": save_every}
     whole = eig3.integrate(pushed, (0, 100), 2.0, 0.0, **options)
     stopped = eig3.integrate(pushed, (0, 100), 2.0, 0.0, **options, cancel=AfterSomeChunks())

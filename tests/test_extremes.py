@@ -125,7 +125,8 @@ def test_they_do_not_depend_on_what_is_saved_nor_on_the_calls(method, monkeypatc
     assert_same(run, vibration(t_eval=[1.0, END], **options))
     first = integrate(oscillator, (0.0, 7.0), 0.0, 1.0, params=XI, **options)
     assert_same(run, first.extend(END))
-    monkeypatch.setattr("eig3.run.variable_run._DENSE_VALUES", 1)  # rows for three steps in each call
+    monkeypatch.setattr("eig3.run.short.MOST_SECONDS", 0.0)
+    monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-12)  # a step in each call
     assert_same(run, vibration(**options))
 
 

@@ -135,6 +135,6 @@ def test_a_contact_far_from_the_start_is_left_alone():
 
 
 def test_what_is_found_at_the_end_costs_no_run_that_stays_small(monkeypatch):
-    monkeypatch.setattr(eig3.run.integration, "find_blow_up", None)
+    monkeypatch.setattr(eig3.run.fixed_run, "find_blow_up", None)
     assert integrate(spring, (0, 400), 1.0, 0.0, h=0.5, params=1.0).success
     assert math.isfinite(integrate(forced, (0, 500), 0.0, 0.0, h=0.01, params=(1.0, 0.3)).u[-1])

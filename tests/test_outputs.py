@@ -108,10 +108,10 @@ def test_values_are_those_of_the_function_at_the_saved_states(save_every):
 
 
 @pytest.mark.parametrize("save_every", [1, 33, None])
-@pytest.mark.parametrize("chunk", [5, 2**16])  # steps; a short one divides the run into many chunks
+@pytest.mark.parametrize("chunk", [1e-12, 1.0])  # seconds of a call of the kernel; a short one has few steps
 def test_extremes_are_those_of_every_step(save_every, chunk, monkeypatch):
-    monkeypatch.setattr("eig3.run.integration._FIRST_WATCHED", chunk)
-    monkeypatch.setattr("eig3.run.integration._CHUNK_GROWTH", 1)
+    monkeypatch.setattr("eig3.run.short.MOST_SECONDS", chunk)
+    monkeypatch.setattr("eig3.stepping.slices._SECONDS", chunk)
     functions = {"invariants": {"stretch": stretch}, "outputs": {"also": stretch, "reactions": (reactions, 3)}}
     every, run = swing_two(save_every=1, **functions), swing_two(save_every=save_every, **functions)
     for name, values in every.outputs.items():

@@ -241,10 +241,8 @@ def test_a_full_disk_loses_no_more_than_the_steps_since_the_last_record(options,
     """These are in memory, and a run that goes on from the record finds them again."""
     monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
     monkeypatch.setattr(storage, "_LARGEST_SHARE", 1e9)
-    monkeypatch.setattr("eig3.run.integration._CHUNK_SECONDS", 1e-6)
+    monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-6)
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-6)
-    monkeypatch.setattr("eig3.run.variable_run._CHUNK_SECONDS", 1e-6)
-    monkeypatch.setattr("eig3.run.variable_run._FIRST_STEPS", 2)
     options = {**options, "params": (2.0, 0.1)}
     writes = iter(4 * [False] + 2 * [True])
     savez = np.savez
@@ -362,7 +360,7 @@ def test_a_file_that_is_being_read_is_replaced_later(refusals, tmp_path, monkeyp
 def test_a_directory_is_sound_at_every_moment_of_a_run(tmp_path, monkeypatch):
     """A thread reads it again and again while runs begin and end."""
     monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
-    monkeypatch.setattr("eig3.run.integration._CHUNK_SECONDS", 1e-4)
+    monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-4)
     options = {**SCALAR[1], "h": 1e-3, "events": {"down": eig3.Event(crossing)}, "outputs": {"o": energy}}
     over, failures, seen = threading.Event(), [], set()
 
@@ -397,17 +395,20 @@ LIMITED = """
     from eig3.result.mapped import MappedRows
 
     resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-    rows = MappedRows(pathlib.Path(sys.argv[1]), {"t": (), "u": (3,)})
-    block = np.arange(500.0)
+    rows = MappedRows(pathlib.Path(sys.argv[1]), {"t": (), "u": (3,)}, 64)
     try:
         while True:
-            rows.append(t=rows.count + block, u=np.ones((500, 1)) * [0, 1, 2] + rows.count)
+            new = slice(rows.count, len(rows.arrays["t"]))
+            rows.arrays["t"][new] = np.arange(new.start, new.stop)
+            rows.arrays["u"][new] = rows.arrays["t"][new, None] + [0, 1, 2]
+            rows.count = new.stop
+            rows.grow()
     except OSError as error:
         print(rows.count, error)
 """
 
 
-def test_appended_rows_are_kept_when_the_disk_is_full(tmp_path):
+def test_rows_are_kept_when_the_disk_is_full(tmp_path):
     run = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(LIMITED), tmp_path], capture_output=True, text=True, check=True
     )
@@ -417,7 +418,7 @@ def test_appended_rows_are_kept_when_the_disk_is_full(tmp_path):
     assert list(arrays) == ["t", "u"]
     assert 1000 <= rows <= 200_000 / 24
     np.testing.assert_array_equal(arrays["t"], np.arange(rows))
-    np.testing.assert_array_equal(arrays["u"][:, 2], 2 + np.arange(rows) // 500 * 500)
+    np.testing.assert_array_equal(arrays["u"][:, 2], 2 + np.arange(rows))
 
 
 @pytest.mark.parametrize("code", [None, errno.EOPNOTSUPP])

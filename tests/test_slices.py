@@ -8,18 +8,14 @@ import pytest
 
 import eig3
 from eig3.ensembles import run as ensemble_run
-from eig3.stepping import slices, stepper, variable_stepper, watched_stepper
+from eig3.kernels.loops import fixed, variable
+from eig3.stepping import slices
 
 SLICE = 5e-4  # s, the duration of a slice
 PER_STEP = 1e-7  # s
 
 #: Where each kind of run gets its kernel.
-KERNELS = (
-    (stepper, "pointer_kernel"),
-    (watched_stepper, "watched_kernel"),
-    (variable_stepper, "variable_kernel"),
-    (ensemble_run, "wide_kernel"),
-)
+KERNELS = (fixed, "kernel"), (variable, "kernel"), (ensemble_run, "wide_kernel")
 
 
 @eig3.jit
@@ -75,7 +71,7 @@ class Clock:
 
         def watched(*arguments):
             result = kernel(*arguments)
-            taken = result[0] if isinstance(result, tuple) else result
+            taken = result[0]
             slow = min(taken, max(0, self.steps + taken - slow_from))
             seconds = PER_STEP * (taken + 999 * slow)
             self.now, self.steps = self.now + seconds, self.steps + taken
@@ -96,7 +92,7 @@ def clock(monkeypatch):
 def wrap_kernels(monkeypatch, wrap):
     for module, name in KERNELS:
         get = getattr(module, name)
-        monkeypatch.setattr(module, name, lambda *arguments, _get=get: wrap(_get(*arguments)))
+        monkeypatch.setattr(module, name, lambda *arguments, _get=get, **options: wrap(_get(*arguments, **options)))
 
 
 @pytest.mark.parametrize("kind", KINDS)

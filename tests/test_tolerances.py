@@ -15,9 +15,7 @@ import eig3
 from eig3 import Status
 from eig3.kernels.compile.jit import bound
 from eig3.kernels.methods import eig3_variable
-from eig3.result import growing
-from eig3.result.growing import Rows
-from eig3.run.variable_run import VariableRun
+from eig3.run import history
 
 from .conftest import oscillator, oscillator_vector, spring
 
@@ -697,21 +695,25 @@ def test_words_are_refused():
 JOINED = """
     import resource, sys
     import numpy as np
-    from eig3.result.growing import GrowingHistory, Rows
-    from eig3.kernels.protocol import VECTOR
+    from eig3.run.history import FIRST_ROWS, History
 
     def peak():
         return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
-    history, n, size = GrowingHistory(VECTOR, 500, {}), 500, 0
+    history, size = History((500,), {}, FIRST_ROWS, has_times=True, has_steps=True), 0
     while size < 450e6:
-        first = history.count
-        rows = Rows(*(first + np.arange(64.0)[:, None] + np.zeros(shape) for shape in (1, 1, n, n)))
-        history.append(Rows(rows.t[:, 0], rows.h[:, 0], rows.u, rows.v))
-        size += sum(x.nbytes for x in rows)
+        arrays, first, end = history.arrays, history.row, min(len(history.arrays["t"]), history.row + 64)
+        arrays["t"][first:end] = history.count + np.arange(end - first)
+        for name in ("u", "v"):
+            arrays[name][first:end] = arrays["t"][first:end, None]
+        arrays["steps"][first:end] = 1.0
+        history.row = end
+        size += 8016 * (end - first)
+        if end == len(arrays["t"]):
+            history.make_room()
     before = peak()
-    joined = history.rows()
-    assert (joined.t == np.arange(history.count)).all() and (joined.u[:, -1] == joined.t).all()
+    joined = history.whole()
+    assert (joined["t"] == np.arange(history.count)).all() and (joined["u"][:, -1] == joined["t"]).all()
     print(size, before, peak())
 """
 
@@ -722,7 +724,7 @@ def test_the_states_are_joined_in_the_memory_that_they_have():
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     size, before, after = map(float, printed.split())
     assert before > size
-    assert after - before < 2.2 * growing._BLOCK_BYTES < 0.7 * size
+    assert after - before < 2.2 * history._BLOCK_BYTES < 0.7 * size
 
 
 @eig3.jit
@@ -734,8 +736,8 @@ def test_a_history_that_outgrows_memory_is_kept(monkeypatch):
     options = {"params": (2.0, 0.1), "rtol": 1e-9, "h_max": 1e-3, "outputs": {"height": height}}
     start = oscillator, (0.0, 200.0), 1.0, 0.0
     whole = eig3.integrate(*start, **options)
-    free = iter([1e9])  # once, for the block from 65536 to 131072 states, and then nothing is left
-    monkeypatch.setattr(growing, "available_memory", lambda: next(free, 0.0))
+    free = iter([1e9, 1e9])  # for the blocks up to 65536 and 131072 states, and then nothing is left
+    monkeypatch.setattr(history, "available_memory", lambda: next(free, 0.0))
     with pytest.raises(MemoryError, match=r"the history has .* bytes and 0 are free; .*, or save_to") as caught:
         eig3.integrate(*start, **options)
     kept = caught.value.solution
@@ -745,15 +747,3 @@ def test_a_history_that_outgrows_memory_is_kept(monkeypatch):
     for name in ("t", "u", "v", "steps"):
         np.testing.assert_array_equal(getattr(kept, name), getattr(whole, name)[: len(kept.t)])
     np.testing.assert_array_equal(kept.outputs["height"], kept.u)
-
-
-def test_a_reset_at_the_start_of_a_step_is_a_step():
-    """A run that follows something chooses the rows to save from those of all steps: the kernel would choose the same.
-
-    The steps end at t = 1, at t = 1 by a reset at the start, and at t = 2 with the states before and after a reset.
-    """
-    run = object.__new__(VariableRun)
-    run.every = 2
-    t, h, u = np.array([1.0, 1.0, 2.0, 2.0, 3.0]), np.array([1.0, 0.0, 1.0, 1.0, 1.0]), np.arange(5.0)[:, None]
-    np.testing.assert_array_equal(run._chosen(Rows(t, h, u, u), 0).u[:, 0], [1, 4])
-    np.testing.assert_array_equal(run._chosen(Rows(t, h, u, u), 1).u[:, 0], [0, 3])
