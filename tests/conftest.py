@@ -13,7 +13,7 @@ import pytest
 
 import eig3
 from eig3.kernels.loops.accelerations import acceleration_kernel
-from eig3.kernels.loops.fixed import pointer_kernel
+from eig3.kernels.loops.fixed import kernel
 from eig3.kernels.loops.quantity import extent_kernel
 from eig3.kernels.protocol import SCALAR, VECTOR
 
@@ -45,15 +45,17 @@ WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity=
 
 
 def compile_kernels(shift=0.0):
-    """Compile every kernel of the library in pointer mode, or load it from disk, from a part of the list onwards."""
-    formulas = dict.fromkeys(method.formulas for method in ALL_METHODS + WITHOUT_VELOCITY)
+    """Compile every plain kernel of the library in pointer mode, or load it from disk, from a part of the list onwards.
+
+    Of the vector form, these are the kernel for any number of degrees of freedom, and that for two.
+    """
+    methods = {method.formulas: method.order for method in ALL_METHODS + WITHOUT_VELOCITY}
     newton = eig3.CentralDifference(solver="newton").formulas
-    kernels = [(each, form) for each in formulas for form in (SCALAR, VECTOR)]
-    kernels += [(newton, form, True) for form in (SCALAR, VECTOR)]
-    kernels += [(each, VECTOR, False, True) for each in formulas]  # those for two degrees of freedom
+    kernels = [(each, form, n, False) for each in methods for form, n in ((SCALAR, 1), (VECTOR, 3), (VECTOR, 2))]
+    kernels += [(newton, form, 3, True) for form in (SCALAR, VECTOR)]
     first = round(shift * len(kernels))
-    for kernel in kernels[first:] + kernels[:first]:
-        pointer_kernel(*kernel)
+    for formulas, form, n, takes_jacobian in kernels[first:] + kernels[:first]:
+        kernel(formulas, methods[formulas], form, n, looks=False, takes_jacobian=takes_jacobian)
     for form in (SCALAR, VECTOR):
         acceleration_kernel(form)
         extent_kernel(form, writes=False)
