@@ -190,13 +190,11 @@ def stack_step(f, at, y, c, n):
     return y, success
 
 
-def kernel(
-    method: Formulas, order: int, form: Form, n: int, *, looks: bool, takes_jacobian: bool = False
-) -> Any:
+def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: bool, takes_jacobian: bool = False) -> Any:
     """Compile the kernel of a method for callbacks given as addresses, or load it from the disk.
 
-    Two degrees of freedom have a kernel of their own: the compiler then removes the loops over them, and a pendulum
-    takes up to a quarter less time. One kernel serves all other numbers.
+    Without a look, two degrees of freedom have a kernel of their own: the compiler then removes the loops over them,
+    and a pendulum takes up to a quarter less time. One kernel serves all other numbers.
 
     The kernel of a method outside this package is compiled in each process: its formulas may use other files, and a
     change of these would go unnoticed.
@@ -218,7 +216,8 @@ def kernel(
     takes_jacobian : bool
         Whether the second callback is an address.
     """
-    return _kernel(method, order if looks else 0, form, 2 if n == 2 and form is VECTOR else 0, looks, takes_jacobian)
+    is_pair = n == 2 and form is VECTOR and not looks
+    return _kernel(method, order if looks else 0, form, 2 if is_pair else 0, looks, takes_jacobian)
 
 
 @functools.cache

@@ -170,7 +170,9 @@ def inline_functions(form: Form, quantities: tuple, of_rows: bool = False) -> tu
     """
     state = "u[0], v[0]" if of_rows and form is SCALAR else "u, v"
     names: dict[str, Any] = {"__name__": __name__, "returned": returned, "written": written}
-    names["widen_one"] = element(bound(widen_one, {"COMPONENT": element(_itself if form is SCALAR and not of_rows else _entry)}))
+    names["widen_one"] = element(
+        bound(widen_one, {"COMPONENT": element(_itself if form is SCALAR and not of_rows else _entry)})
+    )
     evaluated, widened = ["def evaluate(follow, t, u, v, p):"], ["def widen(follow, part, t, v):"]
     for k, (function, width) in enumerate(quantities):
         names[f"quantity{k}"] = function

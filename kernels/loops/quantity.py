@@ -49,5 +49,8 @@ def extent_kernel(form: Form, writes: bool) -> Any:
         Whether the function writes its values. If not, it returns its only value.
     """
     arguments = int64, vector_type, vector_type, form.state, form.state, vector_type, matrix_type, matrix_type
-    names = {"FUNCTION": function_at(form.output if writes else form.invariant), "EVALUATE": written if writes else returned}
+    names = {
+        "FUNCTION": function_at(form.output if writes else form.invariant),
+        "EVALUATE": written if writes else returned,
+    }
     return compile_kernel(extent, names, none(*arguments), f"{form.name}_{'written' if writes else 'returned'}")

@@ -65,7 +65,9 @@ def search(f, place, tally, t0, t, t_grid, n, p):
             copy_two(u_end, v_end, u, v, n)
             tally[TIME], tally[WITHIN] = t, 1
             return FULL
-        outcome, _, stop = LOOK_WITHIN(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p)
+        outcome, _, stop = LOOK_WITHIN(
+            place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
+        )
         if outcome in (NOT_A_NUMBER, RESTING):
             copy_two(u_end, v_end, u, v, n)
             tally[TIME] = t
