@@ -21,20 +21,20 @@ from .functions.callbacks import check_callback, reads_velocity
 from .functions.checks import check_names, check_params, check_span, check_state, reals
 from .functions.events import Event
 from .functions.quantities import EnergyLessWork
+from .kernels.protocol import SCALAR, VECTOR
 from .methods import Method
 from .result import storage
 from .result.labels import Labels
 from .result.solution import Solution
-from .result.storage import Place
-from .run.integration import integrate
 from .run.loading import with_functions
+from .run.prepare import Prepared
 from .stepping.stepper import Stepper
-from .stepping.tolerances import Motion
 
 #: Draws the response on a matplotlib figure.
 Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
+_OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the options that belong to one run
 _OF_RHS = ("rhs", "integrals")  # these fields change only with the right-hand side
 
 
@@ -163,18 +163,33 @@ class Problem:
             With `integrals`, if the problem follows any.
         """
         _refuse_fields(options, "integrate")
+        of_call = {name: options.pop(name) for name in _OF_A_CALL if name in options}
+        span = None if t_end is None else (self.t_span[0], t_end)
+        return self.prepare(h=h, method=method, **options)(span, **of_call)
+
+    def prepare(self, **options: Any) -> Prepared:
+        """Prepare runs of the problem, as `eig3.prepare` does.
+
+        Parameters
+        ----------
+        **options
+            Those of `eig3.prepare`. `invariants` replaces the energy, and `events` those of the problem.
+
+        Returns
+        -------
+        Prepared
+            In a call, t_span, u0, v0 and params are those of the problem where they are left out. The solution has
+            `integrals`, if the problem follows any.
+        """
+        _refuse_fields(options, "prepare")
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         if self.events:
             options.setdefault("events", self.events)
-        options |= {"h": h, "params": self.params, "method": method}
-        span = (self.t_span[0], self.t_span[1] if t_end is None else t_end)
-        start: Any = self.u0, self.v0
+        form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
+        options |= {"labels": self.labels, "defaults": (self.t_span, self.u0, self.v0, self.params)}
         if self.integrals:
-            start = [_with_integrals(x, len(self.integrals)) for x in start]
-            options["invariants"] = self._balanced(options["invariants"])
-            if options.get("rtol") is not None:
-                options["atol"] = Motion(options.get("atol"), np.size(self.u0))
-        return self._run(integrate, self.rhs, span, *start, **options)
+            options |= {"invariants": self._balanced(options["invariants"]), "integrals": tuple(self.integrals)}
+        return Prepared(self.rhs, form, **options)
 
     def load(
         self,
@@ -212,8 +227,10 @@ class Problem:
         options["invariants"] = self._balanced(options.get("invariants"))
         if found.events:
             options.setdefault("events", self.events)
+        options |= {"labels": self.labels, "integrals": tuple(self.integrals)}
         solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
-        return self._going_on(solution)
+        solution.labels = self.labels
+        return solution
 
     def ensemble(
         self,
@@ -265,7 +282,7 @@ class Problem:
                 params = params[None]  # they are shared also if there are as many parameters as members
         options |= {"h": h, "params": params, "method": method}
         if not self.integrals:
-            return self._run(ensemble, self.rhs, span, *start, **options)
+            return self._ensemble(span, *start, **options)
         n = np.size(self.u0)
         for name, x in zip(("u0", "v0"), start, strict=True):
             if np.shape(x)[-1:] != (n,):
@@ -273,7 +290,7 @@ class Problem:
         start = [_with_integrals(x, len(self.integrals)) for x in start]
         if callable(options.get("reduce")):
             options["reduce"] = partial(_reduced, options["reduce"], n, self.integrals)
-        return self._run(ensemble, self.rhs, span, *start, **options)
+        return self._ensemble(span, *start, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
         """Return a `Stepper` at the start of the problem, which does not follow `integrals`.
@@ -409,36 +426,25 @@ class Problem:
         balance = EnergyLessWork(self.energy, np.size(self.u0) + self.integrals.index("work"))
         return {name: balance if function is self.energy else function for name, function in invariants.items()}
 
-    def _run(self, run: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """Run with the integrals as further degrees of freedom; separate them from the result, and label it."""
-        if options.get("save_to") is not None:
-            options["save_to"] = Place.of(options["save_to"], self.labels, self.integrals)
+    def _ensemble(self, *arguments: Any, **options: Any) -> Any:
+        """Run an ensemble with the integrals as further degrees of freedom."""
         try:
-            return self._described(run(*arguments, **options))
+            return self._described(ensemble(self.rhs, *arguments, **options))
         except BaseException as error:
             self._described(getattr(error, "solution", None))
             raise
 
     def _described(self, result: Any) -> Any:
-        """What `reduce` returned for the parts of an ensemble stays as it is."""
-        if isinstance(result, Solution | EnsembleSolution):
+        """Label an ensemble, and separate its integrals. What `reduce` returned stays as it is."""
+        if isinstance(result, EnsembleSolution):
             result.labels = self.labels
             if self.integrals:
                 _separated(result, np.size(self.u0), self.integrals)
-        return self._going_on(result) if isinstance(result, Solution) else result
-
-    def _going_on(self, solution: Solution) -> Solution:
-        """Let `extend` of a solution return a run of this problem, if it can."""
-        if solution._extend:
-            solution._extend = partial(self._run, solution._extend)
-        return solution
-
-
-def _separated(result: Any, n: int, names: Sequence[str]) -> Any:
-    """Move the integrals from the last columns of u and v, where they are velocities, to `integrals` of the result."""
-    if isinstance(result, Solution):
-        result._separate(names)
         return result
+
+
+def _separated(result: EnsembleSolution, n: int, names: Sequence[str]) -> EnsembleSolution:
+    """Move the integrals from the last columns of u and v, where they are velocities, to `integrals` of the result."""
     result.integrals = {name: result.v[..., n + k].copy() for k, name in enumerate(names)}
     result.u, result.v = result.u[..., :n], result.v[..., :n]
     result._last = {i: (t, u[:n], v[:n], *outputs, *v[n:]) for i, (t, u, v, *outputs) in result._last.items()}

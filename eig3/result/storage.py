@@ -68,8 +68,6 @@ class Place:
     @classmethod
     def of(cls, save_to: Any, labels: Labels | None = None, integrals: tuple[str, ...] = ()) -> Place:
         """Return the place that `save_to` names, which must be a new or an empty directory."""
-        if isinstance(save_to, Place):
-            return save_to
         if not isinstance(save_to, str | PathLike):
             raise TypeError(f"save_to must be the path of a directory, not {shown(save_to)}.")
         directory = Path(save_to)

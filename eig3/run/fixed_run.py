@@ -108,7 +108,7 @@ class FixedRun(Run):
         check_progress(progress)
         n_steps = steps_until(self.stepper, t_end)
         times = further_times(self.times, t_eval, self.stepper.t, t_end)
-        place = None if save_to is None else Place.of(save_to)
+        place = self._place(save_to)
         self.close()
         assert self.saved is not None
         stepper = self.stepper.fork()

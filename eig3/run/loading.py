@@ -13,6 +13,7 @@ from ..functions.events import Event, check_events
 from ..functions.quantities import Functions, check_functions
 from ..kernels.protocol import SCALAR, VECTOR
 from ..result import storage
+from ..result.labels import Labels
 from ..result.solution import Solution
 from ..stepping.system import System
 from .fixed_run import FixedRun
@@ -83,6 +84,8 @@ def with_functions(
     invariants: Any = None,
     outputs: Any = None,
     jacobian: Any = None,
+    labels: Labels | None = None,
+    integrals: tuple[str, ...] = (),
 ) -> Solution:
     """Give a loaded solution the functions of its run, as `eig3.load` describes it, and return it."""
     state = solution._state
@@ -109,6 +112,7 @@ def with_functions(
     form = SCALAR if np.ndim(state["start"][0]) == 0 else VECTOR
     events, has_times = given.pop("events"), state["times"] is not None
     options = {"inline": state["inline"], "events": events, "functions": Functions(**given), "has_times": has_times}
+    options |= {"labels": labels, "integrals": integrals}
     run = kind.restored(solution, System(rhs, form, solution.method, **options))
     solution._accelerations = run.stepper.accelerations
     if isinstance(run, VariableRun):

@@ -27,6 +27,7 @@ from ..functions.guard import guarded
 from ..functions.quantities import Functions, check_functions
 from ..kernels.protocol import SCALAR, VECTOR, Form
 from ..methods import Method
+from ..result.labels import Labels
 from ..result.solution import Solution
 from ..result.storage import Place
 from ..stepping.march import NEVER, Cancel
@@ -74,6 +75,9 @@ class Prepared:
         first_step: float | None = None,
         max_steps: int | None = None,
         inline: bool = False,
+        labels: Labels | None = None,
+        integrals: tuple[str, ...] = (),
+        defaults: tuple = (),
     ) -> None:
         self._options = {
             "h": h,
@@ -89,7 +93,11 @@ class Prepared:
             "first_step": first_step,
             "max_steps": max_steps,
             "inline": inline,
+            "labels": labels,
+            "integrals": integrals,
+            "defaults": defaults,
         }
+        self._defaults = defaults
         if t_eval is not None and save_every not in (1, None):
             raise ValueError("save_every and t_eval exclude each other: give one of them.")
         self._limits = rtol, atol, h_max, first_step, max_steps
@@ -106,7 +114,8 @@ class Prepared:
         self._save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
         functions: Functions = check_functions(invariants, outputs)
         options = {"inline": check_flag(inline, "inline"), "events": events, "functions": functions}
-        self._system: System = remembered(rhs, form, record, has_times=t_eval is not None, **options)
+        options |= {"has_times": t_eval is not None, "labels": labels, "integrals": integrals}
+        self._system: System = remembered(rhs, form, record, **options)
         self._tolerances: dict[int, Any] = {}
         self._every = NEVER if self._save_every is None else self._save_every
         has_end = any(event.terminal for event in self._system.events.values())
@@ -122,10 +131,10 @@ class Prepared:
 
     def __call__(
         self,
-        t_span: Sequence[float],
-        u0: ArrayLike,
-        v0: ArrayLike,
-        params: ArrayLike = (),
+        t_span: Sequence[float] | None = None,
+        u0: ArrayLike | None = None,
+        v0: ArrayLike | None = None,
+        params: ArrayLike | None = None,
         *,
         progress: bool = False,
         raise_on_failure: bool = False,
@@ -139,6 +148,8 @@ class Prepared:
         t_span : (float, float)
         u0, v0 : float or array_like, shape (n,)
         params : float or array_like
+            What is left out is that of the problem, for a run that `Problem.prepare` has prepared. Other runs need a
+            span and a start.
         progress, raise_on_failure, cancel, save_to
             As for `eig3.integrate`.
 
@@ -151,10 +162,15 @@ class Prepared:
         TypeError, ValueError, MemoryError, OSError, ImportError, IntegrationError, KeyboardInterrupt
             As for `eig3.integrate`.
         """
+        if self._defaults:
+            given = t_span, u0, v0, params
+            t_span, u0, v0, params = (own if x is None else x for x, own in zip(given, self._defaults, strict=True))
         u, v, form = check_state(u0, v0)
         if form is not self._system.form:
             raise self._wrong_form(u0)
-        start = check_span(t_span), u, v, guarded(check_params(params))
+        if self._system.integrals:
+            u, v = (np.append(x, np.zeros(len(self._system.integrals))) for x in (u, v))
+        start = check_span(t_span), u, v, guarded(check_params(() if params is None else params))
         if cancel is None and save_to is None and progress is False and self._may_be_short:
             try:
                 solution = self._short(*start)
@@ -193,7 +209,7 @@ class Prepared:
         """Return a run at its start."""
         if progress is not False:
             check_progress(progress)
-        place = None if save_to is None else Place.of(save_to)
+        place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.integrals)
         times = None if self._t_eval is None else check_times(self._t_eval, *span)
         if self._h is None:
             stepper = self._variable_stepper(span, u, v, p, times)
@@ -224,7 +240,8 @@ class Prepared:
 
     def _tolerances_for(self, n: int) -> Any:
         """Return the tolerances for n degrees of freedom."""
-        self._tolerances[n] = check_tolerances(n, *self._limits)
+        n_integrals = len(self._system.integrals)
+        self._tolerances[n] = check_tolerances(n - n_integrals, *self._limits, n_integrals)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:

@@ -293,7 +293,14 @@ class Run:
         fields = common_fields(stepper) | self._fields()
         fields |= {"u": rows["u"], "v": rows["v"], "status": status, "message": self.message, "reason": self.reason}
         later = stepper.look.found() if stepper.look else {}
-        return Solution._of({**fields, "outputs": outputs}, {**later, "notes": self.all_notes})
+        solution = Solution._of({**fields, "outputs": outputs}, {**later, "notes": self.all_notes})
+        if stepper.system.integrals:
+            solution._separate(stepper.system.integrals)
+        return solution
+
+    def _place(self, save_to: str | PathLike[str] | None) -> Place | None:
+        system = self.stepper.system
+        return None if save_to is None else Place.of(save_to, system.labels, system.integrals)
 
     def _growth_notes(self, remedy: str) -> list[str]:
         """Return a sentence about each invariant that grew steadily; `remedy` says what may help."""
@@ -404,6 +411,7 @@ def common_fields(stepper: Any) -> dict[str, Any]:
         "reason": None,
         "kernel_seconds": stepper.seconds,
         "method": stepper.system.method,
+        "labels": stepper.system.labels,
         "_accelerations": partial(accelerations, stepper.system.callback, stepper.params),
     }
 

@@ -54,7 +54,12 @@ def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Calla
     later = {"t": partial(grid, stepper.t0, stepper.h, every, count, n_steps, t_end), "notes": partial(_notes, again)}
     fields = {"u": u, "v": v, "h": stepper.h, "outputs": outputs}
     fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
-    return Solution._of(common_fields(stepper) | fields, {**stepper.look.found(), **later} if stepper.look else later)
+    if stepper.look:
+        later |= stepper.look.found()
+    solution = Solution._of(common_fields(stepper) | fields, later)
+    if stepper.system.integrals:
+        solution._separate(stepper.system.integrals)
+    return solution
 
 
 def variable(stepper: VariableStepper, every: int, rows: int, again: Callable[[], Run]) -> Solution | None:
@@ -85,7 +90,12 @@ def variable(stepper: VariableStepper, every: int, rows: int, again: Callable[[]
     fields |= {"h": (t_last - stepper.t0) / stepper.index, "n_rejected": int(tally[REJECTED])}
     fields |= {"outputs": outputs, "_extend": partial(_extend, again), "_resume": partial(_state, again)}
     later = {"notes": partial(_notes, again)}
-    return Solution._of(common_fields(stepper) | fields, {**stepper.look.found(), **later} if stepper.look else later)
+    if stepper.look:
+        later |= stepper.look.found()
+    solution = Solution._of(common_fields(stepper) | fields, later)
+    if stepper.system.integrals:
+        solution._separate(stepper.system.integrals)
+    return solution
 
 
 def _last_row(stepper: Any, steps: Any, wanted: int, span: float) -> int | None:

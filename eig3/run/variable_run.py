@@ -88,7 +88,7 @@ class VariableRun(Run):
         if not t_end > end:
             raise ValueError(f"t_end must be after the end of the run at t = {end!r}, not {t_end!r}.")
         times = further_times(self.times, t_eval, end, t_end)
-        place = None if save_to is None else Place.of(save_to)
+        place = self._place(save_to)
         if self.stepper.follows_span:
             stepper = self.stepper.restarted(t_end, times)
             return VariableRun.at_start(stepper, self.every, times, place, progress)

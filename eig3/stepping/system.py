@@ -13,6 +13,7 @@ from ..functions.events import Event, check_events
 from ..functions.quantities import Functions
 from ..kernels.protocol import Form
 from ..methods import Method
+from ..result.labels import Labels
 from .follower import Followed
 
 _MOST_REMEMBERED = 16  # systems of one right-hand side
@@ -60,6 +61,10 @@ class System:
         The invariants and outputs.
     has_times : bool
         Whether runs save the states at wanted times.
+    labels : Labels or None
+        Names and units of the degrees of freedom.
+    integrals : tuple of str
+        The names of the last degrees of freedom, whose velocities are integrals over time and no motion.
 
     Attributes
     ----------
@@ -97,7 +102,10 @@ class System:
         events: Any = None,
         functions: Functions = _NOTHING,
         has_times: bool = False,
+        labels: Labels | None = None,
+        integrals: tuple[str, ...] = (),
     ) -> None:
+        self.labels, self.integrals = labels, integrals
         self.rhs, self.form, self.method, self.functions = rhs, form, method, functions
         self.inline = check_flag(inline, "inline")
         self.events: Mapping[str, Event] = check_events(events)
@@ -144,7 +152,8 @@ def remembered(rhs: Any, form: Form, method: Method, **options: Any) -> System:
     """
     functions, events = options.get("functions", _NOTHING), check_events(options.get("events"))
     parts = events, functions.invariants, functions.outputs
-    key = form.name, method, *(tuple(part.items()) for part in parts), options["inline"], options["has_times"]
+    others = (options[name] for name in ("inline", "has_times", "labels", "integrals"))
+    key = form.name, method, *(tuple(part.items()) for part in parts), *others
     try:
         systems = vars(rhs).setdefault("_eig3_systems", {})
         known = systems.get(key)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,16 +14,6 @@ from ..methods import METHODS, RK5, RK8, Method
 
 LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off decides about the steps
 _RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
-
-
-class Motion(NamedTuple):
-    """The argument `atol` of a run in which only the first `n` degrees of freedom are a motion.
-
-    The others are integrals over time, which do not act on the motion: they do not decide about the steps.
-    """
-
-    atol: ArrayLike | None
-    n: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +51,15 @@ def check_tolerances(
     h_max: float | None,
     first_step: float | None,
     max_steps: int | None,
+    n_integrals: int = 0,
 ) -> Tolerances:
-    """Check the tolerances of a run with n degrees of freedom."""
+    """Check the tolerances of a run with n degrees of freedom.
+
+    `n_integrals` further ones are integrals over time, which do not act on the motion: they do not decide about the
+    steps.
+    """
     if rtol is None:
         raise ValueError("atol needs rtol too: the relative tolerance, such as 1e-6.")
-    n_integrals = 0
-    if isinstance(atol, Motion):
-        n_integrals, (atol, n) = n - atol.n, atol
     relative = reals(rtol, "rtol")
     if relative.ndim or not LEAST_RTOL <= relative < 1:
         raise ValueError(
