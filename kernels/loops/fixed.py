@@ -16,8 +16,8 @@ from typing import Any
 from numba.types import Tuple, int64, none
 
 from ..compile.jit import bound, compile_kernel, element
+from ..compile.numba_internals import has_wide_vectors, wide_vectors
 from ..compile.source import define
-from ..compile.wide import has_wide_vectors, wide_vectors
 from ..protocol import (
     EVALUATIONS,
     SCALAR,
