@@ -75,7 +75,9 @@ def test_no_other_file_uses_what_numba_does_not_document():
     folders = "bench", "eig3", "kernels", "problems", "tests"
     texts = {path: path.read_text() for folder in folders for path in (ROOT / folder).rglob("*.py")}
     used = {path.relative_to(ROOT): inner.findall(text) for path, text in texts.items() if inner.search(text)}
-    assert used.keys() == {path.relative_to(ROOT) for path in (FILE, Path(__file__))}, f"These ask {FILE.name}: {used}"
+    assert used.keys() == {path.relative_to(ROOT) for path in (FILE, Path(__file__))}, (
+        f"Only {FILE.name} may use: {used}"
+    )
 
 
 def test_each_name_of_the_file_has_a_probe():
