@@ -34,21 +34,37 @@ def loaded(path):
 internals = loaded(FILE)
 
 
+class ChangedError(AssertionError):
+    """Numba has changed."""
+
+
 @contextmanager
 def probe(what_changed):
-    """A block that fails with these words, whatever goes wrong in it."""
+    """A block that fails with these words, whatever goes wrong in it. Of nested blocks, the inner one has the word."""
     try:
         yield
+    except ChangedError:
+        raise
     except (Exception, pytest.fail.Exception) as error:
         reason = next(iter(str(error).splitlines()), "")
-        pytest.fail(f"{what_changed} ({type(error).__name__}: {reason}): repair {FILE.name}.")
+        raise ChangedError(f"{what_changed} ({type(error).__name__}: {reason}): repair {FILE.name}.") from error
 
 
-def result_of(function, *types):
-    """Jit a function if it is not yet, and return its compile result."""
-    jitted = function if isinstance(function, internals.Jitted) else numba.njit(function)
-    internals.compile_for(jitted, types)
-    return internals.compile_results(jitted)[types]
+def result_of(jitted, *types):
+    with probe("A jitted function has no method `compile` for a tuple of types that puts the result in `overloads`"):
+        internals.compile_for(jitted, types)
+        return internals.compile_results(jitted)[types]
+
+
+def code_of(jitted, *types):
+    result = result_of(jitted, *types)
+    with probe("`library` of Numba's compile result does not give LLVM's code"):
+        return internals.optimised_code(result)
+
+
+def address_of(result):
+    with probe("Numba's compile result has no `fndesc.llvm_func_name` of which `library` gives the address"):
+        return internals.address_of(result)
 
 
 def double(x):
@@ -131,17 +147,15 @@ def test_options_of_a_jitted_function():
 
 
 def test_parts_of_a_compile_result():
-    result = result_of(double, float64)
+    result = result_of(numba.njit(double), float64)
     with probe("Numba's compile result has no `signature` with the type that the function returns"):
         assert internals.return_type(result) == float64
     with probe("Numba's compile result has no `entry_point` that calls it from Python"):
         assert internals.call_without_checks(result)(3.0) == 6.0
-    with probe("Numba's compile result has no `fndesc.llvm_func_name` of which `library` gives the address"):
-        address = internals.address_of(result)
+    address = address_of(result)
     with probe("A compiled function is no longer called with the places of its value and of an error"):
         assert called_at(address, 3.0) == 6.0
-    with probe("`library` of Numba's compile result does not give LLVM's code"):
-        assert re.search(r"define .*double", internals.optimised_code(result))
+    assert re.search(r"define .*double", code_of(numba.njit(double), float64))
 
 
 # How a function is compiled
@@ -155,24 +169,24 @@ def test_code_without_the_runtime():
         return np.zeros(n)[0]
 
     types = FunctionType(float64(VECTOR)), VECTOR
-    jitted, plain = numba.njit(**internals.WITHOUT_RUNTIME), numba.njit
+    without = numba.njit(**internals.WITHOUT_RUNTIME)
     with probe("The option `_nrt` of numba.njit does not turn the counting of references off"):
-        counts = ["NRT_" in internals.optimised_code(result_of(jit(passes_on), *types)) for jit in (plain, jitted)]
-        assert counts == [True, False]
+        assert ["NRT_" in code_of(jit(passes_on), *types) for jit in (numba.njit, without)] == [True, False]
     not_refused = "The option `_nrt` of numba.njit does not refuse an allocation"
     with probe(not_refused), pytest.raises(Exception, match="zeros"):
-        result_of(jitted(allocates), int64)
+        without(allocates)(3)
 
 
 def test_a_function_for_compiled_code_only():
-    inner = internals.jit_for_compiled_code(double, error_model="numpy")
-    with probe("A jitted function of another class is not called by compiled functions"):
+    with probe("A jitted function cannot have another class, or is then not called by compiled functions"):
+        inner = internals.jit_for_compiled_code(double, error_model="numpy")
+        assert type(inner) is not type(numba.njit(double))
         assert numba.njit(lambda x: inner(x))(3.0) == 6.0
     not_called = "A call of a jitted function from Python does not take `__call__` of its class"
     with probe(not_called), pytest.raises(TypeError, match="double can be called by compiled functions only"):
         inner(3.0)
     with probe("The options `no_cpython_wrapper` and `no_cfunc_wrapper` of numba.njit do not leave wrappers out"):
-        plain, bare = (internals.optimised_code(result_of(f, float64)) for f in (numba.njit(double), inner))
+        plain, bare = (code_of(function, float64) for function in (numba.njit(double), inner))
         assert "cpython" in plain
         assert "cfunc" in plain
         assert "cpython" not in bare
@@ -185,9 +199,9 @@ def test_arrays_that_do_not_overlap():
             y[j] = x[j]
 
     with probe("`_compiler._customize_flags` of a jitted function does not set the flag `noalias`"):
-        plain = internals.optimised_code(result_of(copies, VECTOR, VECTOR))
-        free = internals.assume_no_overlap(numba.njit(copies))
-        assert internals.optimised_code(result_of(free, VECTOR, VECTOR)).count("noalias") > plain.count("noalias")
+        plain, free = numba.njit(copies), internals.assume_no_overlap(numba.njit(copies))
+        counts = [code_of(function, VECTOR, VECTOR).count("noalias") for function in (plain, free)]
+        assert counts[0] < counts[1]
 
 
 def test_vectors_of_512_bits():
@@ -214,7 +228,7 @@ def test_addresses_come_from_arrays():
         "Numba does not compute the address of an entry by cgutils.pointer_add, or computes with integers again"
     ):
         with internals.addresses_of_arrays():
-            code = internals.optimised_code(result_of(numba.njit(reads, no_cpython_wrapper=True), STRIDED, int64))
+            code = code_of(numba.njit(no_cpython_wrapper=True)(reads), STRIDED, int64)
         assert "inttoptr" not in code
     assert numba.njit(reads)(np.arange(9.0)[::2], 3) == 6.0
 
@@ -299,7 +313,7 @@ def test_entries_of_a_tuple():
 
 def test_a_function_at_an_address():
     kind = FunctionType(float64(float64))
-    result = result_of(double, float64)
+    result = result_of(numba.njit(double), float64)
 
     @intrinsic
     def function_at(typingctx, address):
@@ -309,7 +323,7 @@ def test_a_function_at_an_address():
         return kind(address), codegen
 
     with probe("The struct of numba.types.FunctionType has no `jit_addr` with the address that compiled code calls"):
-        assert numba.njit(lambda address: function_at(address)(3.0))(internals.address_of(result)) == 6.0
+        assert numba.njit(lambda address: function_at(address)(3.0))(address_of(result)) == 6.0
 
 
 def test_what_intrinsics_ask_the_target_context():
@@ -331,7 +345,7 @@ def test_what_intrinsics_ask_the_target_context():
 
 
 def test_addresses_of_the_members_of_a_family():
-    result = result_of(lambda k, x: 10 * k + x, float64, float64)
+    result = result_of(numba.njit(lambda k, x: 10 * k + x), float64, float64)
     with probe("Numba's target context or code library does not take functions that are written as code of LLVM"):
         addresses, library = internals.addresses_of_members(result, 3)
         assert [called_at(address, 0.5) for address in addresses] == [0.5, 10.5, 20.5]
@@ -457,9 +471,9 @@ def test_functions_of_the_main_module_travel():
 # Errors
 
 
-def error_of(function, *types):
+def error_of(function, *arguments):
     with pytest.raises(Exception) as caught:  # noqa: PT011  # Numba raises its own errors and plain Python errors
-        result_of(function, *types)
+        function(*arguments)
     return caught.value
 
 
@@ -468,17 +482,22 @@ def test_writes_to_a_readonly_array():
         x[0] = 1.0
 
     with probe("Numba's error for a write to a readonly array has other words"):
-        assert internals.is_write_to_readonly(error_of(writes, Array(float64, 1, "C", readonly=True)))
-        assert not internals.is_write_to_readonly(error_of(lambda x: x.missing, VECTOR))
+        x = np.ones(1)
+        x.flags.writeable = False
+        assert internals.is_write_to_readonly(error_of(numba.njit(writes), x))
+        assert not internals.is_write_to_readonly(error_of(numba.njit(lambda x: x.missing), x))
 
 
 def test_reasons_in_one_line():
     with probe("Numba's error for a function with listed signatures has other words"):
         listed = numba.njit("f8(f8)")(double)
-        assert internals.gist(error_of(listed, VECTOR)) == "its decorator must not list signatures"
+        assert (
+            internals.gist(error_of(internals.compile_for, listed, (VECTOR,)))
+            == "its decorator must not list signatures"
+        )
     with probe("Numba's error for a call that it cannot compile does not show the call after >>>"):
-        reason = internals.gist(error_of(lambda x: sorted(x, 7), VECTOR))
+        reason = internals.gist(error_of(numba.njit(lambda x: sorted(x, 7)), np.ones(1)))
         assert re.fullmatch(rf'Numba cannot do sorted\(.*\) \(File ".*{Path(__file__).name}", line \d+\)', reason)
     with probe("Numba's error for an unknown attribute does not begin with its reason after `Failed in`"):
-        reason = internals.gist(error_of(lambda x: x.missing, VECTOR))
+        reason = internals.gist(error_of(numba.njit(lambda x: x.missing), np.ones(1)))
         assert re.fullmatch(rf'Unknown attribute .missing. .* \(File ".*{Path(__file__).name}", line \d+\)', reason)

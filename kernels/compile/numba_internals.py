@@ -25,7 +25,7 @@ from numba import cloudpickle
 from numba.core import cgutils, event
 from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.dispatcher import Dispatcher
+from numba.core.dispatcher import Dispatcher as Jitted  # the class of jitted functions
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.np import arrayobj
 
@@ -33,9 +33,6 @@ from numba.np import arrayobj
 VERSIONS = numba.__version__, llvmlite.__version__
 
 # Jitted functions, and Numba's compile result for each tuple of types of their arguments
-
-#: The class of jitted functions. (`numba.extending.is_jitted` would be one more Python call at each check.)
-Jitted = Dispatcher
 
 #: ``compile_results(function)``: a jitted function's dict of compile results by the types of the arguments. It is not a
 #: Python function because each run calls it. Its `values` method hashes every type; `dict.values` does not.
@@ -349,7 +346,7 @@ pickled, unpickled = cloudpickle.dumps, cloudpickle.loads
 
 def is_write_to_readonly(error: Exception) -> bool:
     """Return whether a function did not compile because it writes to an array that it may only read."""
-    return "readonly array" in str(error)
+    return "Cannot modify readonly array" in str(error)
 
 
 def gist(error: Exception) -> str:
