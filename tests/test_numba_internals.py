@@ -388,8 +388,9 @@ class MemoryCache(internals.DiskCache):
         self.failures.append((what, str(error)))
 
 
-def cached(function, cache):
-    jitted = numba.njit(function)
+def cached(function):
+    with probe("Numba's FunctionCache has no `_impl` with `filename_base` and `locator`, or no `cache_path`"):
+        jitted, cache = numba.njit(function), MemoryCache(function)
     internals.set_cache(jitted, cache)
     return jitted
 
@@ -401,8 +402,9 @@ def memory(monkeypatch):
 
 
 def test_what_a_cache_knows_of_its_function(memory):
-    with probe("Numba's FunctionCache has no `_impl` with `filename_base` and `locator`, or no `cache_path`"):
-        folder, name, source_stamp = MemoryCache(double).place
+    cache = internals.cache_of(cached(double))
+    with probe("`filename_base`, `cache_path` or the source stamp of Numba's FunctionCache has another meaning"):
+        folder, name, source_stamp = cache.place
         assert folder.is_dir()
         assert name.startswith(f"{Path(__file__).stem}.double-{double.__code__.co_firstlineno}.py3")
         assert source_stamp == MemoryCache(called_at).place[2]
@@ -410,7 +412,7 @@ def test_what_a_cache_knows_of_its_function(memory):
 
 def test_code_is_kept_and_loaded(memory, monkeypatch):
     def compiled():
-        function = cached(double, MemoryCache(double))
+        function = cached(double)
         with internals.compilations() as functions:
             assert function(3.0) == 6.0
         return bool(functions)
@@ -428,7 +430,7 @@ def test_code_is_kept_and_loaded(memory, monkeypatch):
         assert compiled()
         assert len(memory.kept) == 2
     with probe("`recompile` of a jitted function does not flush `_cache_file`"):
-        function = cached(double, MemoryCache(double))
+        function = cached(double)
         function(3.0)
         function.recompile()
         assert len(memory.kept) == 1
@@ -440,7 +442,7 @@ def test_errors_of_a_cache(memory, monkeypatch):
 
     monkeypatch.setattr(memory, "load", broken)
     monkeypatch.setattr(memory, "save", broken)
-    function = cached(double, MemoryCache(double))
+    function = cached(double)
     with probe("Numba does not call `load_overload` and `save_overload` of the cache of a function"):
         assert function(3.0) == 6.0
         assert internals.cache_of(function).failures == [("load", "a broken disk"), ("keep", "a broken disk")]
@@ -456,7 +458,7 @@ def test_a_function_without_a_folder():
 
 def test_whose_cache_a_function_has(memory):
     with probe("A function that is jitted with cache=True has no FunctionCache in `_cache`"):
-        kept, plain, own = numba.njit(cache=True)(double), numba.njit(double), cached(double, MemoryCache(double))
+        kept, plain, own = numba.njit(cache=True)(double), numba.njit(double), cached(double)
         assert [internals.has_numbas_cache(function) for function in (kept, plain, own)] == [True, False, False]
         assert type(internals.cache_of(own)) is MemoryCache
 
