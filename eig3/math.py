@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
@@ -94,18 +93,20 @@ def _number(context: Any, x: Any) -> Any:
     return types.float64(x), lambda target, builder, signature, args: target.cast(builder, args[0], x, types.float64)
 
 
+def _bitcast(target: Any, builder: Any, signature: Any, args: Any) -> Any:
+    return builder.bitcast(args[0], target.get_value_type(signature.return_type))
+
+
 @intrinsic
 def _bits(context: Any, x: Any) -> Any:
     """The bits of a float as an integer."""
-    return types.int64(types.float64), lambda target, builder, signature, args: builder.bitcast(args[0], ir.IntType(64))
+    return types.int64(types.float64), _bitcast
 
 
 @intrinsic
 def _from_bits(context: Any, i: Any) -> Any:
     """The float with these bits."""
-    return types.float64(types.int64), lambda target, builder, signature, args: builder.bitcast(
-        args[0], ir.DoubleType()
-    )
+    return types.float64(types.int64), _bitcast
 
 
 @_function

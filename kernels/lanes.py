@@ -14,22 +14,27 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
 import numba
 import numpy as np
-from numba.core import cgutils
-from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
-from numba.np import arrayobj
 from numba.types import float64, int64
 
 from .compile.jit import KERNEL_OPTIONS, bound, compiled, element
-from .compile.wide import wide_vectors
+from .compile.numba_internals import (
+    address_of,
+    addresses_of_arrays,
+    array_over,
+    assume_no_overlap,
+    call_without_checks,
+    optimised_code,
+    parts_of,
+    wide_vectors,
+)
 from .protocol import SCALAR, VECTOR, Form, matrix_type, vector_type
 
 #: Functions of the C library that have no vector instruction.
@@ -246,50 +251,12 @@ def _compile(
     options = {**KERNEL_OPTIONS, "boundscheck": True} if is_checked else KERNEL_OPTIONS
     inlined = numba.njit(inline="always", **options)(function)
     function = bound(template, {**layout.names(), **names, "FUNCTION": inlined})
-    with warnings.catch_warnings(), wide_vectors(), _addresses_of_arrays():
+    with warnings.catch_warnings(), wide_vectors(), addresses_of_arrays():
         warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
-        result = compiled(_without_overlap(numba.njit(**options)(function)), arguments)
-    address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
-    return Lanes(result.entry_point, address, _obstacle(result.library.get_llvm_str()), result)
-
-
-@contextmanager
-def _addresses_of_arrays() -> Iterator[None]:
-    """A block in which Numba computes an address with a stride from the address of its array, as it does from 0.67 on.
-
-    Earlier versions compute with integers: LLVM cannot tell to which array such an address belongs.
-    """
-    if numba.version_info[:2] >= (0, 67):
-        yield
-        return
-
-    def pointer_add(builder: Any, pointer: Any, offset: Any, return_type: Any = None) -> Any:
-        offset = cgutils.intp_t(offset) if isinstance(offset, int) else offset
-        address = builder.gep(builder.bitcast(pointer, cgutils.voidptr_t), [offset])
-        return builder.bitcast(address, return_type or pointer.type)
-
-    with global_compiler_lock:
-        usual = cgutils.pointer_add
-        cgutils.pointer_add = pointer_add
-        try:
-            yield
-        finally:
-            cgutils.pointer_add = usual
-
-
-def _without_overlap(function: Any) -> Any:
-    """Let the compiler assume that no two arrays of the arguments overlap.
-
-    Otherwise the code has to check this for each pair of rows before its loop over lanes. LLVM leaves a loop with many
-    such checks as it is.
-    """
-
-    def customize(flags: Any) -> Any:
-        flags.noalias = True
-        return flags
-
-    function._compiler._customize_flags = customize  # njit has no option for this
-    return function
+        # If arrays might overlap, the code would have to check each pair of rows before its loop over lanes. A loop
+        # with many such checks is not vectorised.
+        result = compiled(assume_no_overlap(numba.njit(**options)(function)), arguments)
+    return Lanes(call_without_checks(result), address_of(result), _obstacle(optimised_code(result)), result)
 
 
 def _obstacle(code: str) -> str:
@@ -322,18 +289,10 @@ def _array_view(kind: Any, count: int, stride: int, first: int, of_lane: int) ->
             def constant(value: int) -> Any:
                 return context.get_constant(numba.types.intp, value)
 
-            source = arrayobj.make_array(signature.args[0])(context, builder, args[0])
+            source = parts_of(context, builder, signature.args[0], args[0])
             index = builder.add(builder.mul(args[1], constant(of_lane)), constant(first))
-            result = arrayobj.make_array(kind)(context, builder)
-            arrayobj.populate_array(
-                result,
-                data=builder.gep(source.data, [index]),
-                shape=[constant(count)],
-                strides=[constant(8 * stride)],
-                itemsize=constant(8),
-                meminfo=None,
-            )
-            return result._getvalue()
+            data = builder.gep(source.data, [index])
+            return array_over(context, builder, kind, data, constant(count), constant(8 * stride))
 
         return kind(array, int64), codegen
 

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np import arrayobj
 from numba.types import Array, float64, int64, none
+
+from .compile.numba_internals import array_over, copy_on_stack, entries_of, floats_on_stack, function_over, parts_of
 
 #: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
@@ -280,9 +279,7 @@ def function_at(signature: Any) -> Any:
     @intrinsic
     def function(typingctx, address):
         def codegen(context, builder, signature, args):
-            value = cgutils.create_struct_proxy(kind)(context, builder)
-            value.jit_addr = builder.inttoptr(args[0], value.jit_addr.type)
-            return value._getvalue()
+            return function_over(context, builder, kind, args[0])
 
         return kind(int64), codegen
 
@@ -297,7 +294,7 @@ def address_of(typingctx, record):
     """
 
     def codegen(context, builder, signature, args):
-        return builder.ptrtoint(cgutils.alloca_once_value(builder, args[0]), context.get_value_type(int64))
+        return builder.ptrtoint(copy_on_stack(builder, args[0]), context.get_value_type(int64))
 
     return int64(record), codegen
 
@@ -320,7 +317,7 @@ def store_at(typingctx, address, index, value):
     """``store_at(address, index, value)`` writes a float to an index of the array at an address."""
 
     def codegen(context, builder, signature, args):
-        begin = builder.inttoptr(args[0], ir.DoubleType().as_pointer())
+        begin = builder.inttoptr(args[0], context.get_value_type(float64).as_pointer())
         builder.store(args[2], builder.gep(begin, [args[1]]))
         return context.get_dummy_value()
 
@@ -333,7 +330,7 @@ def floats(typingctx, state, count):
     kind = types.UniTuple(float64, count.literal_value)
 
     def codegen(context, builder, signature, args):
-        source = arrayobj.make_array(signature.args[0])(context, builder, args[0])
+        source = parts_of(context, builder, signature.args[0], args[0])
         indices = [context.get_constant(types.intp, k) for k in range(count.literal_value)]
         values = [builder.load(builder.gep(source.data, [index])) for index in indices]
         return context.make_tuple(builder, kind, values)
@@ -347,8 +344,8 @@ def rows(typingctx, state, count):
     kind = types.UniTuple(vector_type, count.literal_value)
 
     def codegen(context, builder, signature, args):
-        source = arrayobj.make_array(signature.args[0])(context, builder, args[0])
-        (n,) = cgutils.unpack_tuple(builder, source.shape, 2)[1:]
+        source = parts_of(context, builder, signature.args[0], args[0])
+        n = source.shape[1]
         begins = (builder.mul(n, context.get_constant(types.intp, k)) for k in range(count.literal_value))
         values = [_array(context, builder, builder.gep(source.data, [begin]), n) for begin in begins]
         return context.make_tuple(builder, kind, values)
@@ -368,10 +365,7 @@ def stack_rows(typingctx, n, count):
         size = context.get_constant(types.intp, n.literal_value)
         values = []
         for _ in range(count.literal_value):
-            with builder.goto_entry_block():
-                memory = builder.alloca(ir.ArrayType(ir.DoubleType(), n.literal_value))
-            data = builder.bitcast(memory, ir.DoubleType().as_pointer())
-            values.append(_array(context, builder, data, size))
+            values.append(_array(context, builder, floats_on_stack(builder, n.literal_value), size))
         return context.make_tuple(builder, kind, values)
 
     return kind(n, count), codegen
@@ -386,8 +380,8 @@ def copy_rows(typingctx, target, source, n):
 
     def codegen(context, builder, signature, args):
         def places(rows: Any) -> list[Any]:
-            arrays = cgutils.unpack_tuple(builder, rows, len(target))
-            data = [arrayobj.make_array(vector_type)(context, builder, array).data for array in arrays]
+            arrays = entries_of(builder, rows, len(target))
+            data = [parts_of(context, builder, vector_type, array).data for array in arrays]
             return [builder.gep(d, [context.get_constant(types.intp, j)]) for d in data for j in range(n.literal_value)]
 
         values = [builder.load(place) for place in places(args[1])]
@@ -403,20 +397,16 @@ def row_index(typingctx, row, state):
     """``row_index(row, state)`` returns the number of the row of a 2-D array that is the 1-D array `row`."""
 
     def codegen(context, builder, signature, args):
-        arrays = [arrayobj.make_array(kind)(context, builder, x) for kind, x in zip(signature.args, args, strict=True)]
+        arrays = [parts_of(context, builder, kind, x) for kind, x in zip(signature.args, args, strict=True)]
         begin, origin = (builder.ptrtoint(array.data, context.get_value_type(types.intp)) for array in arrays)
-        stride = cgutils.unpack_tuple(builder, arrays[1].strides, 2)[0]
-        return builder.sdiv(builder.sub(begin, origin), stride)
+        return builder.sdiv(builder.sub(begin, origin), arrays[1].strides[0])
 
     return int64(row, state), codegen
 
 
 def _array(context: Any, builder: Any, data: Any, n: Any) -> Any:
     """Return a contiguous 1-D array over memory without reference counting."""
-    array = arrayobj.make_array(vector_type)(context, builder)
-    stride = context.get_constant(types.intp, 8)
-    arrayobj.populate_array(array, data=data, shape=[n], strides=[stride], itemsize=stride, meminfo=None)
-    return array._getvalue()
+    return array_over(context, builder, vector_type, data, n, context.get_constant(types.intp, 8))
 
 
 #: ``look_at(address)`` returns the `Look` at an address, and also the beginning of a `LookWithin`.

@@ -15,6 +15,7 @@ import pytest
 
 import eig3
 from eig3.kernels.compile import cache, jit
+from eig3.kernels.compile.numba_internals import NoFolderError, cache_of
 
 from .conftest import ALL_METHODS
 
@@ -30,21 +31,14 @@ print(eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.1).u[-1])
 """
 
 SCRIPT = """
+import gc
 import sys
 
-import numba
-from numba.core import event
-
-class Count(event.Listener):
-    names = []
-    def on_start(self, event):
-        self.names.append(event.data["dispatcher"].py_func.__module__)
-    def on_end(self, event):
-        pass
-
-count = Count()
-event.register("numba:compile", count)
 import eig3
+from eig3.kernels.compile.numba_internals import Jitted, compilations, compile_results
+
+ours = [x for x in gc.get_objects() if issubclass(type(x), Jitted) and x.py_func.__module__.startswith("eig3.")]
+assert ours and not any(map(compile_results, ours))  # the import compiles and loads nothing
 
 @eig3.jit
 def rhs(t, u, v, p):
@@ -58,10 +52,12 @@ def vector_rhs(t, u, v, p, a):
 def energy(t, u, v, p):
     return v * v + u * u
 
-for method in [eig3.METHODS[name] for name in sys.argv[1:]]:
-    assert eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.01, method=method(), invariants={"energy": energy}).success
-    assert eig3.integrate(vector_rhs, (0, 1), [1.0], [0.0], h=0.01, method=method()).success
-print(sum(name.startswith("eig3.kernels") for name in count.names), sum(name == "__main__" for name in count.names))
+with compilations() as compiled:
+    for method in [eig3.METHODS[name] for name in sys.argv[1:]]:
+        assert eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.01, method=method(), invariants={"energy": energy}).success
+        assert eig3.integrate(vector_rhs, (0, 1), [1.0], [0.0], h=0.01, method=method()).success
+names = [function.py_func.__module__ for function in compiled]
+print(sum(name.startswith("eig3.kernels") for name in names), names.count("__main__"))
 """
 
 
@@ -101,10 +97,11 @@ def test_no_method_compiles_a_kernel_that_is_on_disk():
 
 def test_a_change_of_any_kernel_file_is_noticed(tmp_path, monkeypatch):
     copy = tmp_path / "kernels"
-    shutil.copytree(Path(jit.__file__).parent, copy)
-    monkeypatch.setattr(jit, "__file__", str(copy / "jit.py"))
+    shutil.copytree(Path(jit.__file__).parent.parent, copy)
+    monkeypatch.setattr(jit, "__file__", str(copy / "compile" / "jit.py"))
     before = jit._fingerprint()
-    (copy / "march.py").write_text((copy / "march.py").read_text() + "\n")
+    march = copy / "loops" / "march.py"
+    march.write_text(march.read_text() + "\n")
     assert jit._fingerprint() != before
 
 
@@ -115,7 +112,7 @@ def square(x):
 
 def test_without_a_place_for_the_cache_functions_are_compiled_with_a_warning(monkeypatch):
     def nowhere(function):
-        raise RuntimeError("cannot cache function 'square': no locator available for file 'x'")
+        raise NoFolderError
 
     monkeypatch.setattr(cache, "_warned", set())
     monkeypatch.setattr(cache, "CheckedCache", nowhere)
@@ -126,11 +123,9 @@ def test_without_a_place_for_the_cache_functions_are_compiled_with_a_warning(mon
 
 def test_the_warning_comes_once_and_names_the_folder_and_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "_warned", set())
-    monkeypatch.setattr(cache.CheckedCache, "cache_path", str(tmp_path))
     functions = [eig3.jit(square.py_func, cache=True) for _ in range(2)]
     for function in functions:
-        function._cache._cache_path = str(tmp_path)
-        function._cache._cache_file._folder = tmp_path / "a file"
+        cache_of(function).files.folder = tmp_path / "a file"
     (tmp_path / "a file").touch()
     with pytest.warns(RuntimeWarning) as caught:
         values = [function(3.0) for function in functions]
@@ -276,8 +271,7 @@ def test_in_a_folder_of_others_a_function_is_compiled_with_one_warning(tmp_path,
     functions = [eig3.jit(square.py_func, cache=True) for _ in range(2)]
     tmp_path.chmod(0o777)
     for function in functions:
-        function._cache._cache_path = str(tmp_path)
-        function._cache._cache_file._folder = tmp_path
+        cache_of(function).files.folder = tmp_path
     with pytest.warns(RuntimeWarning) as caught:
         values = [function(3.0) for function in functions]
     assert values == [9.0, 9.0]
@@ -302,7 +296,7 @@ def test_what_a_users_function_calls_has_the_checked_cache_too():
         return -between(u)
 
     eig3.integrate(rhs, (0, 1), 1.0, 0.0, h=0.1)
-    assert type(helper._cache) is cache.CheckedCache
+    assert type(cache_of(helper)) is cache.CheckedCache
 
 
 def test_to_clear_the_cache_leaves_what_links_point_at(tmp_path):

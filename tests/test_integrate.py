@@ -438,6 +438,11 @@ def changes_p(t, u, v, p, a):
 
 
 @numba.njit
+def asks_what_is_unknown(t, u, v, p, a):
+    a[0] = u.missing
+
+
+@numba.njit
 def in_another_order(u, v, t, p):
     return -u
 
@@ -474,6 +479,11 @@ GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "pa
             {"rhs": half_written, "u0": [1.0, 1.0], "v0": [0.0, 0.0]},
             ValueError,
             "rhs gives nan for degree of freedom 1",
+        ),
+        (
+            {"rhs": asks_what_is_unknown, "u0": [1.0], "v0": [0.0]},
+            TypeError,
+            "(t, u, v, p, a), writing a: Unknown attribute 'missing' of type readonly array",
         ),
         ({"rhs": changes_u, "u0": [1.0], "v0": [0.0]}, TypeError, "rhs must not write to u, v or p"),
         ({"rhs": changes_p, "u0": [1.0], "v0": [0.0]}, TypeError, "rhs must not write to u, v or p"),

@@ -7,6 +7,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from ..functions.callbacks import Callback
+from ..kernels.compile.numba_internals import options_of
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
 from .members import Members
@@ -48,6 +49,6 @@ def lanes_of(
     known = _known.setdefault(function, {})
     key = compile_it, layout, arguments
     if key not in known or known[key][0] is not callback.compiled:  # the user may have compiled the function anew
-        is_checked = bool(function.targetoptions.get("boundscheck"))
+        is_checked = bool(options_of(function).get("boundscheck"))
         known[key] = callback.compiled, compile_it(callback.function, layout, *arguments, is_checked)
     return known[key][1]

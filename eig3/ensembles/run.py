@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import check_callback, gist
+from ..functions.callbacks import check_callback
 from ..functions.checks import check_count, check_method
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
 from ..functions.quantities import Functions, check_functions
 from ..kernels.compile.interrupt import DeferredInterrupt
+from ..kernels.compile.numba_internals import gist
 from ..kernels.lanes import compile_quantity, compile_rhs
 from ..kernels.loops.fixed import wide_kernel
 from ..methods import Method

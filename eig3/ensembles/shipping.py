@@ -9,10 +9,8 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from typing import Any
 
-from numba import cloudpickle  # unlike pickle, it takes functions of the main module and of other functions
-
-from ..functions.callbacks import gist
 from ..kernels.compile.interrupt import DeferredInterrupt
+from ..kernels.compile.numba_internals import gist, pickled, unpickled
 from ..methods import shown
 from ..run.progress import Progress
 from .parts import Part, Recipe, Results
@@ -144,7 +142,7 @@ class Shipment:
     def _receive(self, part: Part, future: Future, end: Callable[[Part, Any], None]) -> None:
         loss = CancelledError() if future.cancelled() else future.exception()
         if loss is None:
-            value, error, trace = cloudpickle.loads(future.result())
+            value, error, trace = unpickled(future.result())
             if error is not None:
                 raise error from RuntimeError(f"On the worker:\n{trace}")
             end(part, value)
@@ -179,7 +177,7 @@ def run_part(march: bytes, reduce: bytes, part: Part, threads: int, unique: str)
         has an exception, the worker is lost.
     """
     try:
-        recipe = Recipe(cloudpickle.loads(march), cloudpickle.loads(reduce))
+        recipe = Recipe(unpickled(march), unpickled(reduce))
         return _packed((recipe(part, threads), None, ""), "What reduce returns")
     except Exception as error:
         return _packed_error(error, traceback.format_exc())
@@ -187,15 +185,15 @@ def run_part(march: bytes, reduce: bytes, part: Part, threads: int, unique: str)
 
 def _packed(value: Any, name: str) -> bytes:
     try:
-        return cloudpickle.dumps(value)
+        return pickled(value)
     except Exception as error:
         raise TypeError(f"{name} must be picklable, to travel between processes: {gist(error)}.") from error
 
 
 def _packed_error(error: Exception, trace: str) -> bytes:
     try:
-        packed = cloudpickle.dumps((None, error, trace))
-        cloudpickle.loads(packed)  # which fails for many classes whose exceptions have several arguments
+        packed = pickled((None, error, trace))
+        unpickled(packed)  # which fails for many classes whose exceptions have several arguments
     except Exception:
-        return cloudpickle.dumps((None, RuntimeError(f"{type(error).__name__}: {error}"), trace))
+        return pickled((None, RuntimeError(f"{type(error).__name__}: {error}"), trace))
     return packed

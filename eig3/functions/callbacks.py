@@ -6,7 +6,6 @@ import dis
 import functools
 import inspect
 import operator
-import re
 import types
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,15 +13,23 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numba
-from numba.core.dispatcher import Dispatcher
 
 from ..kernels.compile.cache import keep_on_disk
 from ..kernels.compile.captured import Captured, helpers_first
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.jit import OPTIONS, compiled
+from ..kernels.compile.numba_internals import (
+    Jitted,
+    address_of,
+    call_without_checks,
+    compile_results,
+    gist,
+    is_write_to_readonly,
+    return_type,
+)
 from ..kernels.protocol import SCALAR, VECTOR, Form
 
-__all__ = ["Callback", "cached_jit", "check_callback", "gist", "jit", "reads_time", "reads_velocity"]
+__all__ = ["Callback", "cached_jit", "check_callback", "jit", "reads_time", "reads_velocity"]
 
 
 def jit(function: Callable | None = None, **options: Any) -> Any:
@@ -111,8 +118,8 @@ _ARGUMENTS = {
 _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
-_checked: WeakKeyDictionary[Dispatcher, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
-_captured: WeakKeyDictionary[Dispatcher, Captured] = WeakKeyDictionary()  # at the time when each was compiled
+_checked: WeakKeyDictionary[Jitted, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
+_captured: WeakKeyDictionary[Jitted, Captured] = WeakKeyDictionary()  # at the time when each was compiled
 
 
 def check_callback(function: Any, kind: str, form: Form, name: str | None = None) -> Callback:
@@ -141,7 +148,7 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     ValueError
         If it draws random numbers.
     """
-    if isinstance(function, Dispatcher):
+    if isinstance(function, Jitted):
         if hasattr(function, "callback"):  # a member of a `Family`
             return function.callback(kind, form, name or kind)
         known = _checked.setdefault(function, {}).get((kind, form.name))
@@ -149,23 +156,23 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
             return known
     with DeferredInterrupt():
         result = _compile(function, kind, form, name or kind)
-        address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+        code = address_of(result), call_without_checks(result)
     captured = tuple(captured for _, captured in helpers_first(function))
     reads = reads_velocity(function), reads_time(function)
-    callback = Callback(address, result.entry_point, result, _with_present_globals(function), *reads, captured)
+    callback = Callback(*code, result, _with_present_globals(function), *reads, captured)
     _checked[function][kind, form.name] = callback
     return callback
 
 
-def is_present(known: Callback, function: Dispatcher) -> bool:
+def is_present(known: Callback, function: Jitted) -> bool:
     """Return whether the function is still the one that was compiled, and so is each value from outside."""
-    # The user may have compiled the function anew. `dict.values` is used because the `values` method of Numba's ordered
-    # dictionary hashes every type, which takes longer than the rest of this call.
-    is_compiled = any(map(functools.partial(operator.is_, known.compiled), dict.values(function.overloads)))
+    # The user may have compiled the function anew.
+    results = dict.values(compile_results(function))
+    is_compiled = any(map(functools.partial(operator.is_, known.compiled), results))
     return is_compiled and not any(map(Captured.differs, known.captured))
 
 
-def _refuse_random(function: Dispatcher, name: str) -> None:
+def _refuse_random(function: Jitted, name: str) -> None:
     found = next((captured.random for _, captured in helpers_first(function) if captured.random), "")
     if found:
         raise ValueError(
@@ -174,14 +181,14 @@ def _refuse_random(function: Dispatcher, name: str) -> None:
         )
 
 
-def _renew(function: Dispatcher) -> None:
+def _renew(function: Jitted) -> None:
     """Compile a function, and those that it calls, anew if values that were compiled into them have changed."""
-    renewed: list[Dispatcher] = []
+    renewed: list[Jitted] = []
     for each, captured in helpers_first(function):
         before = _captured.get(each)
         # What was compiled before it came here may have been compiled with any values.
         is_old = before.differs() if before else bool(captured.values)
-        if each.overloads and (is_old or any(helper in renewed for helper in captured.functions)):
+        if compile_results(each) and (is_old or any(helper in renewed for helper in captured.functions)):
             each.recompile()
             renewed.append(each)
         _captured[each] = captured
@@ -198,7 +205,7 @@ def _with_present_globals(function: Any) -> Callable:
 def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
     wanted = _ARGUMENTS.get((kind, form), _INVARIANT_ARGUMENTS)
     signature = getattr(form, kind)
-    if not isinstance(function, Dispatcher):
+    if not isinstance(function, Jitted):
         if callable(function):
             raise TypeError(f"{name} must be compiled: decorate it with @eig3.jit or @numba.njit.")
         raise TypeError(
@@ -206,13 +213,13 @@ def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
         )
     _check_arguments(function.py_func, name, kind, form, wanted, len(signature.args))
     result = compile_present(function, signature.args, kind, name, wanted)
-    returned = result.signature.return_type
+    returned = return_type(result)
     if returned != signature.return_type:
         raise TypeError(f"{name} must have the form {wanted}, but it returns {_described(returned)}.")
     return result
 
 
-def compile_present(function: Dispatcher, arguments: tuple, kind: str, name: str, wanted: str) -> Any:
+def compile_present(function: Jitted, arguments: tuple, kind: str, name: str, wanted: str) -> Any:
     """Compile a function with the present values from outside, and return Numba's compile result.
 
     Raises
@@ -225,7 +232,7 @@ def compile_present(function: Dispatcher, arguments: tuple, kind: str, name: str
         _renew(function)
         return compiled(function, arguments)
     except Exception as error:  # Numba raises its own errors and plain Python errors
-        if "readonly array" in str(error):
+        if is_write_to_readonly(error):
             read = "p; it may only read it" if kind == "apply" else "u, v or p; it may only read them"
             raise TypeError(f"{name} must not write to {read}.") from error
         raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
@@ -302,15 +309,3 @@ def _described(returned: Any) -> str:
     plain = numba.types.unliteral(returned)
     remedy = "; return float(...) of it, or 0.0 for 0" if isinstance(plain, numba.types.Number) else ""
     return f"{plain}{remedy}"
-
-
-def gist(error: Exception) -> str:
-    """Return Numba's reason in one line. The chained exception has the details, which can fill pages."""
-    text = str(error)
-    if text == "compilation disabled":
-        return "its decorator must not list signatures"
-    missing = re.search(r">>> (.*)", text)
-    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
-    where = re.search(r'File "[^"]*", line \d+', text)
-    reason = f"Numba cannot do {missing[1]}" if missing else (lines or [type(error).__name__])[0].rstrip(".")
-    return f"{reason} ({where[0]})" if where else reason

@@ -7,11 +7,10 @@ import inspect
 from typing import Any
 
 import numba
-from numba.core.dispatcher import Dispatcher
 
 from ..kernels.compile.captured import helpers_first
 from ..kernels.compile.interrupt import DeferredInterrupt
-from ..kernels.compile.members import addresses_of_members
+from ..kernels.compile.numba_internals import Jitted, addresses_of_members, call_without_checks
 from ..kernels.protocol import Form
 from .callbacks import Callback, compile_present, is_present, jit, reads_time, reads_velocity
 
@@ -34,7 +33,7 @@ class Family:
         They can be called from Python and from compiled functions too. Only such a call compiles them.
     """
 
-    def __init__(self, function: Dispatcher, count: int) -> None:
+    def __init__(self, function: Jitted, count: int) -> None:
         self._function = function
         self._callbacks: dict[tuple[str, str], list[Callback]] = {}
         self._libraries: list[Any] = []  # keep the machine code of the members alive
@@ -70,7 +69,7 @@ class Family:
         return [
             Callback(
                 address,
-                functools.partial(result.entry_point, float(k)),
+                functools.partial(call_without_checks(result), float(k)),
                 result,
                 member.py_func,
                 reads_velocity(member),

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 
+from ..kernels.compile.numba_internals import Jitted
 from ..kernels.loops.quantity import extent_kernel
 from ..kernels.protocol import Form
 from .callbacks import check_callback, takes
@@ -95,7 +95,7 @@ def check_functions(invariants: Any, outputs: Any) -> Functions:
                 raise TypeError(f"outputs[{name!r}] must be a function or a pair (function, k), not {value!r}.")
             k = check_count(value[1], f"the number of values k in outputs[{name!r}] = (function, k)")
             functions.outputs[name] = value[0], k  # NumPy's small integers would overflow in sums
-        elif isinstance(value, Dispatcher) and takes(value.py_func, 5) and not takes(value.py_func, 4):
+        elif isinstance(value, Jitted) and takes(value.py_func, 5) and not takes(value.py_func, 4):
             raise TypeError(f"outputs[{name!r}] writes its values: give (function, k) with their number k.")
     return functions
 

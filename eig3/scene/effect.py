@@ -11,12 +11,11 @@ from typing import Any, ClassVar
 
 import numba
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 from numba.types import unliteral
 
-from ..functions.callbacks import gist
 from ..functions.checks import reals
 from ..kernels.compile.jit import compiled
+from ..kernels.compile.numba_internals import Jitted, gist, return_type
 from .fields import annotations_of, check_fields
 
 #: The functions that cause accelerations.
@@ -145,7 +144,7 @@ class Effect:
 
     def _read(self) -> list[str]:
         """Return the fields that the compiled functions read, a motion's direction, and a link's cutoff."""
-        jitted = [function for function in self.functions().values() if isinstance(function, Dispatcher)]
+        jitted = [function for function in self.functions().values() if isinstance(function, Jitted)]
         read = ["direction", self.cutoff, *(argument for function in jitted for argument in arguments(function))]
         return [name for name in _fields(self) if name in read]
 
@@ -201,7 +200,7 @@ class Effect:
         if not any(name in functions for name in self.needs):
             raise TypeError(f"{self.title} must have a function {' or '.join(self.needs)}.")
         for name, function in functions.items():
-            if not isinstance(function, Dispatcher):
+            if not isinstance(function, Jitted):
                 what = f", and no field may have the name {name}" * (not callable(function))
                 raise TypeError(f"{name} of {self.title} must be compiled: decorate it with @eig3.jit{what}.")
             taken = [field for field in _fields(self) if field in self.offers[name]]
@@ -265,8 +264,7 @@ class Effect:
         given |= dict.fromkeys(self.arrays, _ARRAY)
         types = tuple(given.get(argument, numba.float64) for argument in arguments(function))
         try:
-            compiled(function, types)
-            returned = function.overloads[types].signature.return_type
+            returned = return_type(compiled(function, types))
         except Exception as error:
             raise TypeError(f"{name} of {self.title} does not compile: {gist(error)}.") from error
         vectors = dict.fromkeys(("force", "acceleration", "velocity_after"), dimension)

@@ -23,11 +23,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import llvmlite
 import numba
-from numba.core.caching import FunctionCache
 
 from .captured import digest, helpers_first
+from .numba_internals import VERSIONS, DiskCache, NoFolderError, has_numbas_cache, set_cache
 
 try:
     import grp
@@ -50,44 +49,31 @@ class _UntrustedError(Exception):
     """Other users could write what would be loaded."""
 
 
-class CheckedCache(FunctionCache):
+class CheckedCache(DiskCache):
     """The cache of one function."""
 
-    def __init__(self, function: Any) -> None:
-        super().__init__(function)
-        source_stamp = self._impl.locator.get_source_stamp()
-        trusted = _trusted(function.__code__.co_filename)
-        self._cache_file: Any = _Files(Path(self._cache_path), self._impl.filename_base, source_stamp, trusted)
+    def open_files(self, folder: Path, name: str, source_stamp: Any) -> Any:
+        return _Files(folder, name, source_stamp, _trusted(self.function.__code__.co_filename))
 
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """Numba's key does not have the values of global variables, which are compiled into the function."""
-        return *super()._index_key(sig, codegen), digest(self._py_func)
+    def more_of_key(self) -> Any:
+        """The values of global variables, which are compiled into the function."""
+        return digest(self.function)
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        try:
-            return super().load_overload(sig, target_context)
-        except Exception as error:
-            _warn("load", self._cache_path, error)
-            return None
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        try:
-            super().save_overload(sig, data)
-        except Exception as error:
-            _warn("keep", self._cache_path, error)
+    def failed(self, what: str, error: Exception) -> None:
+        _warn(what, self.files.folder, error)
 
 
 class _Files:
     """The files of one function: one for each signature, version of the source, processor and version of Numba."""
 
     def __init__(self, folder: Path, name: str, source_stamp: Any, trusted: frozenset[Writer]) -> None:
-        self._folder, self._name = folder, name
+        self.folder, self._name = folder, name
         self._stamp, self._trusted = source_stamp, trusted
         # Code that checks indices must not be taken for code that does not.
-        self._versions = numba.__version__, llvmlite.__version__, numba.config.BOUNDSCHECK
+        self._versions = *VERSIONS, numba.config.BOUNDSCHECK
 
     def _path(self, key: Any) -> Path:
-        return self._folder / f"{self._name}.{_digest(self._stamp)}.{_digest(key)}.nbc"
+        return self.folder / f"{self._name}.{_digest(self._stamp)}.{_digest(key)}.nbc"
 
     def load(self, key: Any) -> Any:
         key = key, self._versions
@@ -123,12 +109,12 @@ class _Files:
                 other.unlink(missing_ok=True)
 
     def flush(self) -> None:
-        """Delete all files of the function. `Dispatcher.recompile` calls this."""
+        """Delete all files of the function. `recompile` of the jitted function calls this."""
         for path in self._all():
             path.unlink(missing_ok=True)
 
     def _all(self) -> Iterator[Path]:
-        return self._folder.glob(f"{glob.escape(self._name)}.*.nbc")
+        return self.folder.glob(f"{glob.escape(self._name)}.*.nbc")
 
     @contextlib.contextmanager
     def _only_trusted(self) -> Iterator[int | None]:
@@ -136,9 +122,9 @@ class _Files:
         if not _HAS_OWNERS:
             yield None
             return
-        folder = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
+        folder = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
-            self._check_writers(folder, self._folder)
+            self._check_writers(folder, self.folder)
             yield folder
         finally:
             os.close(folder)
@@ -198,10 +184,8 @@ def _digest(value: Any) -> str:
 def keep_on_disk(function: Any) -> Any:
     """Give a jitted function, which is not compiled yet, a cache on the disk; return the function."""
     try:
-        function._cache = CheckedCache(function.py_func)
-    except RuntimeError as error:
-        if "no locator available" not in str(error):
-            raise
+        set_cache(function, CheckedCache(function.py_func))
+    except NoFolderError as error:
         _warn("keep", "any folder", error)
     return function
 
@@ -209,7 +193,7 @@ def keep_on_disk(function: Any) -> Any:
 def check_cache(function: Any) -> None:
     """Give a jitted function of a user, and those that it calls, a `CheckedCache` in place of Numba's cache."""
     for each, _ in helpers_first(function):
-        if type(each._cache) is FunctionCache:
+        if has_numbas_cache(each):
             keep_on_disk(each)
 
 
@@ -218,10 +202,10 @@ def folder_of(function: Any) -> Path:
 
     Raises
     ------
-    RuntimeError
+    NoFolderError
         If no folder can be written.
     """
-    return Path(CheckedCache(function).cache_path)
+    return CheckedCache(function).files.folder
 
 
 def clear(folder: Path) -> int:
@@ -252,7 +236,7 @@ def clear(folder: Path) -> int:
     return deleted
 
 
-def _warn(what: str, folder: str, error: Exception) -> None:
+def _warn(what: str, folder: Any, error: Exception) -> None:
     """Warn once in a process: all functions of a folder usually have the same problem."""
     if _warned:
         return

@@ -14,7 +14,8 @@ from types import CellType, CodeType, ModuleType
 from typing import Any
 
 import numpy as np
-from numba.core.dispatcher import Dispatcher
+
+from .numba_internals import Jitted
 
 _PACKAGE = __name__.partition(".")[0] + "."
 _PLAIN = bool, int, float, complex, str, np.generic
@@ -35,20 +36,20 @@ class Captured:
 
     def __init__(self, function: Any) -> None:
         plain = getattr(function, "py_func", function)
-        self.functions: list[Dispatcher] = []
+        self.functions: list[Jitted] = []
         self.values: dict[str, Any] = {}
         self.random = ""
         self._compared: list[tuple[Callable[[], Any], Any]] = []
         is_ours = _is_ours(plain)
         for name, read in _places(plain):
             value = read()
-            if isinstance(value, Dispatcher):
+            if isinstance(value, Jitted):
                 self.functions.append(value)
             elif _is_plain(value) and not is_ours:
                 value = self.values[name] = value.copy() if isinstance(value, np.ndarray) else value
             elif _is_random(value):
                 self.random = name
-            if not is_ours and (isinstance(value, Dispatcher) or name in self.values):
+            if not is_ours and (isinstance(value, Jitted) or name in self.values):
                 self._compared.append((read, value))
 
     def differs(self) -> bool:

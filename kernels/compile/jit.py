@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.registry import CPUDispatcher
 
 from .cache import check_cache, keep_on_disk
 from .interrupt import DeferredInterrupt
 from .notice import announced
+from .numba_internals import WITHOUT_RUNTIME, call_without_checks, compile_for, compile_results, jit_for_compiled_code
 
 if numba.config.DISABLE_JIT:
     raise ImportError("eig3 runs compiled code only: unset NUMBA_DISABLE_JIT, which turns Numba's compiler off.")
@@ -27,37 +27,21 @@ if numba.config.DISABLE_JIT:
 # and the check for it prevents vectorised loops.
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
-# NRT is Numba's runtime, which counts references to arrays. Kernels do without it for two reasons. LLVM cannot remove
-# the counting of the array arguments around a call through a pointer, and this counting triples the time of a step.
-# And an exception would leak every array to which the kernel holds a reference, such as a whole history. Without NRT,
-# an allocation does not compile, and a kernel must not return an array to code that counts references.
-KERNEL_OPTIONS: dict[str, Any] = {"_nrt": False, **OPTIONS}
-
-
-class _Element(CPUDispatcher):
-    """A function without the wrapper for calls from Python. With one for each element, a kernel would take twice as
-    long to compile. Without this class, a call from Python would end the process."""
-
-    def __call__(self, *args: Any, **options: Any) -> Any:
-        name = self.py_func.__name__
-        raise TypeError(f"{name} can be called by compiled functions only; from Python, call {name}.py_func.")
+# Numba's runtime counts references to arrays. Kernels do without it for two reasons. LLVM cannot remove the counting of
+# the array arguments around a call through a pointer, and this counting triples the time of a step. And an exception
+# would leak every array to which the kernel holds a reference, such as a whole history. Without the runtime, an
+# allocation does not compile, and a kernel must not return an array to code that counts references.
+KERNEL_OPTIONS: dict[str, Any] = {**WITHOUT_RUNTIME, **OPTIONS}
 
 
 def element(function: Callable) -> Any:
     """Decorate a function that is inlined into a kernel."""
-    return _element(function, forceinline=True)
+    return jit_for_compiled_code(function, forceinline=True, **KERNEL_OPTIONS)
 
 
 def outlined(function: Callable) -> Any:
     """Decorate a function of a kernel that is called rarely, and is not inlined: the kernel compiles in less time."""
-    return _element(function)
-
-
-def _element(function: Callable, **options: Any) -> Any:
-    options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **KERNEL_OPTIONS}
-    compiled_later = numba.njit(**options)(function)
-    compiled_later.__class__ = _Element
-    return compiled_later
+    return jit_for_compiled_code(function, **KERNEL_OPTIONS)
 
 
 #: Like `element`, for functions that are called from Python too, such as those of effects.
@@ -70,12 +54,13 @@ def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
     Every compilation of the library goes through this function: Ctrl-C waits until it is done, and if it lasts, `what`
     says what is compiled. The default is the name of the function.
     """
-    if arguments in function.overloads:
-        return function.overloads[arguments]
+    results = compile_results(function)
+    if arguments in results:
+        return results[arguments]
     with DeferredInterrupt(), announced(what or f"the function {function.__name__}"):
         check_cache(function)
-        function.compile(arguments)
-        return function.overloads[arguments]
+        compile_for(function, arguments)
+        return results[arguments]
 
 
 def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, label: str = "") -> Any:
@@ -98,7 +83,7 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
     function.__qualname__ = f"{template.__name__}_{label}_{_fingerprint()}"
     kernel = numba.njit(**KERNEL_OPTIONS)(function)
     what = f"the kernel {label}, which is kept on the disk" if label else "a kernel for this right-hand side"
-    return compiled(keep_on_disk(kernel) if label else kernel, signature.args, what).entry_point
+    return call_without_checks(compiled(keep_on_disk(kernel) if label else kernel, signature.args, what))
 
 
 def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:

@@ -17,7 +17,7 @@ from typing import Any
 from numba.types import Tuple, UniTuple, int64, none
 
 from ..compile.jit import bound, compile_kernel, element
-from ..compile.wide import has_wide_vectors, wide_vectors
+from ..compile.numba_internals import has_wide_vectors, wide_vectors
 from ..protocol import (
     ANEW,
     EVALUATIONS,

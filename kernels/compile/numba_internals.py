@@ -1,0 +1,366 @@
+"""All that this library uses of Numba beyond what Numba documents, and all that it uses of llvmlite.
+
+A new version of Numba may change any of it. So no other file imports `numba.core`, `numba.np` or llvmlite, or names an
+inner part of Numba's objects. `tests/test_numba_internals.py` calls each function of this file by itself, and says what
+has changed in Numba. Other files use the top level of Numba, `numba.types`, `numba.extending`, and the documented
+methods of jitted functions, such as `recompile`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import operator
+import re
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import llvmlite
+import llvmlite.binding as llvm
+import numba
+from llvmlite import ir
+from numba import cloudpickle
+from numba.core import cgutils, event
+from numba.core.caching import FunctionCache
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import Dispatcher as Jitted  # the class of jitted functions
+from numba.core.registry import CPUDispatcher, cpu_target
+from numba.np import arrayobj
+
+#: The versions on which compiled code depends.
+VERSIONS = numba.__version__, llvmlite.__version__
+
+# Jitted functions, and Numba's compile result for each tuple of types of their arguments
+
+#: ``compile_results(function)``: a jitted function's dict of compile results by the types of the arguments. It is not a
+#: Python function because each run calls it. Its `values` method hashes every type; `dict.values` does not.
+compile_results = operator.attrgetter("overloads")
+
+
+def compile_for(function: Jitted, arguments: tuple) -> None:
+    """Compile a jitted function for types of arguments, or load it from its cache."""
+    function.compile(arguments)
+
+
+def options_of(function: Jitted) -> Mapping[str, Any]:
+    """Return the options of `numba.njit` with which a function was jitted."""
+    return function.targetoptions
+
+
+def return_type(result: Any) -> Any:
+    """Return the type that the function of a compile result returns."""
+    return result.signature.return_type
+
+
+def call_without_checks(result: Any) -> Callable:
+    """Return a function that calls machine code from Python, and does not check the types of the arguments."""
+    return result.entry_point
+
+
+def address_of(result: Any) -> int:
+    """Return the address of the machine code that compiled functions call. The compile result keeps it alive."""
+    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+
+
+def optimised_code(result: Any) -> str:
+    """Return LLVM's code of a compile result, after its optimisation."""
+    return result.library.get_llvm_str()
+
+
+# How a function is compiled
+
+#: Option of `numba.njit`: code without Numba's runtime, which counts references to arrays.
+WITHOUT_RUNTIME = {"_nrt": False}
+
+
+class _ForCompiledCode(CPUDispatcher):
+    """A jitted function without the code that calls it from Python: such a call would end the process."""
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        name = self.py_func.__name__
+        raise TypeError(f"{name} can be called by compiled functions only; from Python, call {name}.py_func.")
+
+
+def jit_for_compiled_code(function: Callable, **options: Any) -> Jitted:
+    """Return a jitted function that only compiled functions can call. It compiles in half the time."""
+    jitted = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
+    jitted.__class__ = _ForCompiledCode
+    return jitted
+
+
+def assume_no_overlap(function: Jitted) -> Jitted:
+    """Let the compiler assume that no two arrays of the arguments overlap, and return the function."""
+
+    def customize(flags: Any) -> Any:
+        flags.noalias = True
+        return flags
+
+    function._compiler._customize_flags = customize  # njit has no option for this
+    return function
+
+
+def has_wide_vectors() -> bool:
+    """Return whether the compiler can use vectors of 512 bits."""
+    return "+avx512f" in _codegen()._tm_features.split(",")
+
+
+@contextmanager
+def wide_vectors() -> Iterator[None]:
+    """A block in which Numba compiles for the widest vectors that the processor has.
+
+    For many processors with AVX-512, LLVM prefers vectors of 256 bits, because the first of them lowered their
+    frequency for wider ones. Loops over the lanes of a block do little else than compute vectors: they gain a quarter.
+    """
+    if not has_wide_vectors():
+        yield
+        return
+    codegen = _codegen()
+    with global_compiler_lock:
+        options: dict[str, Any] = {"opt": 3}
+        codegen._customize_tm_options(options)
+        options["features"] = f"{options['features']},-prefer-256-bit"
+        usual = codegen._tm
+        codegen._tm = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(**options)
+        try:
+            yield
+        finally:
+            codegen._tm = usual
+
+
+def _codegen() -> Any:
+    return cpu_target.target_context.codegen()
+
+
+@contextmanager
+def addresses_of_arrays() -> Iterator[None]:
+    """A block in which Numba computes an address with a stride from the address of its array, as it does from 0.67 on.
+
+    Earlier versions compute with integers: LLVM cannot tell to which array such an address belongs.
+    """
+    if numba.version_info[:2] >= (0, 67):
+        yield
+        return
+
+    def pointer_add(builder: Any, pointer: Any, offset: Any, return_type: Any = None) -> Any:
+        offset = cgutils.intp_t(offset) if isinstance(offset, int) else offset
+        address = builder.gep(builder.bitcast(pointer, cgutils.voidptr_t), [offset])
+        return builder.bitcast(address, return_type or pointer.type)
+
+    with global_compiler_lock:
+        usual = cgutils.pointer_add
+        cgutils.pointer_add = pointer_add
+        try:
+            yield
+        finally:
+            cgutils.pointer_add = usual
+
+
+@contextmanager
+def compilations() -> Iterator[list[Jitted]]:
+    """A block with a list of the jitted functions that Numba compiles in it; those from a cache are not in the list."""
+
+    class Listener(event.Listener):
+        def on_start(self, begun: Any) -> None:
+            functions.append(begun.data["dispatcher"])
+
+        def on_end(self, ended: Any) -> None:
+            pass
+
+    functions: list[Jitted] = []
+    with event.install_listener("numba:compile", Listener()):
+        yield functions
+
+
+# Values in the code of an intrinsic
+
+
+class ArrayParts(NamedTuple):
+    """The address of an array's first entry, its sizes, and its strides in bytes."""
+
+    data: Any
+    shape: Sequence[Any]
+    strides: Sequence[Any]
+
+
+def parts_of(context: Any, builder: Any, kind: Any, array: Any) -> ArrayParts:
+    """Return the parts of an array of the type `kind`."""
+    parts = arrayobj.make_array(kind)(context, builder, array)
+    shape, strides = (entries_of(builder, values, kind.ndim) for values in (parts.shape, parts.strides))
+    return ArrayParts(parts.data, shape, strides)
+
+
+def array_over(context: Any, builder: Any, kind: Any, data: Any, n: Any, stride: Any) -> Any:
+    """Return a 1-D array of n floats with a stride in bytes, over memory without reference counting."""
+    array = arrayobj.make_array(kind)(context, builder)
+    itemsize = context.get_constant(numba.types.intp, 8)
+    arrayobj.populate_array(array, data=data, shape=[n], strides=[stride], itemsize=itemsize, meminfo=None)
+    return array._getvalue()
+
+
+def floats_on_stack(builder: Any, n: int) -> Any:
+    """Return the address of n floats on the stack of the function."""
+    with builder.goto_entry_block():
+        memory = builder.alloca(ir.ArrayType(ir.DoubleType(), n))
+    return builder.bitcast(memory, ir.DoubleType().as_pointer())
+
+
+def copy_on_stack(builder: Any, value: Any) -> Any:
+    """Return the pointer to a copy of a value, which is valid until the function returns."""
+    return cgutils.alloca_once_value(builder, value)
+
+
+def entries_of(builder: Any, values: Any, count: int) -> list[Any]:
+    """Return the `count` entries of a tuple of values of one type."""
+    return cgutils.unpack_tuple(builder, values, count)
+
+
+def function_over(context: Any, builder: Any, kind: Any, address: Any) -> Any:
+    """Return a value of the type `kind`, a `numba.types.FunctionType`: the compiled function at an address."""
+    value = cgutils.create_struct_proxy(kind)(context, builder)
+    value.jit_addr = builder.inttoptr(address, value.jit_addr.type)
+    return value._getvalue()
+
+
+# The members of a family of functions: one function that takes the number of the member first, compiled once
+
+_families = itertools.count()  # for names that occur once in a process
+
+
+@global_compiler_lock
+def addresses_of_members(result: Any, count: int) -> tuple[list[int], Any]:
+    """Return the addresses of functions that call a compiled function with 0 to count - 1 as its first argument.
+
+    A kernel calls a function at an address, with fixed arguments. Each member thus needs an address of its own: that of
+    a function of a few instructions, which adds the number and jumps to the function of the family. These are written
+    as code of LLVM, because Numba would take some tenths of a second for each. The number is a float, for which there
+    is a free register on most processors: an integer would displace the other arguments, and each of them would have to
+    be moved.
+
+    Parameters
+    ----------
+    result : Numba's compile result
+        The function of the family. Its first argument is of the type float64.
+    count : int
+
+    Returns
+    -------
+    addresses : list of int
+    library : Numba's code library
+        Keeps the machine code alive. `result` must be kept too.
+    """
+    name, context = result.fndesc.llvm_func_name, result.target_context
+    family = context.call_conv.get_function_type(result.fndesc.restype, result.fndesc.argtypes)
+    results, number, others = family.args[:2], family.args[2], family.args[3:]  # where to write a value and an error
+    address = ir.Constant(ir.IntType(64), address_of(result))
+    library = context.codegen().create_library(f"members of {name}")
+    module = library.create_ir_module("members")
+    family_name = f"{name}.{next(_families)}"
+    names = [f"{family_name}.{k}" for k in range(count)]
+    for k, member in enumerate(names):
+        function = ir.Function(module, ir.FunctionType(family.return_type, [*results, *others]), member)
+        builder = ir.IRBuilder(function.append_basic_block())
+        given, target = list(function.args), builder.inttoptr(address, family.as_pointer())
+        builder.ret(builder.call(target, [*given[:2], ir.Constant(number, float(k)), *given[2:]], tail=True))
+    library.add_ir_module(module)
+    library.finalize()
+    return [library.get_pointer_to_function(member) for member in names], library
+
+
+# Compiled code on the disk, and functions on their way to another process
+
+
+class NoFolderError(RuntimeError):
+    """There is no folder in which compiled code could be kept."""
+
+
+class DiskCache(FunctionCache):
+    """The cache of one function on the disk. A subclass says in which files, under which key, and what an error means.
+
+    Raises
+    ------
+    NoFolderError
+        If no folder can be written.
+    """
+
+    def __init__(self, function: Callable) -> None:
+        try:
+            super().__init__(function)
+        except RuntimeError as error:
+            if "no locator available" not in str(error):
+                raise
+            raise NoFolderError(str(error)) from error
+        self.function = function
+        name, source_stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
+        self.files = self._cache_file = self.open_files(Path(self.cache_path), name, source_stamp)
+
+    @abstractmethod
+    def open_files(self, folder: Path, name: str, source_stamp: Any) -> Any:
+        """Return an object with the methods load(key), which returns None for an unknown key, save(key, data), flush().
+
+        `name` tells the function from others in the folder, and `source_stamp` its source file from another version.
+        """
+
+    @abstractmethod
+    def more_of_key(self) -> Any:
+        """Return what compiled code depends on besides the function, the types of its arguments and the processor."""
+
+    @abstractmethod
+    def failed(self, what: str, error: Exception) -> None:
+        """Handle an error of "load" or "keep". The function is then compiled in this process."""
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return *super()._index_key(sig, codegen), self.more_of_key()
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:
+            self.failed("load", error)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except Exception as error:
+            self.failed("keep", error)
+
+
+def set_cache(function: Jitted, cache: DiskCache) -> None:
+    """Give a jitted function a cache."""
+    function._cache = cache
+
+
+def cache_of(function: Jitted) -> Any:
+    """Return the cache of a jitted function: a `DiskCache`, or Numba's own."""
+    return function._cache
+
+
+def has_numbas_cache(function: Jitted) -> bool:
+    """Return whether a jitted function has Numba's own cache on the disk."""
+    return type(function._cache) is FunctionCache
+
+
+#: Like the functions of the module pickle, for functions of the main module and of other functions too.
+pickled, unpickled = cloudpickle.dumps, cloudpickle.loads
+
+
+# What Numba's errors say
+
+
+def is_write_to_readonly(error: Exception) -> bool:
+    """Return whether a function did not compile because it writes to an array that it may only read."""
+    return "Cannot modify readonly array" in str(error)
+
+
+def gist(error: Exception) -> str:
+    """Return Numba's reason in one line. The chained exception has the details, which can fill pages."""
+    text = str(error)
+    if text == "compilation disabled":
+        return "its decorator must not list signatures"
+    missing = re.search(r">>> (.*)", text)
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
+    where = re.search(r'File "[^"]*", line \d+', text)
+    reason = f"Numba cannot do {missing[1]}" if missing else (lines or [type(error).__name__])[0].rstrip(".")
+    return f"{reason} ({where[0]})" if where else reason

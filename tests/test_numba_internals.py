@@ -1,0 +1,505 @@
+"""Each use of what Numba does not document, by itself: where a new version breaks one, its probe says what has changed.
+
+The probes load one file of the library, and need nothing else of it. So where the library cannot even be imported,
+``pytest --noconftest tests/test_numba_internals.py`` says why.
+"""
+
+import ast
+import ctypes
+import re
+from contextlib import contextmanager
+from importlib.metadata import version
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from numba.extending import intrinsic
+from numba.types import Array, FunctionType, UniTuple, float64, int64, intp
+
+ROOT = Path(__file__).parent.parent
+FILE = ROOT / "kernels" / "compile" / "numba_internals.py"
+VECTOR = Array(float64, 1, "C")
+STRIDED = Array(float64, 1, "A")
+
+
+def loaded(path):
+    spec = spec_from_file_location(path.stem, path)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+internals = loaded(FILE)
+
+
+class ChangedError(AssertionError):
+    """Numba has changed."""
+
+
+@contextmanager
+def probe(what_changed):
+    """A block that fails with these words, whatever goes wrong in it. Of nested blocks, the inner one has the word."""
+    try:
+        yield
+    except ChangedError:
+        raise
+    except (Exception, pytest.fail.Exception) as error:
+        reason = next(iter(str(error).splitlines()), "")
+        raise ChangedError(f"{what_changed} ({type(error).__name__}: {reason}): repair {FILE.name}.") from error
+
+
+def result_of(jitted, *types):
+    with probe("A jitted function has no method `compile` for a tuple of types that puts the result in `overloads`"):
+        internals.compile_for(jitted, types)
+        return internals.compile_results(jitted)[types]
+
+
+def code_of(jitted, *types):
+    result = result_of(jitted, *types)
+    with probe("`library` of Numba's compile result does not give LLVM's code"):
+        return internals.optimised_code(result)
+
+
+def address_of(result):
+    with probe("Numba's compile result has no `fndesc.llvm_func_name` of which `library` gives the address"):
+        return internals.address_of(result)
+
+
+def double(x):
+    return 2 * x
+
+
+def called_at(address, *arguments):
+    """Call machine code as compiled functions call it: with the places of the value and of an error."""
+    value, error = ctypes.c_double(), ctypes.c_void_p()
+    places = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_void_p)
+    kind = ctypes.CFUNCTYPE(ctypes.c_int32, *places, *[ctypes.c_double] * len(arguments))
+    assert kind(address)(ctypes.byref(value), ctypes.byref(error), *arguments) == 0
+    return value.value
+
+
+# The rule
+
+
+def test_no_other_file_uses_what_numba_does_not_document():
+    modules = r"numba\.(?:core|np|misc)\b|\bllvmlite\b|\bcloudpickle\b|\bcgutils\b|\barrayobj\b|\bDispatcher\b"
+    attributes = "overloads targetoptions entry_point fndesc library get_pointer_to_function _compiler _cache"
+    options = "_nrt no_cpython_wrapper no_cfunc_wrapper"
+    inner = re.compile(rf"{modules}|\.(?:{'|'.join(attributes.split())})\b|\b(?:{'|'.join(options.split())})\b")
+    folders = "bench", "eig3", "kernels", "problems", "tests"
+    texts = {path: path.read_text() for folder in folders for path in (ROOT / folder).rglob("*.py")}
+    used = {path.relative_to(ROOT): inner.findall(text) for path, text in texts.items() if inner.search(text)}
+    assert used.keys() == {path.relative_to(ROOT) for path in (FILE, Path(__file__))}, (
+        f"Only {FILE.name} may use: {used}"
+    )
+
+
+def test_each_name_of_the_file_has_a_probe():
+    names = set()
+    for node in ast.parse(FILE.read_text()).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign):
+            names |= {name.id for name in ast.walk(node.targets[0]) if isinstance(name, ast.Name)}
+    used = set(re.findall(r"\binternals\.(\w+)", Path(__file__).read_text()))
+    assert not {name for name in names if not name.startswith("_")} - used
+
+
+# Jitted functions and compile results
+
+
+def test_versions():
+    with probe("The versions of Numba and llvmlite are elsewhere"):
+        assert (version("numba"), version("llvmlite")) == internals.VERSIONS
+
+
+def test_class_of_jitted_functions():
+    with probe("What numba.njit returns is no numba.core.dispatcher.Dispatcher"):
+        assert isinstance(numba.njit(double), internals.Jitted)
+        assert not isinstance(double, internals.Jitted)
+
+
+def test_compile_results_of_a_jitted_function():
+    function = numba.njit(double)
+    with probe("A jitted function has no dict `overloads` with the compile results by the types of the arguments"):
+        results = internals.compile_results(function)
+        assert isinstance(results, dict)
+        assert not results
+        function(3.0)
+        assert list(results) == [(float64,)]
+    with probe("The method `compile` of a jitted function does not take a tuple of types and keep the result"):
+        internals.compile_for(function, (int64,))
+        assert list(results) == [(float64,), (int64,)]
+    with probe("`recompile` of a jitted function does not replace the compile results in the same dict"):
+        before = list(dict.values(results))
+        function.recompile()
+        assert len(results) == 2
+        assert not any(result in before for result in dict.values(results))
+
+
+def test_options_of_a_jitted_function():
+    with probe("A jitted function has no mapping `targetoptions` that numba.jit takes again"):
+        options = internals.options_of(numba.njit(boundscheck=True, error_model="numpy")(double))
+        assert options["boundscheck"] is True
+        assert internals.options_of(numba.jit(**options)(double)) == options
+
+
+def test_parts_of_a_compile_result():
+    result = result_of(numba.njit(double), float64)
+    with probe("Numba's compile result has no `signature` with the type that the function returns"):
+        assert internals.return_type(result) == float64
+    with probe("Numba's compile result has no `entry_point` that calls it from Python"):
+        assert internals.call_without_checks(result)(3.0) == 6.0
+    address = address_of(result)
+    with probe("A compiled function is no longer called with the places of its value and of an error"):
+        assert called_at(address, 3.0) == 6.0
+    assert re.search(r"define .*double", code_of(numba.njit(double), float64))
+
+
+# How a function is compiled
+
+
+def test_code_without_the_runtime():
+    def passes_on(function, x):
+        return function(x)
+
+    def allocates(n):
+        return np.zeros(n)[0]
+
+    types = FunctionType(float64(VECTOR)), VECTOR
+    without = numba.njit(**internals.WITHOUT_RUNTIME)
+    with probe("The option `_nrt` of numba.njit does not turn the counting of references off"):
+        assert ["NRT_" in code_of(jit(passes_on), *types) for jit in (numba.njit, without)] == [True, False]
+    not_refused = "The option `_nrt` of numba.njit does not refuse an allocation"
+    with probe(not_refused), pytest.raises(Exception, match="zeros"):
+        without(allocates)(3)
+
+
+def test_a_function_for_compiled_code_only():
+    with probe("A jitted function cannot have another class, or is then not called by compiled functions"):
+        inner = internals.jit_for_compiled_code(double, error_model="numpy")
+        assert type(inner) is not type(numba.njit(double))
+        assert numba.njit(lambda x: inner(x))(3.0) == 6.0
+    not_called = "A call of a jitted function from Python does not take `__call__` of its class"
+    with probe(not_called), pytest.raises(TypeError, match="double can be called by compiled functions only"):
+        inner(3.0)
+    with probe("The options `no_cpython_wrapper` and `no_cfunc_wrapper` of numba.njit do not leave wrappers out"):
+        plain, bare = (code_of(function, float64) for function in (numba.njit(double), inner))
+        assert "cpython" in plain
+        assert "cfunc" in plain
+        assert "cpython" not in bare
+        assert "cfunc" not in bare
+
+
+def test_arrays_that_do_not_overlap():
+    def copies(x, y):
+        for j in range(x.size):
+            y[j] = x[j]
+
+    with probe("`_compiler._customize_flags` of a jitted function does not set the flag `noalias`"):
+        plain, free = numba.njit(copies), internals.assume_no_overlap(numba.njit(copies))
+        counts = [code_of(function, VECTOR, VECTOR).count("noalias") for function in (plain, free)]
+        assert counts[0] < counts[1]
+
+
+def test_vectors_of_512_bits():
+    def scales(x):
+        for j in range(x.size):
+            x[j] *= 3.0
+
+    with probe("Numba's code generator has no `_tm_features`"):
+        has_wide = internals.has_wide_vectors()
+    with probe("Numba's code generator does not compile with the target machine `_tm`"):
+        with internals.wide_vectors():
+            function = numba.njit("(f8[::1],)")(scales)
+        assert ("zmm" in next(iter(function.inspect_asm().values()))) == has_wide
+        x = np.ones(37)
+        function(x)
+        assert (x == 3.0).all()
+
+
+def test_addresses_come_from_arrays():
+    def reads(x, i):
+        return x[i]
+
+    with probe(
+        "Numba does not compute the address of an entry by cgutils.pointer_add, or computes with integers again"
+    ):
+        with internals.addresses_of_arrays():
+            code = code_of(numba.njit(no_cpython_wrapper=True)(reads), STRIDED, int64)
+        assert "inttoptr" not in code
+    assert numba.njit(reads)(np.arange(9.0)[::2], 3) == 6.0
+
+
+def test_compilations_are_counted():
+    first, second = numba.njit(double), numba.njit(double)
+    first(3.0)
+    with probe("numba.core.event has no event numba:compile with the function as data['dispatcher']"):
+        with internals.compilations() as compiled:
+            first(3.0)
+            second(3.0)
+            assert compiled == [second]
+        first(3)
+        assert compiled == [second]
+
+
+# Values in the code of an intrinsic
+
+
+def test_parts_of_an_array():
+    @intrinsic
+    def parts(typingctx, array):
+        def codegen(context, builder, signature, args):
+            data, shape, strides = internals.parts_of(context, builder, signature.args[0], args[0])
+            address = builder.ptrtoint(data, context.get_value_type(intp))
+            return context.make_tuple(builder, signature.return_type, [address, *shape, *strides])
+
+        return UniTuple(intp, 5)(array), codegen
+
+    with probe("numba.np.arrayobj.make_array gives no struct with `data`, `shape` and `strides`"):
+        x = np.zeros((4, 6))[::2, ::3]
+        assert numba.njit(lambda x: parts(x))(x) == (x.ctypes.data, *x.shape, *x.strides)
+        assert internals.ArrayParts._fields == ("data", "shape", "strides")
+
+
+def test_an_array_over_memory():
+    @intrinsic
+    def every_other(typingctx, array):
+        def codegen(context, builder, signature, args):
+            data = internals.parts_of(context, builder, signature.args[0], args[0]).data
+            n, stride = (context.get_constant(intp, value) for value in (3, 16))
+            return internals.array_over(context, builder, STRIDED, data, n, stride)
+
+        return STRIDED(array), codegen
+
+    @numba.njit(**internals.WITHOUT_RUNTIME)
+    def summed(x):
+        y = every_other(x)
+        return y.size, y[0] + 10 * y[1] + 100 * y[2]
+
+    with probe("numba.np.arrayobj.populate_array does not make an array over memory"):
+        assert summed(np.arange(1.0, 7.0)) == (3, 531.0)
+
+
+def test_floats_on_the_stack():
+    @intrinsic
+    def swapped(typingctx, x, y):
+        def codegen(context, builder, signature, args):
+            data = internals.floats_on_stack(builder, 2)
+            places = [builder.gep(data, [context.get_constant(intp, j)]) for j in range(2)]
+            for place, value in zip(places, args, strict=True):
+                builder.store(value, place)
+            return context.make_tuple(builder, signature.return_type, [builder.load(place) for place in places[::-1]])
+
+        return UniTuple(float64, 2)(x, y), codegen
+
+    with probe("llvmlite's builder does not reserve memory on the stack by goto_entry_block and alloca"):
+        assert numba.njit(lambda x, y: swapped(x, y))(1.0, 2.0) == (2.0, 1.0)
+
+
+def test_entries_of_a_tuple():
+    @intrinsic
+    def last(typingctx, values):
+        def codegen(context, builder, signature, args):
+            return internals.entries_of(builder, args[0], len(values))[-1]
+
+        return float64(values), codegen
+
+    with probe("numba.core.cgutils.unpack_tuple does not give the entries of a tuple"):
+        assert numba.njit(lambda x: last((x, 2 * x, 3 * x)))(1.0) == 3.0
+
+
+def test_a_function_at_an_address():
+    kind = FunctionType(float64(float64))
+    result = result_of(numba.njit(double), float64)
+
+    @intrinsic
+    def function_at(typingctx, address):
+        def codegen(context, builder, signature, args):
+            return internals.function_over(context, builder, kind, args[0])
+
+        return kind(address), codegen
+
+    with probe("The struct of numba.types.FunctionType has no `jit_addr` with the address that compiled code calls"):
+        assert numba.njit(lambda address: function_at(address)(3.0))(address_of(result)) == 6.0
+
+
+def test_what_intrinsics_ask_the_target_context():
+    @intrinsic
+    def converted(typingctx, x):
+        def codegen(context, builder, signature, args):
+            context.get_dummy_value()
+            whole = context.cast(builder, args[0], x, int64)
+            bits = builder.bitcast(args[0], context.get_value_type(int64))
+            return context.make_tuple(builder, signature.return_type, [whole, bits, context.get_constant(intp, 7)])
+
+        return UniTuple(int64, 3)(x), codegen
+
+    with probe("Numba's target context has no get_constant, get_value_type, get_dummy_value, make_tuple or cast"):
+        assert numba.njit(lambda x: converted(x))(1.5) == (1, np.float64(1.5).view(np.int64), 7)
+
+
+# Families
+
+
+def test_addresses_of_the_members_of_a_family():
+    result = result_of(numba.njit(lambda k, x: 10 * k + x), float64, float64)
+    with probe("Numba's target context or code library does not take functions that are written as code of LLVM"):
+        addresses, library = internals.addresses_of_members(result, 3)
+        assert [called_at(address, 0.5) for address in addresses] == [0.5, 10.5, 20.5]
+        assert library is not None
+        again, _ = internals.addresses_of_members(result, 1)
+        assert called_at(*again, 0.25) == 0.25
+
+
+# The cache
+
+
+class Memory:
+    """Files of a cache that are in memory."""
+
+    def __init__(self):
+        self.kept = {}
+
+    def load(self, key):
+        return self.kept.get(key)
+
+    def save(self, key, data):
+        self.kept[key] = data
+
+    def flush(self):
+        self.kept.clear()
+
+
+class MemoryCache(internals.DiskCache):
+    memory, world = Memory(), "a world"
+
+    def open_files(self, folder, name, source_stamp):
+        self.place = folder, name, source_stamp
+        self.failures = []
+        return self.memory
+
+    def more_of_key(self):
+        return self.world
+
+    def failed(self, what, error):
+        self.failures.append((what, str(error)))
+
+
+def cached(function):
+    with probe("Numba's FunctionCache has no `_impl` with `filename_base` and `locator`, or no `cache_path`"):
+        jitted, cache = numba.njit(function), MemoryCache(function)
+    internals.set_cache(jitted, cache)
+    return jitted
+
+
+@pytest.fixture
+def memory(monkeypatch):
+    monkeypatch.setattr(MemoryCache, "memory", Memory())
+    return MemoryCache.memory
+
+
+def test_what_a_cache_knows_of_its_function(memory):
+    cache = internals.cache_of(cached(double))
+    with probe("`filename_base`, `cache_path` or the source stamp of Numba's FunctionCache has another meaning"):
+        folder, name, source_stamp = cache.place
+        assert folder.is_dir()
+        assert name.startswith(f"{Path(__file__).stem}.double-{double.__code__.co_firstlineno}.py3")
+        assert source_stamp == MemoryCache(called_at).place[2]
+
+
+def test_code_is_kept_and_loaded(memory, monkeypatch):
+    def compiled():
+        function = cached(double)
+        with internals.compilations() as functions:
+            assert function(3.0) == 6.0
+        return bool(functions)
+
+    with probe(
+        "Numba's FunctionCache does not save a compile result in `_cache_file`, or the function has no `_cache`"
+    ):
+        assert compiled()
+        assert len(memory.kept) == 1
+    with probe("Numba's FunctionCache does not load a compile result from `_cache_file`"):
+        assert not compiled()
+    with probe("Numba's FunctionCache does not take the key from `_index_key`"):
+        assert all("a world" in key for key in memory.kept)
+        monkeypatch.setattr(MemoryCache, "world", "another world")
+        assert compiled()
+        assert len(memory.kept) == 2
+    with probe("`recompile` of a jitted function does not flush `_cache_file`"):
+        function = cached(double)
+        function(3.0)
+        function.recompile()
+        assert len(memory.kept) == 1
+
+
+def test_errors_of_a_cache(memory, monkeypatch):
+    def broken(*arguments):
+        raise OSError("a broken disk")
+
+    monkeypatch.setattr(memory, "load", broken)
+    monkeypatch.setattr(memory, "save", broken)
+    function = cached(double)
+    with probe("Numba does not call `load_overload` and `save_overload` of the cache of a function"):
+        assert function(3.0) == 6.0
+        assert internals.cache_of(function).failures == [("load", "a broken disk"), ("keep", "a broken disk")]
+
+
+def test_a_function_without_a_folder():
+    namespace = {}
+    exec("def nowhere(x):\n    return x", namespace)
+    other_words = "Numba does not say `no locator available` if a function has no folder for its cache"
+    with probe(other_words), pytest.raises(internals.NoFolderError):
+        MemoryCache(namespace["nowhere"])
+
+
+def test_whose_cache_a_function_has(memory):
+    with probe("A function that is jitted with cache=True has no FunctionCache in `_cache`"):
+        kept, plain, own = numba.njit(cache=True)(double), numba.njit(double), cached(double)
+        assert [internals.has_numbas_cache(function) for function in (kept, plain, own)] == [True, False, False]
+        assert type(internals.cache_of(own)) is MemoryCache
+
+
+def test_functions_of_the_main_module_travel():
+    main = {"__name__": "__main__"}
+    exec("def outer(k):\n    return lambda x: k * x", main)
+    with probe("numba.cloudpickle does not pickle functions of the main module and of other functions"):
+        assert internals.unpickled(internals.pickled(main["outer"](2)))(3.0) == 6.0
+
+
+# Errors
+
+
+def error_of(function, *arguments):
+    with pytest.raises(Exception) as caught:  # noqa: PT011  # Numba raises its own errors and plain Python errors
+        function(*arguments)
+    return caught.value
+
+
+def test_writes_to_a_readonly_array():
+    def writes(x):
+        x[0] = 1.0
+
+    with probe("Numba's error for a write to a readonly array has other words"):
+        x = np.ones(1)
+        x.flags.writeable = False
+        assert internals.is_write_to_readonly(error_of(numba.njit(writes), x))
+        assert not internals.is_write_to_readonly(error_of(numba.njit(lambda x: x.missing), x))
+
+
+def test_reasons_in_one_line():
+    with probe("Numba's error for a function with listed signatures has other words"):
+        listed = numba.njit("f8(f8)")(double)
+        assert (
+            internals.gist(error_of(internals.compile_for, listed, (VECTOR,)))
+            == "its decorator must not list signatures"
+        )
+    with probe("Numba's error for a call that it cannot compile does not show the call after >>>"):
+        reason = internals.gist(error_of(numba.njit(lambda x: sorted(x, 7)), np.ones(1)))
+        assert re.fullmatch(rf'Numba cannot do sorted\(.*\) \(File ".*{Path(__file__).name}", line \d+\)', reason)
+    with probe("Numba's error for an unknown attribute does not begin with its reason after `Failed in`"):
+        reason = internals.gist(error_of(numba.njit(lambda x: x.missing), np.ones(1)))
+        assert re.fullmatch(rf'Unknown attribute .missing. .* \(File ".*{Path(__file__).name}", line \d+\)', reason)
