@@ -299,6 +299,18 @@ def test_floats_on_the_stack():
         assert numba.njit(lambda x, y: swapped(x, y))(1.0, 2.0) == (2.0, 1.0)
 
 
+def test_a_copy_on_the_stack():
+    @intrinsic
+    def copied(typingctx, x):
+        def codegen(context, builder, signature, args):
+            return builder.load(internals.copy_on_stack(builder, args[0]))
+
+        return float64(x), codegen
+
+    with probe("numba.core.cgutils.alloca_once_value does not copy a value onto the stack"):
+        assert numba.njit(lambda x: copied(x))(1.5) == 1.5
+
+
 def test_entries_of_a_tuple():
     @intrinsic
     def last(typingctx, values):
