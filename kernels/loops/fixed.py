@@ -2,9 +2,9 @@
 """The kernel of a fixed-step method, made from the formulas in the method's file.
 
 `scalar` and `vector` are templates: the names in capitals stand for values that depend on the method and on the mode,
-and `jit.bound` inserts them. If LOOKS is 1, the kernel looks for events and for times at which the state is wanted, and
-follows quantities. Steps in which nothing is found run in the loops of `march.py`; the step after which these stop is
-searched, see `search.py`. If LOOKS is 0, the compiler leaves all of this out.
+and `jit.bound` inserts them. A kernel with a look is `searching`: it looks for events and for times at which the state
+is wanted, and follows quantities. Steps in which nothing is found run in the loops of `march.py`; the step after which
+these stop is searched, see `search.py`. A kernel without a look is `straight`: it is one march after those that start.
 
 One degree of freedom has a template of its own: its state is a tuple of numbers, which a step returns in another order.
 """
@@ -50,7 +50,7 @@ from .events import WORK, functions
 from .follow import functions as following
 from .follow import inline_functions, save
 from .formulas import Formulas, nothing
-from .march import FOUND, THROUGH, copy_two, marches, settle, write
+from .march import FOUND, copy_two, march_scalar, march_vector, settle, write
 from .pair import U_END, V_END, A, U, V
 from .search import search_names, work_rows
 
@@ -63,32 +63,75 @@ STACKED_DEGREES = 6
 
 def scalar(callbacks, state, settings, tally, steps, look):
     """Take steps, and return their number, the next row to write and how it ended."""
-    f, p = RHS(callbacks), steps.p
+    f = RHS(callbacks)
     c = CONSTANTS(settings, steps.h, Work(tally, None, JACOBIAN(callbacks)))
-    y, i, row, last, ended = floats(state, VALUES), steps.first, steps.row, steps.first + steps.count, GOING
-    if LOOKS > 0:
-        place = address_of(look)
+    y, i, row, ended = ADVANCE(f, c, floats(state, VALUES), tally, steps, look)
+    for k in range(VALUES):
+        state[k] = y[k]
+    return i - steps.first, row, ended
+
+
+def vector(callbacks, state, settings, tally, steps, look):
+    """Do the same for n degrees of freedom. If STACKED is 1, the rows are on the stack."""
+    n = N if N > 0 else state.shape[1]
+    f = RHS(callbacks)
+    c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
+    kept = rows(state, OWN_ROWS)
+    y = kept
+    if STACKED > 0:
+        y = stack_rows(N, OWN_ROWS)
+        copy_rows(y, kept, N)
+    y, i, row, ended = ADVANCE(f, c, y, n, state[OWN_ROWS:], tally, steps, look)
+    if STACKED > 0:
+        copy_rows(kept, y, N)
+    else:
+        settle(y, state, n)
+    return i - steps.first, row, ended
+
+
+def straight_scalar(f, c, y, tally, steps, look):
+    """Take the steps without a look."""
+    first, last, row = steps.first, steps.first + steps.count, steps.row
+    begin = first
+    if START_STEPS > 0:
+        begin = max(first, min(last, START_STEPS))
+        _, _, y, _, row, _ = MARCH(START_STEP, f, y, c, steps, look, tally, first, begin, row)
+    _, _, y, end, row, ended = MARCH(STEP, f, y, c, steps, look, tally, begin, last, row)
+    tally[EVALUATIONS] += START_COST * (begin - first) + COST * (end - begin)
+    return y, end, row, FAILED if ended == FAILED else GOING
+
+
+def straight_vector(f, c, y, n, scratch, tally, steps, look):
+    first, last, row = steps.first, steps.first + steps.count, steps.row
+    begin = first
+    if START_STEPS > 0:
+        begin = max(first, min(last, START_STEPS))
+        y, _, row, _ = MARCH(START_STEP, nothing, f, y, (c, scratch), n, steps, look, tally, None, first, begin, row)
+    y, end, row, ended = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, tally, None, begin, last, row)
+    tally[EVALUATIONS] += START_COST * (begin - first) + COST * (end - begin)
+    return y, end, row, FAILED if ended == FAILED else GOING
+
+
+def searching_scalar(f, c, y, tally, steps, look):
+    """Take the steps, and search those in which something is found."""
+    i, row, last, ended, p = steps.first, steps.row, steps.first + steps.count, GOING, steps.p
+    watch, follow, place, pair = look.watch, look.follow, address_of(look), rows(look.watch.work[WORK:], PAIR_ROWS)
     while i < last and ended == GOING:
-        first, begun, end, found = i, START_STEPS, last, THROUGH
-        if LOOKS > 0:
-            pair = rows(look.watch.work[WORK:], PAIR_ROWS)
-            begun += int(tally[ANEW])
-            if len(look.follow.table) > 0:
-                end = min(last, int(tally[PART_END]))
-            if 2 * int(tally[LOGGED]) > len(look.watch.log):
-                ended = FULL
-                break
-        if LOOKS > 0 and tally[WITHIN] == 1:
+        if 2 * int(tally[LOGGED]) > len(watch.log):
+            ended = FULL
+            break
+        first, begun, end = i, int(tally[ANEW]) + START_STEPS, end_of_march(follow, tally, last)
+        if tally[WITHIN] == 1:
             i, found = i + 1, FOUND
         elif START_STEPS > 0 and i < begun:
-            u, v, y, i, row, found = MARCH_SCALAR(START_STEP, f, y, c, steps, look, tally, i, min(end, begun), row)
+            u, v, y, i, row, found = MARCH(START_STEP, f, y, c, steps, look, tally, i, min(end, begun), row)
             tally[EVALUATIONS] += START_COST * (i - first)
         else:
-            u, v, y, i, row, found = MARCH_SCALAR(STEP, f, y, c, steps, look, tally, i, end, row)
+            u, v, y, i, row, found = MARCH(STEP, f, y, c, steps, look, tally, i, end, row)
             tally[EVALUATIONS] += COST * (i - first)
         if found == FAILED:
             ended = FAILED
-        if LOOKS > 0 and found == FOUND:
+        elif found == FOUND:
             t = steps.t0 + i * steps.h
             if tally[WITHIN] == 0:
                 pair[U][0], pair[V][0], pair[U_END][0], pair[V_END][0] = u, v, y[0], y[1]
@@ -99,59 +142,41 @@ def scalar(callbacks, state, settings, tally, steps, look):
                 tally[EVALUATIONS] += 1
                 tally[ANEW] = i
             if outcome <= RESTING:
-                EVALUATE(look.follow, t, y[0], y[1], p)
+                EVALUATE(follow, t, y[0], y[1], p)
             if outcome > RESET:
                 ended = outcome
                 i -= 1
             else:
-                WIDEN(look.follow, int(tally[PART]) % PARTS, t, y[1])
+                WIDEN(follow, int(tally[PART]) % PARTS, t, y[1])
                 if i % steps.every == 0:
                     steps.u_rows[row], steps.v_rows[row] = y[0], y[1]
-                    SAVE(look.follow, row)
+                    save(follow, row)
                     row += 1
-        if LOOKS > 0 and i == end and len(look.follow.table) > 0 and i >= tally[PART_END]:
-            END_PART(look.follow, tally, 1, y[1])
-    for k in range(VALUES):
-        state[k] = y[k]
-    return i - steps.first, row, ended
+        if len(follow.table) > 0 and i >= tally[PART_END]:
+            END_PART(follow, tally, 1, y[1])
+    return y, i, row, ended
 
 
-def vector(callbacks, state, settings, tally, steps, look):
-    """Do the same for n degrees of freedom. If STACKED is 1, the rows are on the stack."""
-    n = N if N > 0 else state.shape[1]
-    f, p = RHS(callbacks), steps.p
-    c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
-    kept, i, row, last, ended = rows(state, OWN_ROWS), steps.first, steps.row, steps.first + steps.count, GOING
-    y, pair = kept, None
-    if STACKED > 0:
-        y = stack_rows(N, OWN_ROWS)
-        copy_rows(y, kept, N)
-    if LOOKS > 0:
-        place = address_of(look)
+def searching_vector(f, c, y, n, scratch, tally, steps, look):
+    i, row, last, ended, p = steps.first, steps.row, steps.first + steps.count, GOING, steps.p
+    watch, follow, place, pair = look.watch, look.follow, address_of(look), rows(look.watch.work[WORK:], PAIR_ROWS)
     while i < last and ended == GOING:
-        first, begun, end, found = i, START_STEPS, last, THROUGH
-        if LOOKS > 0:
-            pair = rows(look.watch.work[WORK:], PAIR_ROWS)
-            begun += int(tally[ANEW])
-            if len(look.follow.table) > 0:
-                end = min(last, int(tally[PART_END]))
-            if 2 * int(tally[LOGGED]) > len(look.watch.log):
-                ended = FULL
-                break
-        if LOOKS > 0 and tally[WITHIN] == 1:
+        if 2 * int(tally[LOGGED]) > len(watch.log):
+            ended = FULL
+            break
+        first, begun, end = i, int(tally[ANEW]) + START_STEPS, end_of_march(follow, tally, last)
+        if tally[WITHIN] == 1:
             i, found = i + 1, FOUND
         elif START_STEPS > 0 and i < begun:
-            with_scratch, end_of_start = (c, state[OWN_ROWS:]), min(end, begun)
-            y, i, row, found = MARCH_VECTOR(
-                START_STEP, nothing, f, y, with_scratch, n, steps, look, tally, pair, i, end_of_start, row
-            )
+            with_scratch, end = (c, scratch), min(end, begun)
+            y, i, row, found = MARCH(START_STEP, nothing, f, y, with_scratch, n, steps, look, tally, pair, i, end, row)
             tally[EVALUATIONS] += START_COST * (i - first)
         else:
-            y, i, row, found = MARCH_VECTOR(STEP, COMPLETE, f, y, c, n, steps, look, tally, pair, i, end, row)
+            y, i, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, tally, pair, i, end, row)
             tally[EVALUATIONS] += COST * (i - first)
         if found == FAILED:
             ended = FAILED
-        if LOOKS > 0 and found == FOUND:
+        elif found == FOUND:
             t = steps.t0 + i * steps.h
             if tally[WITHIN] == 0:
                 copy_two(pair[U_END], pair[V_END], y[0], y[1], n)
@@ -163,23 +188,25 @@ def vector(callbacks, state, settings, tally, steps, look):
                 tally[EVALUATIONS] += 1
                 tally[ANEW] = i
             if outcome <= RESTING:
-                EVALUATE(look.follow, t, y[0], y[1], p)
+                EVALUATE(follow, t, y[0], y[1], p)
             if outcome > RESET:
                 ended = outcome
                 i -= 1
             else:
-                WIDEN(look.follow, int(tally[PART]) % PARTS, t, y[1])
+                WIDEN(follow, int(tally[PART]) % PARTS, t, y[1])
                 if i % steps.every == 0:
                     write(y[0], y[1], n, steps, row)
-                    SAVE(look.follow, row)
+                    save(follow, row)
                     row += 1
-        if LOOKS > 0 and i == end and len(look.follow.table) > 0 and i >= tally[PART_END]:
-            END_PART(look.follow, tally, n, y[1])
-    if STACKED > 0:
-        copy_rows(kept, y, N)
-    else:
-        settle(y, state, n)
-    return i - steps.first, row, ended
+        if len(follow.table) > 0 and i >= tally[PART_END]:
+            END_PART(follow, tally, n, y[1])
+    return y, i, row, ended
+
+
+@element
+def end_of_march(follow, tally, last):
+    """Return the step index at which the next march ends: that of a part of the run at most."""
+    return min(last, int(tally[PART_END])) if len(follow.table) > 0 else last
 
 
 def stack_step(f, at, y, c, n):
@@ -285,12 +312,15 @@ def _compile(
     if names["STACKED"]:
         for name in {"STEP", "START_STEP"} & names.keys():
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
-    in_march = {"LOOKS": int(looks), "STACKED": names["STACKED"]}
+    march = march_scalar if form is SCALAR else march_vector
     if looks:
-        in_march |= {"IS_QUIET": functions(form).is_quiet_now, "SAVE": save}
-        in_march |= {name: names[name] for name in ("EVALUATE", "WIDEN")}
-        names |= {**search_names(method, order, form), "END_PART": following(form).end_part, "SAVE": save}
-    names |= marches(**in_march)
+        names |= {**search_names(method, order, form), "END_PART": following(form).end_part}
+        names["IS_QUIET"] = functions(form).is_quiet_now
+        advance = searching_scalar if form is SCALAR else searching_vector
+    else:
+        advance = straight_scalar if form is SCALAR else straight_vector
+    names["MARCH"] = element(bound(march, names))
+    names["ADVANCE"] = element(bound(advance, names))
     records = form.steps, LOOK if looks else none
     signature = UniTuple(int64, 3)(callbacks, form.state, vector_type, vector_type, *records)
     return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)

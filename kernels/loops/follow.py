@@ -91,7 +91,7 @@ def written(follow, k, function, width, t, u, v, p):
 
 @element
 def widen_at_end(follow, part, j, e, t):
-    """Widen the extremes by a value at the end of a step or at an event: one beyond them is beyond those of its part."""
+    """Widen the extremes by a value at the end of a step or at an event: one beyond them is beyond its part's too."""
     ends = follow.parts[part]
     if not ends[LOW, j] <= e <= ends[HIGH, j]:
         widen_range(ends, j, e)

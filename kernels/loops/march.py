@@ -5,19 +5,19 @@
 The time is computed as t0 + i h from the step index i. A sum of steps would accumulate round-off, and would depend on
 the division of the run into chunks.
 
-The names in capitals are inserted by `marches`. If LOOKS is 0, the loop is that of a run which looks for nothing: the
+The names in capitals are inserted by `fixed.py`. If LOOKS is 0, the loop is that of a run which looks for nothing: the
 compiler leaves out what depends on it.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numba
 
-from ..compile.jit import bound, element
+from ..compile.jit import element
 from ..protocol import FAILED, NEXT, PART, PARTS, At, row_index
+from .follow import save
 from .pair import U_END, V_END, U, V
 
 #: How a march ended, besides FAILED: after its last step, or with a step that must be searched.
@@ -52,7 +52,7 @@ def march_scalar(step, f, y, c, steps, look, tally, first, last, row):
             steps.u_rows[row] = y[0]
             steps.v_rows[row] = y[1]
             if LOOKS > 0:
-                SAVE(look.follow, row)
+                save(look.follow, row)
             row += 1
             left = steps.every
     return y[0], y[1], y, last, row, THROUGH
@@ -91,17 +91,12 @@ def march_vector(step, complete, f, y, c, n, steps, look, tally, pair, first, la
                 complete(y, c, steps.h, n)
             write(y[0], y[1], n, steps, row)
             if LOOKS > 0:
-                SAVE(look.follow, row)
+                save(look.follow, row)
             row += 1
             left = steps.every
     if LOOKS == 0 and last > first:  # otherwise the last step may be one of the starter, which has no need of it
         complete(y, c, steps.h, n)
     return y, last, row, THROUGH
-
-
-def marches(**names: Any) -> dict[str, Any]:
-    """Return the two loops for a kernel, by their names in its template."""
-    return {function.__name__.upper(): element(bound(function, names)) for function in (march_scalar, march_vector)}
 
 
 @element
