@@ -1,0 +1,226 @@
+"""Prepared runs: the numbers of `integrate`, few Python calls, threads and pickles."""
+
+import pickle
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import problems
+from eig3.run import short
+
+from .conftest import oscillator, oscillator_vector
+from .test_extend import assert_same
+
+SPAN, P = (0.0, 1.0), np.array([3.0, 0.1])
+U, V = np.array([1.0, 0.5, -0.5]), np.zeros(3)
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return (p[0] * p[0] * u * u + v * v) / 2
+
+
+@eig3.jit
+def first(t, u, v, p):
+    return u[0]
+
+
+@eig3.jit
+def position(t, u, v, p):
+    return u
+
+
+@eig3.jit
+def both(t, u, v, p, out):
+    out[0], out[1] = u, v
+
+
+@eig3.jit
+def rebound(t, u, v, p):
+    return u, -0.9 * v
+
+
+KINDS = {
+    "scalar": (oscillator, {"h": 0.01}, 1.0, 0.0),
+    "vector": (oscillator_vector, {"h": 0.01}, U, V),
+    "scalar, rtol": (oscillator, {"rtol": 1e-6}, 1.0, 0.0),
+    "vector, rtol": (oscillator_vector, {"rtol": 1e-6}, U, V),
+}
+
+
+def python_calls(function):
+    """Count the calls of Python functions while `function` runs, itself included."""
+    count = 0
+
+    def profile(frame, event, argument):
+        nonlocal count
+        count += event == "call"
+
+    for _ in range(3):  # the first runs compile, and measure the time of a step
+        function()
+    sys.setprofile(profile)
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return count - 1
+
+
+@pytest.fixture
+def always_short(monkeypatch):
+    """Let no other process on the machine make a run look long."""
+    monkeypatch.setattr(short, "MOST_SECONDS", 1e9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_prepared_run_makes_few_python_calls(kind, always_short):
+    rhs, options, u0, v0 = KINDS[kind]
+    prepared = eig3.prepare(rhs, **options)
+    assert python_calls(lambda: prepared(SPAN, u0, v0, P)) <= 20
+
+
+FOLLOWED = {
+    "plain": {},
+    "energy": {"invariants": {"energy": energy}},
+    "event": {"events": {"zero": eig3.Event(position)}},
+}
+
+
+@pytest.mark.parametrize("followed", FOLLOWED)
+@pytest.mark.parametrize("options", [{"h": 0.01}, {"rtol": 1e-6}], ids=["h", "rtol"])
+def test_integrate_makes_few_python_calls(options, followed, always_short):
+    options = {**options, **FOLLOWED[followed], "params": P}
+    most = 90 if followed == "plain" else 120
+    assert python_calls(lambda: eig3.integrate(oscillator, SPAN, 1.0, 0.0, **options)) <= most
+
+
+OPTIONS = {
+    "plain": {},
+    "every seventh": {"save_every": 7},
+    "ends": {"save_every": None},
+    "times": {"t_eval": np.linspace(0.0, 1.0, 7)},
+    "outputs": {"outputs": {"u": position, "both": (both, 2)}, "invariants": {"energy": energy}},
+    "events": {
+        "events": {"zero": eig3.Event(position, apply=rebound)},
+        "outputs": {"both": (both, 2)},
+        "save_every": 3,
+    },
+    "terminal": {"events": {"zero": eig3.Event(position, terminal=True)}},
+    "inline": {"inline": True, "invariants": {"energy": energy}},
+}
+
+
+@pytest.mark.parametrize("method", ["ab3", "rk8"])
+@pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
+def test_a_short_run_has_the_numbers_of_a_long_one(options, method, monkeypatch):
+    """Also what is found later: notes, accelerations, and a run that goes on."""
+    for steps in ({"h": 2.0**-7, "method": method}, {"rtol": 1e-7, "method": "rk8"}):
+        prepared = eig3.prepare(oscillator, **steps, **options)
+        monkeypatch.setattr(short, "MOST_SECONDS", 0.0)
+        long = prepared(SPAN, 1.0, 0.0, P)
+        monkeypatch.setattr(short, "MOST_SECONDS", 1e9)
+        for run in (prepared(SPAN, 1.0, 0.0, P), prepared(SPAN, 1.0, 0.0, P)):
+            assert_same(run, long)
+            np.testing.assert_array_equal(run.a, long.a)
+            assert run.message == long.message
+            if long.can_go_on:
+                assert_same(run.extend(2.0), long.extend(2.0))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_has_the_numbers_of_integrate(kind):
+    rhs, options, u0, v0 = KINDS[kind]
+    prepared = eig3.prepare(rhs, **options)
+    for scale in (1.0, 2.0):
+        assert_same(prepared(SPAN, scale * u0, v0, P), eig3.integrate(rhs, SPAN, scale * u0, v0, params=P, **options))
+
+
+def test_threads_share_a_prepared_run():
+    prepared = eig3.prepare(oscillator_vector, h=1e-3, invariants={"first": first}, outputs={"u": first})
+    starts = [U * (1 + k) for k in range(40)]
+    with ThreadPoolExecutor(8) as pool:
+        runs = [*pool.map(lambda u0: prepared((0.0, 2.0), u0, V, P), starts)]
+    for u0, run in zip(starts, runs, strict=True):
+        alone = prepared((0.0, 2.0), u0, V, P)
+        assert_same(run, alone)
+
+
+def test_a_prepared_run_of_a_problem_can_be_pickled():
+    prepared = problems.duffing().prepare(rtol=1e-7)
+    copied = pickle.loads(pickle.dumps(prepared))
+    assert_same(copied(), prepared())
+    assert_same(copied(u0=0.5), prepared(u0=0.5))
+    assert copied().labels == problems.duffing().labels
+
+
+def test_integrals_are_those_of_the_problem():
+    problem = problems.shear_building(work=True)
+    prepared = problem.prepare(h=2.0**-10)
+    run, whole = prepared((0.0, 0.125)), problem.integrate(h=2.0**-10, t_end=0.125)
+    np.testing.assert_array_equal(run.integrals["work"], whole.integrals["work"])
+    assert run.u.shape[1] == np.size(problem.u0)
+
+
+SCALE = 1.0
+
+
+@eig3.jit
+def scaled(t, u, v, p):
+    return -SCALE * u
+
+
+def test_integrate_sees_a_changed_global(monkeypatch):
+    def end():
+        return eig3.integrate(scaled, SPAN, 1.0, 0.0, h=0.01).u[-1]
+
+    before = [end(), end()]
+    assert before[0] == before[1] == pytest.approx(np.cos(1.0), abs=1e-4)
+    monkeypatch.setattr(sys.modules[__name__], "SCALE", 4.0)
+    assert end() == pytest.approx(np.cos(2.0), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ((SPAN, U, V, P), ValueError, "^u0 must be a number, because rhs has the scalar form"),
+        ((SPAN, 1.0, np.nan, P), ValueError, "^v0 must be finite"),
+        (((1.0, 0.0), 1.0, 0.0, P), ValueError, "^t_span must end after it starts"),
+        ((SPAN, 1.0, 0.0, "a"), TypeError, "^params must be made of real numbers"),
+        ((SPAN, 1.0, 0.0), ValueError, "it reads beyond the end of p"),
+    ],
+)
+def test_errors_of_a_call(arguments, error, message):
+    prepared = eig3.prepare(oscillator, h=0.01)
+    for _ in range(2):
+        with pytest.raises(error, match=message):
+            prepared(*arguments)
+        prepared(SPAN, 1.0, 0.0, P)
+
+
+def test_errors_of_prepare():
+    with pytest.raises(ValueError, match=r"^give h for a fixed step, or rtol for tolerances"):
+        eig3.prepare(oscillator)
+    with pytest.raises(TypeError, match="rhs must be compiled"):
+        eig3.prepare(lambda t, u, v, p: -u, h=0.1)
+    with pytest.raises(ValueError, match="h and rtol exclude each other"):
+        eig3.prepare(oscillator, h=0.1, rtol=1e-3)
+
+
+@eig3.jit
+def fails_later(t, u, v, p):
+    if t > 0.5:
+        raise ValueError("too late")
+    return -u
+
+
+def test_an_exception_has_the_run_up_to_then():
+    prepared = eig3.prepare(fails_later, h=2.0**-7)
+    for _ in range(3):
+        with pytest.raises(ValueError, match="too late") as caught:
+            prepared(SPAN, 1.0, 0.0)
+        assert caught.value.solution.status is eig3.Status.INTERRUPTED
+        assert 0.4 < caught.value.solution.t[-1] <= 0.5 + 2.0**-7
+        assert prepared((0.0, 0.25), 1.0, 0.0).success
