@@ -10,6 +10,8 @@ from numba.extending import intrinsic
 from numba.np import arrayobj
 from numba.types import Array, float64, int64, none
 
+from .compile.jit import function_at as function_at
+
 #: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 
@@ -267,26 +269,6 @@ VECTOR = Form(
     output=none(float64, _given, _given, _given, vector_type),
     state=matrix_type,
 )
-
-
-def function_at(signature: Any) -> Any:
-    """Return a compiled ``function(address)`` that converts the address of a compiled callback to the callback.
-
-    An address is a plain integer. If a callback were passed as an object, each call of a kernel would take some ten
-    microseconds more, because Numba would look up its address.
-    """
-    kind = types.FunctionType(signature)
-
-    @intrinsic
-    def function(typingctx, address):
-        def codegen(context, builder, signature, args):
-            value = cgutils.create_struct_proxy(kind)(context, builder)
-            value.jit_addr = builder.inttoptr(args[0], value.jit_addr.type)
-            return value._getvalue()
-
-        return kind(int64), codegen
-
-    return function
 
 
 @intrinsic

@@ -12,8 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding as llvm
 import numba
+from llvmlite import ir
+from numba.core import cgutils
 from numba.core.registry import CPUDispatcher
+from numba.extending import intrinsic
 
 from .cache import check_cache, keep_on_disk
 from .interrupt import DeferredInterrupt
@@ -32,6 +36,8 @@ OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"
 # And an exception would leak every array to which the kernel holds a reference, such as a whole history. Without NRT,
 # an allocation does not compile, and a kernel must not return an array to code that counts references.
 KERNEL_OPTIONS: dict[str, Any] = {"_nrt": False, **OPTIONS}
+
+_linked: list[Any] = []  # the functions that kernels call by a symbol
 
 
 class _Element(CPUDispatcher):
@@ -94,11 +100,57 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
         contains a checksum of the files of this folder, so that a kernel is compiled again after a change, but Numba
         cannot detect a change of other files.
     """
+    return _compiled(template, names, signature, label).entry_point
+
+
+def _compiled(template: Callable, names: dict[str, Any], signature: Any, label: str) -> Any:
     function = bound(template, names)
     function.__qualname__ = f"{template.__name__}_{label}_{_fingerprint()}"
     kernel = numba.njit(**KERNEL_OPTIONS)(function)
     what = f"the kernel {label}, which is kept on the disk" if label else "a kernel for this right-hand side"
-    return compiled(keep_on_disk(kernel) if label else kernel, signature.args, what).entry_point
+    return compiled(keep_on_disk(kernel) if label else kernel, signature.args, what)
+
+
+def linked(template: Callable, names: dict[str, Any], signature: Any, label: str) -> Any:
+    """Compile a function that many kernels call as `compile_kernel` does, and return an element that calls it.
+
+    The code of the kernels contains only a symbol, which stands for its address: they compile in a part of the time.
+    """
+    result = _compiled(template, names, signature, label)
+    symbol = f"{template.__name__}_{label}_{_fingerprint()}"
+    llvm.add_symbol(symbol, result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
+    _linked.append(result)  # keeps the machine code alive
+
+    @intrinsic
+    def address(typingctx):
+        def codegen(context, builder, signature, args):
+            function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(ir.VoidType(), []), symbol)
+            return builder.ptrtoint(function, ir.IntType(64))
+
+        return numba.int64(), codegen
+
+    at = function_at(signature)
+    return element(lambda *arguments: at(address())(*arguments))
+
+
+def function_at(signature: Any) -> Any:
+    """Return a compiled ``function(address)`` that converts the address of a compiled callback to the callback.
+
+    An address is a plain integer. If a callback were passed as an object, each call of a kernel would take some ten
+    microseconds more, because Numba would look up its address.
+    """
+    kind = numba.types.FunctionType(signature)
+
+    @intrinsic
+    def function(typingctx, address):
+        def codegen(context, builder, signature, args):
+            value = cgutils.create_struct_proxy(kind)(context, builder)
+            value.jit_addr = builder.inttoptr(args[0], value.jit_addr.type)
+            return value._getvalue()
+
+        return kind(numba.int64), codegen
+
+    return function
 
 
 def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:

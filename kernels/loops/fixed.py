@@ -314,7 +314,7 @@ def _compile(
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
     march = march_scalar if form is SCALAR else march_vector
     if looks:
-        names |= {**search_names(method, order, form), "END_PART": following(form).end_part}
+        names |= {**search_names(method, order, form, not callbacks), "END_PART": following(form).end_part}
         names["IS_QUIET"] = functions(form).is_quiet_now
         advance = searching_scalar if form is SCALAR else searching_vector
     else:
