@@ -7,7 +7,8 @@ from numba import types
 from numba.extending import intrinsic
 from numba.types import Array, float64, int64, none
 
-from .compile.numba_internals import array_over, copy_on_stack, entries_of, floats_on_stack, function_over, parts_of
+from .compile.jit import function_at as function_at
+from .compile.numba_internals import array_over, copy_on_stack, entries_of, floats_on_stack, parts_of
 
 #: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
@@ -266,24 +267,6 @@ VECTOR = Form(
     output=none(float64, _given, _given, _given, vector_type),
     state=matrix_type,
 )
-
-
-def function_at(signature: Any) -> Any:
-    """Return a compiled ``function(address)`` that converts the address of a compiled callback to the callback.
-
-    An address is a plain integer. If a callback were passed as an object, each call of a kernel would take some ten
-    microseconds more, because Numba would look up its address.
-    """
-    kind = types.FunctionType(signature)
-
-    @intrinsic
-    def function(typingctx, address):
-        def codegen(context, builder, signature, args):
-            return function_over(context, builder, kind, args[0])
-
-        return kind(int64), codegen
-
-    return function
 
 
 @intrinsic

@@ -311,6 +311,19 @@ def test_a_copy_on_the_stack():
         assert numba.njit(lambda x: copied(x))(1.5) == 1.5
 
 
+def test_a_symbol_stands_for_an_address():
+    @intrinsic
+    def address(typingctx):
+        def codegen(context, builder, signature, args):
+            return internals.address_of_symbol(context, builder, "a_symbol_of_this_test")
+
+        return int64(), codegen
+
+    with probe("llvmlite.binding.add_symbol does not define a symbol for compiled code"):
+        internals.define_symbol("a_symbol_of_this_test", 4711)
+        assert numba.njit(lambda: address())() == 4711
+
+
 def test_entries_of_a_tuple():
     @intrinsic
     def last(typingctx, values):

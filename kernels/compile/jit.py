@@ -13,11 +13,22 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.extending import intrinsic
 
 from .cache import check_cache, keep_on_disk
 from .interrupt import DeferredInterrupt
 from .notice import announced
-from .numba_internals import WITHOUT_RUNTIME, call_without_checks, compile_for, compile_results, jit_for_compiled_code
+from .numba_internals import (
+    WITHOUT_RUNTIME,
+    address_of,
+    address_of_symbol,
+    call_without_checks,
+    compile_for,
+    compile_results,
+    define_symbol,
+    function_over,
+    jit_for_compiled_code,
+)
 
 if numba.config.DISABLE_JIT:
     raise ImportError("eig3 runs compiled code only: unset NUMBA_DISABLE_JIT, which turns Numba's compiler off.")
@@ -32,6 +43,8 @@ OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"
 # would leak every array to which the kernel holds a reference, such as a whole history. Without the runtime, an
 # allocation does not compile, and a kernel must not return an array to code that counts references.
 KERNEL_OPTIONS: dict[str, Any] = {**WITHOUT_RUNTIME, **OPTIONS}
+
+_linked: list[Any] = []  # the functions that kernels call by a symbol
 
 
 def element(function: Callable) -> Any:
@@ -79,11 +92,54 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
         contains a checksum of the files of this folder, so that a kernel is compiled again after a change, but Numba
         cannot detect a change of other files.
     """
+    return call_without_checks(_compiled(template, names, signature, label))
+
+
+def _compiled(template: Callable, names: dict[str, Any], signature: Any, label: str) -> Any:
     function = bound(template, names)
     function.__qualname__ = f"{template.__name__}_{label}_{_fingerprint()}"
     kernel = numba.njit(**KERNEL_OPTIONS)(function)
     what = f"the kernel {label}, which is kept on the disk" if label else "a kernel for this right-hand side"
-    return call_without_checks(compiled(keep_on_disk(kernel) if label else kernel, signature.args, what))
+    return compiled(keep_on_disk(kernel) if label else kernel, signature.args, what)
+
+
+def linked(template: Callable, names: dict[str, Any], signature: Any, label: str) -> Any:
+    """Compile a function that many kernels call as `compile_kernel` does, and return an element that calls it.
+
+    The code of the kernels contains only a symbol, which stands for its address: they compile in a part of the time.
+    """
+    result = _compiled(template, names, signature, label)
+    symbol = f"{template.__name__}_{label}_{_fingerprint()}"
+    define_symbol(symbol, address_of(result))
+    _linked.append(result)  # keeps the machine code alive
+
+    @intrinsic
+    def address(typingctx):
+        def codegen(context, builder, signature, args):
+            return address_of_symbol(context, builder, symbol)
+
+        return numba.int64(), codegen
+
+    at = function_at(signature)
+    return element(lambda *arguments: at(address())(*arguments))
+
+
+def function_at(signature: Any) -> Any:
+    """Return a compiled ``function(address)`` that converts the address of a compiled callback to the callback.
+
+    An address is a plain integer. If a callback were passed as an object, each call of a kernel would take some ten
+    microseconds more, because Numba would look up its address.
+    """
+    kind = numba.types.FunctionType(signature)
+
+    @intrinsic
+    def function(typingctx, address):
+        def codegen(context, builder, signature, args):
+            return function_over(context, builder, kind, args[0])
+
+        return kind(numba.int64), codegen
+
+    return function
 
 
 def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:

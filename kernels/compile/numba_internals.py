@@ -216,6 +216,17 @@ def entries_of(builder: Any, values: Any, count: int) -> list[Any]:
     return cgutils.unpack_tuple(builder, values, count)
 
 
+def define_symbol(symbol: str, address: int) -> None:
+    """Let a symbol stand for an address in all code that is compiled or loaded from here on."""
+    llvm.add_symbol(symbol, address)
+
+
+def address_of_symbol(context: Any, builder: Any, symbol: str) -> Any:
+    """Return the address for which a symbol stands, as an integer."""
+    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(ir.VoidType(), []), symbol)
+    return builder.ptrtoint(function, context.get_value_type(numba.types.int64))
+
+
 def function_over(context: Any, builder: Any, kind: Any, address: Any) -> Any:
     """Return a value of the type `kind`, a `numba.types.FunctionType`: the compiled function at an address."""
     value = cgutils.create_struct_proxy(kind)(context, builder)

@@ -11,7 +11,9 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
-from ..compile.jit import bound, element, outlined
+from numba.types import Tuple, float64, int64, none
+
+from ..compile.jit import bound, element, linked, outlined
 from ..protocol import (
     ENDED_BY,
     EVENT_VALUES,
@@ -32,6 +34,8 @@ from ..protocol import (
     Form,
     function_at,
     look_at,
+    matrix_type,
+    vector_type,
 )
 from . import follow
 from .dense import COEFFICIENTS, evaluate
@@ -343,29 +347,43 @@ def followed(place, part, t, u, v, p):
 def functions(form: Form) -> SimpleNamespace:
     """Return the elements for one form of right-hand side.
 
-    They take a state as rows of n values, also for one degree of freedom; `is_quiet_now` takes it as the right-hand
-    side does.
+    `accelerate` and `is_quiet` take a state as rows of n values, also for one degree of freedom; `is_quiet_now` takes
+    it as the right-hand side does.
     """
+    return SimpleNamespace(
+        accelerate=element(_accelerate_scalar if form is SCALAR else _accelerate_vector),
+        is_quiet=element(bound(is_quiet, {"EVENT": _event(form, of_row=True)})),
+        is_quiet_now=element(bound(is_quiet, {"EVENT": _event(form)})),
+    )
+
+
+@functools.cache
+def searching(form: Form) -> tuple[Any, Any]:
+    """Return the elements `look_within` and `write_time`, which take a state as rows of n values."""
     following = follow.functions(form)
-    event_at, apply_at = function_at(form.invariant), function_at(form.apply)
-    event_now = element(lambda address, t, u, v, p: event_at(address)(t, u, v, p))
-    event_of_row = element(lambda address, t, u, v, p: event_at(address)(t, u[0], v[0], p))
-    event = event_of_row if form is SCALAR else event_now
-    apply = element(bound(_apply_scalar if form is SCALAR else _apply_vector, {"APPLY_AT": apply_at}))
-    names: dict[str, Any] = {"EVENT": event, "APPLY": apply}
+    apply = bound(_apply_scalar if form is SCALAR else _apply_vector, {"APPLY_AT": function_at(form.apply)})
+    names: dict[str, Any] = {"EVENT": _event(form, of_row=True), "APPLY": element(apply)}
     names |= {"EVALUATE": following.evaluate_row, "WIDEN": following.widen_row}
     names["FOLLOW"] = outlined(bound(followed, names))
     names["ROUND_OFF"] = outlined(bound(round_off, names))
     names["DEPARTURE"] = outlined(bound(departure, names))
     names["CROSSING"] = outlined(bound(crossing_within, names))
     names["TAKE"] = outlined(bound(take, names))
-    return SimpleNamespace(
-        accelerate=element(_accelerate_scalar if form is SCALAR else _accelerate_vector),
-        is_quiet=element(bound(is_quiet, names)),
-        is_quiet_now=element(bound(is_quiet, {"EVENT": event_now})),
-        look_within=outlined(bound(look_within, names)),
-        write_time=outlined(bound(write_time, names)),
+    rows = (vector_type,) * 2
+    step = int64, vector_type, float64, float64, float64
+    of_search = Tuple((int64, float64, float64))(*step, float64, int64, matrix_type, *rows, *rows, vector_type)
+    of_times = none(*step, int64, matrix_type, *rows, vector_type)
+    return (
+        linked(look_within, names, of_search, form.name),
+        linked(write_time, names, of_times, form.name),
     )
+
+
+def _event(form: Form, of_row: bool = False) -> Any:
+    event_at = function_at(form.event)
+    if of_row and form is SCALAR:
+        return element(lambda address, t, u, v, p: event_at(address)(t, u[0], v[0], p))
+    return element(lambda address, t, u, v, p: event_at(address)(t, u, v, p))
 
 
 def _accelerate_scalar(f, t, u, v, p, a):

@@ -253,6 +253,7 @@ def _kernel(method: Formulas, order: int, form: Form, n: int, looks: bool, takes
     callbacks, names = pointer_callbacks(form, takes_jacobian)
     seen = following(form)
     names |= {"N": n, "STACKED": 0, "EVALUATE": seen.evaluate, "WIDEN": seen.widen}
+    names |= {"WIDEN_RARELY": seen.widen_rarely, "QUANTITY": seen.quantity}
     return _compile(method, order, form, callbacks, names, looks, "_".join(parts) if method.is_own else "")
 
 
@@ -308,13 +309,13 @@ def wide_kernel(method: Formulas) -> Any:
 def _compile(
     method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], looks: bool, label: str
 ) -> Any:
-    names = {**method.names(form), **names, "LOOKS": int(looks)}
+    names = {**method.names(form), **names, "LOOKS": int(looks), "INLINED": int(not callbacks)}
     if names["STACKED"]:
         for name in {"STEP", "START_STEP"} & names.keys():
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
     march = march_scalar if form is SCALAR else march_vector
     if looks:
-        names |= {**search_names(method, order, form), "END_PART": following(form).end_part}
+        names |= {**search_names(method, order, form, bool(names["INLINED"])), "END_PART": following(form).end_part}
         names["IS_QUIET"] = functions(form).is_quiet_now
         advance = searching_scalar if form is SCALAR else searching_vector
     else:

@@ -12,7 +12,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
-from ..compile.jit import bound, element
+from ..compile.jit import bound, element, outlined
 from ..compile.source import define
 from ..protocol import (
     ADDRESS,
@@ -129,6 +129,15 @@ def save(follow, row):
                 store_at(address, row * width + j, follow.out[follow.table[k, OUT] + j])
 
 
+@element
+def only_quantity(at, follow):
+    """Return whether there is only one quantity, which returns its value; its function, place in `out` and column."""
+    if len(follow.table) != 1:
+        return False, at(0), 0, 0
+    is_short = follow.table[0, WIDTH] == 0 and follow.table[0, WORK] < 0
+    return is_short, at(follow.table[0, ADDRESS]), follow.table[0, OUT], follow.table[0, COLUMN]
+
+
 @functools.cache  # so that kernels share the compiled elements
 def functions(form: Form) -> SimpleNamespace:
     """Return the elements for one form of right-hand side.
@@ -146,6 +155,8 @@ def functions(form: Form) -> SimpleNamespace:
     return SimpleNamespace(
         evaluate=native["EVALUATE_ALL"],
         widen=native["WIDEN_ALL"],
+        widen_rarely=outlined(native["WIDEN_ALL"].py_func),
+        quantity=named["RETURNED"],
         end_part=native["END_PART"],
         evaluate_row=by_row["EVALUATE_ALL"],
         evaluate_one_of_row=by_row["EVALUATE_ONE"],

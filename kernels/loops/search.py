@@ -12,7 +12,9 @@ import functools
 import importlib
 from typing import Any
 
-from ..compile.jit import bound, element, outlined
+from numba.types import FunctionType, float64, int64
+
+from ..compile.jit import bound, element, linked, outlined
 from ..protocol import (
     EVALUATIONS,
     FULL,
@@ -29,9 +31,10 @@ from ..protocol import (
     Form,
     look_at,
     rows,
+    vector_type,
 )
 from .dense import quintic
-from .events import LATER, WORK, functions
+from .events import LATER, WORK, functions, searching
 from .formulas import METHODS, Formulas
 from .march import copy_two
 from .pair import A_END, U_END, V_END, A, U, V
@@ -140,20 +143,33 @@ def _pair_for(order: int) -> Any:
     return importlib.import_module(f"{METHODS}.{'rk5' if order <= 5 else 'rk8'}").variable
 
 
-def search_names(method: Formulas, order: int, form: Form) -> dict[str, Any]:
+def search_names(method: Formulas, order: int, form: Form, is_inline: bool) -> dict[str, Any]:
     """Return the values of the names in capitals in the template of a kernel that searches its steps."""
     start = {"START": element(method.start), "PAST": method.past}
     if form is SCALAR:
         started = {"STARTED": element(bound(started_scalar, start) if method.past else started_without_past)}
     else:
         started = {"START_ANEW": element(bound(start_anew, start) if method.past else start_without_past)}
-    return {**_search_names(_pair_for(order), form), **started}
+    search = _inlined_search if is_inline else _linked_search
+    return {"SEARCH": search(order <= 5, form), "PAIR_ROWS": _pair_for(order).rows, **started}
 
 
-@functools.cache  # so that the kernels of all methods share the compiled search
-def _search_names(pair: Any, form: Form) -> dict[str, Any]:
-    watching = functions(form)
-    theirs = pair.functions(watching.accelerate)
+@functools.cache
+def _linked_search(is_low: bool, form: Form) -> Any:
+    """Return the search for a right-hand side that is a callback. The kernels of all methods of one pair share it."""
+    arguments = FunctionType(form.rhs), int64, vector_type, float64, float64, float64, int64, vector_type
+    return linked(search, _names(is_low, form), int64(*arguments), f"{'rk5' if is_low else 'rk8'}_{form.name}")
+
+
+@functools.cache
+def _inlined_search(is_low: bool, form: Form) -> Any:
+    """Return the search for a right-hand side that becomes a part of it."""
+    return outlined(bound(search, _names(is_low, form)))
+
+
+def _names(is_low: bool, form: Form) -> dict[str, Any]:
+    pair, accelerate = _pair_for(5 if is_low else 8), functions(form).accelerate
+    theirs, (look_within, write_time) = pair.functions(accelerate), searching(form)
     has_extension = pair.dense_evaluations > 0
     names = {
         "PAIR_ROWS": pair.rows,
@@ -161,10 +177,9 @@ def _search_names(pair: Any, form: Form) -> dict[str, Any]:
         "STEP_DENSE_COST": pair.evaluations + pair.dense_evaluations if has_extension else 1,
         "TRIAL": outlined(theirs["trial"].py_func),
         "DENSE": theirs["dense"],
-        "ACCELERATE": watching.accelerate,
-        "LOOK_WITHIN": watching.look_within,
-        "WRITE_TIME": watching.write_time,
+        "ACCELERATE": accelerate,
+        "LOOK_WITHIN": look_within,
+        "WRITE_TIME": write_time,
     }
     names["STEP_DENSE"] = outlined(bound(extension_of_step if has_extension else quintic_of_step, names))
-    names["SEARCH"] = outlined(bound(search, names))
     return names

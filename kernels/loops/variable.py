@@ -59,7 +59,7 @@ from ..protocol import (
 )
 from .controller import exponent, growth, shrinkage
 from .dense import evaluate
-from .events import EPSILON, LATER, WORK, functions
+from .events import EPSILON, LATER, WORK, functions, searching
 from .fixed import STACKED_DEGREES
 from .follow import functions as following
 from .follow import inline_functions, save
@@ -363,7 +363,6 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
     formulas = importlib.import_module(f"{METHODS}.{module}").variable
     watching, seen = functions(form), following(form)
     theirs = formulas.functions(watching.accelerate)
-    follow_within, follow_end = within_functions(form)
     names = {
         "LOOKS": int(looks),
         "ROWS": formulas.rows,
@@ -377,15 +376,14 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         "RESTART": theirs.get("restart", nothing_past),
         "ACCELERATE": watching.accelerate,
         "IS_QUIET": watching.is_quiet,
-        "SEARCH": watching.look_within,
-        "WRITE_TIME": watching.write_time,
         "EVALUATE": seen.evaluate_row,
         "WIDEN": seen.widen_row,
         "END_PART": seen.end_part_of_row,
-        "FOLLOW_WITHIN": follow_within,
-        "FOLLOW_END": follow_end,
         **names,
     }
+    if looks:
+        names["SEARCH"], names["WRITE_TIME"] = searching(form)
+        names["FOLLOW_WITHIN"], names["FOLLOW_END"] = within_functions(form)
     names["FIRST_STEP"] = outlined(bound(first_step, names))
     records = SPAN, LOOK_WITHIN if looks else none
     signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)

@@ -12,8 +12,10 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from ..compile.jit import bound, element, outlined
-from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form, look_within_at
+from numba.types import float64, int64, none
+
+from ..compile.jit import bound, element, linked, outlined
+from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form, look_within_at, vector_type
 from .dense import evaluate, write_up_to
 from .follow import functions, widen
 
@@ -178,10 +180,11 @@ def root_of_slope(c, count, left, right, slope_left):
     return x
 
 
-@functools.cache  # so that kernels share the compiled elements
+@functools.cache
 def within_functions(form: Form) -> tuple[Any, Any]:
     """Return the elements `follow_within` and `follow_end` for one form of right-hand side."""
     names: dict[str, Any] = {"EVALUATE_ONE": functions(form).evaluate_one_of_row}
     names["SAMPLE"] = outlined(bound(sample, names))
     names["REFINE"] = outlined(bound(refine, names))
-    return outlined(bound(follow_within, names)), element(follow_end)
+    signature = none(int64, float64, float64, float64, int64, vector_type)
+    return linked(follow_within, names, signature, form.name), element(follow_end)
