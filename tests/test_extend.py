@@ -163,7 +163,8 @@ def test_an_interrupted_run_with_tolerances_goes_on(save_every, monkeypatch):
         def is_set(self):
             return next(chunks, None) is None
 
-    monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-6)  # chunks of few steps
+    monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-12)  # slices of one step
+    monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-12)
     options = {"rtol": 1e-6, "params": 0.0, "save_every": save_every}
     whole = eig3.integrate(pushed, (0, 100), 2.0, 0.0, **options)
     stopped = eig3.integrate(pushed, (0, 100), 2.0, 0.0, **options, cancel=AfterSomeChunks())
@@ -204,8 +205,23 @@ def test_what_cannot_be_extended_says_why():
     for solution in lost:
         with pytest.raises(ValueError, match="this solution cannot be extended: it was copied or pickled"):
             solution.extend(3.0)
-    with pytest.raises(ValueError, match="t_eval cannot be extended"):
-        integrate(SCALAR, 2.0, t_eval=[1.5]).extend(3.0)
+    with pytest.raises(ValueError, match="t_eval belongs to a run with t_eval"):
+        run.extend(3.0, t_eval=[2.5])
+    with pytest.raises(ValueError, match=r"t_eval must begin after the end of the run at t = 2\.0"):
+        integrate(SCALAR, 2.0, t_eval=[1.5]).extend(3.0, t_eval=[2.0])
+
+
+@pytest.mark.parametrize("options", [{}, {"rtol": 1e-6}], ids=["fixed", "tolerances"])
+@pytest.mark.parametrize("form", [SCALAR, VECTOR], ids=["scalar", "vector"])
+def test_a_run_with_wanted_times_goes_on(options, form, tmp_path):
+    first, further = [1.0, 1.3, 1.9], [2.1, 2.5, 3.0]
+    whole = integrate(form, 3.0, t_eval=[*first, *further], **options)
+    run = integrate(form, 2.0, t_eval=first, **options, save_to=tmp_path / "run")
+    np.testing.assert_array_equal(eig3.load(tmp_path / "run").u, run.u)
+    for solution in (run, eig3.load(run.save(tmp_path / "file"), rhs=form["rhs"])):
+        assert_same(solution.extend(3.0, t_eval=further), whole)
+        assert_same(solution.extend(3.0, t_eval=further, save_to=tmp_path / str(id(solution))), whole)
+    assert len(run.extend(3.0).t) == 3
 
 
 @eig3.jit

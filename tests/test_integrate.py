@@ -268,13 +268,13 @@ def test_stepper_stands_where_it_stood_after_an_exception(rhs, u0, inline):
     stepper = eig3.Stepper(rhs, u0, np.zeros_like(u0), h=0.01, params=0.5, inline=inline)
     stepper.advance(20)
     u, n_rhs = stepper.u, stepper.n_rhs
-    references = sys.getrefcount(stepper._state), sys.getrefcount(stepper.params)
+    references = sys.getrefcount(stepper.state), sys.getrefcount(stepper.params)
     for _ in range(3):
         with pytest.raises(ValueError, match="past the end"):
             stepper.advance(100)
     assert (stepper.index, stepper.n_rhs) == (20, n_rhs)
     np.testing.assert_array_equal(stepper.u, u)
-    assert (sys.getrefcount(stepper._state), sys.getrefcount(stepper.params)) == references
+    assert (sys.getrefcount(stepper.state), sys.getrefcount(stepper.params)) == references
     stepper.advance(20)
     assert stepper.index == 40
 

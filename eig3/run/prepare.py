@@ -115,7 +115,7 @@ class Prepared:
         functions: Functions = check_functions(invariants, outputs)
         options = {"inline": check_flag(inline, "inline"), "events": events, "functions": functions}
         options |= {"has_times": t_eval is not None, "labels": labels, "integrals": integrals}
-        self._system: System = remembered(rhs, form, record, **options)
+        self._system: System = remembered(rhs, form, record, has_tolerances=h is None, **options)
         self._tolerances: dict[int, Any] = {}
         self._every = NEVER if self._save_every is None else self._save_every
         has_end = any(event.terminal for event in self._system.events.values())

@@ -144,16 +144,17 @@ class System:
         return all(check_callback(*arguments) is callback for arguments, callback in self._checked)
 
 
-def remembered(rhs: Any, form: Form, method: Method, **options: Any) -> System:
+def remembered(rhs: Any, form: Form, method: Method, *, has_tolerances: bool, **options: Any) -> System:
     """Return a system, which is the same in each call with the same functions and options.
 
-    A right-hand side itself has its systems, so that they are forgotten with it. A function that was compiled anew, or
+    The systems of runs with tolerances are others than those of runs with a fixed step, because their kernels are. A
+    right-hand side itself has its systems, so that they are forgotten with it. A function that was compiled anew, or
     whose captured values have changed, makes another system.
     """
     functions, events = options.get("functions", _NOTHING), check_events(options.get("events"))
     parts = events, functions.invariants, functions.outputs
     others = (options[name] for name in ("inline", "has_times", "labels", "integrals"))
-    key = form.name, method, *(tuple(part.items()) for part in parts), *others
+    key = form.name, method, has_tolerances, *(tuple(part.items()) for part in parts), *others
     try:
         systems = vars(rhs).setdefault("_eig3_systems", {})
         known = systems.get(key)
