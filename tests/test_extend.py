@@ -15,7 +15,8 @@ from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, ene
 
 def integrate(system, t_end, **options):
     start = system["rhs"], (1.0, t_end), system["u0"], system["v0"]
-    return eig3.integrate(*start, params=system["params"], **{"h": H, **options})
+    options = options if "rtol" in options else {"h": H, **options}
+    return eig3.integrate(*start, params=system["params"], **options)
 
 
 def assert_same(one, other):
