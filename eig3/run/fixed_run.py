@@ -62,7 +62,7 @@ class FixedRun(Run):
         progress: bool = False,
     ) -> None:
         self.n_steps, self.t_end, self.growth, self.save_every = n_steps, t_end, growth, save_every
-        self._n_times = 0  # rows in files whose times are written
+        self._n_times = max(0, history.count - 1)  # rows in files whose times are written
         every = NEVER if times is not None else stride(save_every, n_steps)
         super().__init__(stepper, history, every, times, place, progress)
 
@@ -115,7 +115,7 @@ class FixedRun(Run):
         history = _history(stepper, n_steps, self.save_every, times, place)
         every = stride(self.save_every, n_steps)
         count = stepper.n_wanted if times is not None else stepper.index // every + 1
-        history.take({**self.saved, **self.saved_outputs}, count)
+        history.take(self.saved, self.saved_outputs, count)
         growth = self.growth.extended(n_steps, stepper.index)
         return FixedRun(stepper, history, n_steps, t_end, growth, self.save_every, times, place, progress)
 
@@ -219,17 +219,14 @@ class FixedRun(Run):
     def _write_times(self) -> None:
         """Write the times of the rows in files."""
         if self.history.files:
-            count = self.history.count
-            self.history.arrays["t"][self._n_times : count] = self._times(count)[self._n_times :]
-            self._n_times = count - 1  # the last one may be that of the end of the run
-
-    def _times(self, count: int) -> np.ndarray:
-        """Return the times of the first rows."""
-        if self.times is not None:
-            return self.times[:count]
-        stepper = self.stepper
-        end = self.t_end if stepper.index == self.n_steps else stepper.t
-        return grid(stepper.t0, stepper.h, self.every, count, stepper.index, end)
+            first, count, stepper = self._n_times, self.history.count, self.stepper
+            if self.times is not None:
+                new = self.times[first:count]
+            else:
+                end = self.t_end if stepper.index == self.n_steps else stepper.t
+                new = grid(stepper.t0, stepper.h, self.every, count, stepper.index, end, first)
+            self.history.arrays["t"][first:count] = new
+            self._n_times = max(0, count - 1)  # the last one may be that of the end of the run
 
     def _fields(self) -> dict[str, Any]:
         return {"h": self.stepper.h}
@@ -287,9 +284,9 @@ class _Nothing(History):
 _EMPTY = _Nothing()
 
 
-def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float) -> np.ndarray:
-    """Return the times of the first `count` rows of a run which has reached step `index` at the time t_end."""
-    t = np.arange(float(count))
+def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float, first: int = 0) -> np.ndarray:
+    """Return the times of the rows from `first` to `count` of a run that has reached step `index` at the time t_end."""
+    t = np.arange(float(first), float(count))
     t *= every
     t *= h
     t += t0

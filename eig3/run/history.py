@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -96,15 +96,21 @@ class History:
         """The values of the outputs in the present block."""
         return {name: self.arrays[file] for name, file in self._output_files.items()}
 
-    def write(self, values: Mapping[str, Any]) -> None:
+    def write(self, values: Mapping[str, Any], outputs: Mapping[str, Any]) -> None:
         """Write the next row: u, v and, where there are rows for them, t and steps; and outputs by their names."""
         if self.row == len(self.arrays["u"]):
             self.make_room()
-        for name, value in values.items():
-            file = self._output_files.get(name, name)
-            if file in self.arrays:
-                self.arrays[file][self.row] = value
+        for name, value in self._by_file(values, outputs):
+            self.arrays[name][self.row] = value
         self.row += 1
+
+    def _by_file(self, values: Mapping[str, Any], outputs: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+        """Yield the name of an array of the block, and what belongs there. An output may have the name of a row."""
+        for name, value in values.items():
+            if name in self.arrays:
+                yield name, value
+        for name, value in outputs.items():
+            yield self._output_files[name], value
 
     def last_row(self) -> dict[str, np.ndarray]:
         """The last row that is written."""
@@ -141,17 +147,16 @@ class History:
                 "save_every, t_eval with the times that you need, or save_to."
             )
 
-    def take(self, earlier: Mapping[str, np.ndarray], count: int) -> None:
-        """Copy the first rows of an earlier part of the run, with the outputs by their names, as the first rows."""
-        while len(self.arrays["u"]) < count and not self.files:
-            self.arrays = self._block(count + FIRST_ROWS)
-        for name, array in earlier.items():
-            file = self._output_files.get(name, name)
-            if file in self.arrays:
-                if self.files and len(self.arrays[file]) < count:
-                    self.files.reserve(count)
-                    self.arrays = self.files.arrays
-                self.arrays[file][:count] = array[:count]
+    def take(self, earlier: Mapping[str, np.ndarray], outputs: Mapping[str, np.ndarray], count: int) -> None:
+        """Copy the first rows of an earlier part of the run as the first rows."""
+        if len(self.arrays["u"]) < count:
+            if self.files:
+                self.files.reserve(count + FIRST_ROWS)
+                self.arrays = self.files.arrays
+            else:
+                self.arrays = self._block(count + FIRST_ROWS)
+        for name, array in self._by_file(earlier, outputs):
+            self.arrays[name][:count] = array[:count]
         self.row = count
 
     def whole(self) -> dict[str, np.ndarray]:

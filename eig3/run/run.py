@@ -259,9 +259,7 @@ class Run:
         """Save the present state in the next row."""
         stepper = self.stepper
         values = {"t": stepper.t, "steps": step, "u": stepper.u, "v": stepper.v}
-        if self.history.outputs:
-            values |= stepper.look.follower.present_outputs()
-        self.history.write(values)
+        self.history.write(values, stepper.look.follower.present_outputs() if self.history.outputs else {})
 
     # What a run gives back --------------------------------------------------------------------------------------------
 
@@ -271,6 +269,8 @@ class Run:
             self._complete()
             self.history.close()
             self.saved, self.saved_outputs = self.history.whole(), self.history.whole_outputs()
+            if self.times is not None:
+                self.saved.setdefault("t", self.times[: self.history.row])
 
     def _complete(self) -> None:
         """Save the last state."""

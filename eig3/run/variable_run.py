@@ -95,7 +95,7 @@ class VariableRun(Run):
         mark = self._mark or self._marked()
         stepper = mark.stepper.extended(t_end)
         history = _history(stepper, times, place)
-        history.take({**self.saved, **self.saved_outputs}, mark.rows)
+        history.take(self.saved, self.saved_outputs, mark.rows)
         return VariableRun(stepper, history, self.every, times, place, progress)
 
     def state(self) -> dict[str, Any]:
