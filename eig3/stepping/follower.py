@@ -231,7 +231,7 @@ class Follower:
         k = self.followed.invariants[name]
         column, is_balance = self._column(k), self.followed.work[k] >= 0
         start = float(self.start[column])
-        low, high, forward = self._last_parts(column, tally, index)
+        low, high, forward, places = self._last_parts(column, tally, index)
         with np.errstate(invalid="ignore"):
             middle, width = (low + high) / 2, high - low
         n_finite = int(np.argmin(np.append(np.isfinite(middle), False)))  # number of parts before e overflows
@@ -247,28 +247,34 @@ class Follower:
             return 0.0
         if n_finite < len(middle):
             return math.inf
-        growth = float(middle[-1] - middle[0])
+        growth = float(middle[-1] - middle[0]) * index / (places[-1] - places[0])
         if is_balance:
             size, notable = max(abs(start), float(self.most[k])) or growth, _NOTABLE_BALANCE
         else:
-            size, notable = abs(start) or abs(float(middle[0])) or growth, _NOTABLE
+            size, notable = abs(start) or growth, _NOTABLE
         if growth > size:
-            # The middles leave out half of the first and of the last part, which matters in so fast a growth.
+            # So fast a growth is not as in a straight line.
             growth = float(high[-1] - start)
         return growth / size if growth > max(notable * size, _VISIBLE * np.median(width)) else 0.0
 
-    def _last_parts(self, column: int, tally: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the lowest and the highest value in each of the last parts, and the signs of v at their ends.
+    def _last_parts(self, column: int, tally: np.ndarray, index: int) -> tuple[np.ndarray, ...]:
+        """Return the lowest and the highest value in each of the last parts, the signs of v at their ends, and the step
+        indices in their middle.
 
         The part in which the run ended is one with the part before it, unless it is complete.
         """
         part = int(tally[PART])
+        ends = [0, 1]
+        while len(ends) < part + 2:
+            ends.append(ends[-1] + max(1, ends[-1] // 5))  # as the kernel divides the run
         rows = np.arange(max(0, part + 1 - PARTS), part + 1) % PARTS
         (low, high), forward = self.parts[rows, :, column].T, self.forward[rows]
         if len(rows) > 1 and index < tally[PART_END]:
             low[-2], high[-2] = min(low[-2], low[-1]), max(high[-2], high[-1])
             low, high, forward = low[:-1], high[:-1], forward[:-1]
-        return low, high, forward
+            del ends[-2]
+        ends[-1] = index
+        return low, high, forward, (np.array(ends[:-1]) + ends[1:])[-len(low) :] / 2
 
     def _column(self, k: int) -> int:
         return int(self.followed.table[k, COLUMN])
