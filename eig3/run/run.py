@@ -208,7 +208,8 @@ class Run:
                 bar.add(self._progress() - shown)
             if self.place and not self.is_done:
                 self._keep()
-            if raised and (stepper.index >= raised[0] or self.is_done):
+            has_passed = raised and (stepper.index >= raised[0] or self.is_done)
+            if raised and has_passed and self.status is not Status.DIVERGED:
                 raise raised[1]  # it did not come from a function, but from the handler of a signal
 
     def _check_written(self) -> None:
