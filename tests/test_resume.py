@@ -361,16 +361,12 @@ def test_functions_of_another_run_are_refused(tmp_path):
 
 
 def test_runs_without_a_state_are_loaded_without_functions(tmp_path):
-    runs = [
-        integrate(SCALAR, 2.0, t_eval=[1.5, 2.0]),
-        eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[[2.0, 0.1]])[1],
-    ]
-    for run in runs:
-        path = run.save(tmp_path / "run")
-        with pytest.raises(ValueError, match=r"this run cannot go on: it is a copy, .*load it without functions"):
-            eig3.load(path, rhs=oscillator)
-        with pytest.raises(ValueError, match="this solution cannot be extended"):
-            eig3.load(path).extend(3.0)
+    member = eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[[2.0, 0.1]])[1]
+    path = member.save(tmp_path / "run")
+    with pytest.raises(ValueError, match=r"this run cannot go on: it is a copy, .*load it without functions"):
+        eig3.load(path, rhs=oscillator)
+    with pytest.raises(ValueError, match="this solution cannot be extended"):
+        eig3.load(path).extend(3.0)
 
 
 def test_an_older_directory_is_read(tmp_path):

@@ -166,7 +166,7 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
         rows, files = counts.pop("rows"), {}
     else:
         rows, files, counts = record["rows"], output_files(record["outputs"]), {}
-    if not (isinstance(rows, int) and rows > 0):
+    if not (isinstance(rows, int) and rows >= 0):
         raise ValueError(f"{rows} is not a number of rows.")
     arrays = read_mapped(directory, [*_ROWS, *files.values()], rows)
     given: dict[str, Any] = {name: arrays.get(name) for name in _ROWS}

@@ -90,7 +90,7 @@ def with_functions(
     """Give a loaded solution the functions of its run, as `eig3.load` describes it, and return it."""
     state = solution._state
     if state is None:
-        why = "it is a copy, has t_eval, is a member of an ensemble, or ended with an exception"
+        why = "it is a copy, is a member of an ensemble, or ended with an exception"
         if not solution.can_go_on:
             why = f"its status is {solution.status.name}"
         raise ValueError(f"this run cannot go on: {why}; load it without functions.")

@@ -111,12 +111,8 @@ class Run:
         if stepper.look:
             self._refer()
         self._rows = self._rows_to_write()
-        if place:
-            try:
-                self._keep()
-            except BaseException:
-                history.remove()
-                raise
+        if history.count:  # the run goes on from them
+            self._keep_first()
 
     # What differs between a fixed step and tolerances -----------------------------------------------------------------
 
@@ -255,6 +251,16 @@ class Run:
             self._write_present(0.0)
             if self.times is not None:
                 stepper.tally[NEXT] = 1
+        self._keep_first()
+
+    def _keep_first(self) -> None:
+        """Write the first record, or remove the files if that fails."""
+        if self.place:
+            try:
+                self._keep()
+            except BaseException:
+                self.history.remove()
+                raise
 
     def _write_present(self, step: float) -> None:
         """Save the present state in the next row."""

@@ -56,7 +56,7 @@ _GROWTH = 4.0  # g moves on by this factor at least, if what is seen is more tha
 _SPACINGS, _CLEAR = 4, 4  # spacings of a value that count as round-off; the multiple of it that is certainly a movement
 _GOLDEN = 0.6180339887498949  # the golden ratio: the fractions of its multiples are spread evenly
 _TOGETHER = 4  # events within this multiple of the tolerance of a root occur at the same time
-_LEAST_GAP = 2.0**-42  # a reset that follows another within this part of the time is the last one
+_LEAST_GAP = 2.0**-43  # a reset that follows another within this part of the time is the last one
 _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
 
 
