@@ -31,6 +31,8 @@ from eig3.bench.text import ratio as in_digits
 from eig3.cli import main
 from eig3.drawing import histories, time_panels
 
+pytestmark = pytest.mark.system
+
 SHORT = {
     "single_dof": BenchmarkProblem(lambda: problems.single_dof(t_end=20.0), 4.0, "oscillator"),
     "kepler": BenchmarkProblem(lambda: problems.kepler(e=0.3, t_end=6.0), 1.8, "orbit"),
