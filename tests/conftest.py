@@ -144,7 +144,7 @@ def shaken(t):
 def acceleration(problem, u, v, t=0.0, rhs=None):
     """The accelerations that rhs writes, by default the problem's; an entry that it does not write is NaN.
 
-    The problem's rhs is called as a kernel calls it, so that it is compiled once: Python would call it with other types.
+    The problem's rhs is called as a kernel calls it, so that it compiles once: Python would call it with other types.
     """
     a = np.full(np.size(problem.u0), np.nan)
     rhs = rhs or check_callback(problem.rhs, "rhs", VECTOR).call
