@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import eig3
+from eig3.functions.callbacks import check_callback
 from eig3.kernels.loops import fixed
 from eig3.kernels.loops.accelerations import acceleration_kernel
 from eig3.kernels.protocol import SCALAR, VECTOR
@@ -139,10 +140,14 @@ def shaken(t):
     return 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t)
 
 
-def acceleration(problem, u, v, t=0.0):
-    """The accelerations that a problem's right-hand side writes; an entry that it does not write is NaN."""
+def acceleration(problem, u, v, t=0.0, rhs=None):
+    """The accelerations that rhs writes, by default the problem's; an entry that it does not write is NaN.
+
+    The problem's rhs is called as a kernel calls it, so that it compiles once: Python would call it with other types.
+    """
     a = np.full(np.size(problem.u0), np.nan)
-    problem.rhs(t, u, v, np.asarray(problem.params), a)
+    rhs = rhs or check_callback(problem.rhs, "rhs", VECTOR).call
+    rhs(float(t), *(np.array(values, dtype=float) for values in (u, v, problem.params)), a)
     return a
 
 

@@ -385,6 +385,7 @@ for inline in (False, True):
 """
 
 
+@pytest.mark.system
 def test_index_out_of_bounds_is_an_error_where_it_is_asked_for(tmp_path):
     for checked in ("0", "1"):  # checked code does not take the place of unchecked code in one cache, and vice versa
         environment = {**os.environ, "NUMBA_BOUNDSCHECK": checked, "NUMBA_CACHE_DIR": str(tmp_path)}

@@ -98,6 +98,7 @@ def test_negative_damping_is_refused():
         problems.damped_bar(xi=-0.1)
 
 
+@pytest.mark.system
 def test_command_compares_bars_of_several_sizes(capsys, monkeypatch):
     assert {*bars.METHODS_OF_BARS} <= {*LIBRARY}
     monkeypatch.setattr(bars, "METHODS_OF_BARS", ("cd", "rk4", "bm6", "eig4"))  # the others only compile more kernels

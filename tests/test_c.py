@@ -9,6 +9,8 @@ from eig3.bench import c, loops
 from eig3.bench.timing import Storage
 from eig3.cli import main
 
+pytestmark = pytest.mark.system
+
 needs_compiler = pytest.mark.skipif(not c.has_compiler(), reason="no C compiler here: the table says so")
 
 

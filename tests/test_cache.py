@@ -70,6 +70,7 @@ def compilations(*methods, cache=None):
     return tuple(map(int, result.stdout.split()))
 
 
+@pytest.mark.system
 def test_second_process_compiles_only_the_users_functions_until_the_cache_is_cleared(tmp_path):
     kernels, own = compilations("rk2", cache=tmp_path)
     assert kernels > 0
@@ -90,6 +91,7 @@ def cache_command(option, folder):
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("compiled_kernels")
 def test_no_method_compiles_a_kernel_that_is_on_disk():
     assert compilations(*{method.name for method in ALL_METHODS}) == (0, 3)
@@ -144,6 +146,7 @@ def test_other_errors_of_numba_come_through(monkeypatch):
         eig3.jit(square.py_func, cache=True)
 
 
+@pytest.mark.system
 def test_a_users_function_in_numbas_cache_survives_damage(tmp_path):
     (tmp_path / "user.py").write_text(USER)
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}

@@ -69,7 +69,7 @@ def test_the_next_run_has_the_new_value(names, change):
     "options",
     [
         {"h": 1e-3, "inline": True},
-        {"rtol": 1e-9, "inline": True, "method": "rk5"},  # its kernel compiles in less time than that of RK8
+        {"rtol": 1e-9, "inline": True, "method": "eig3"},  # its kernel compiles in less time than that of RK8
         {"h": 1e-3, "inline": True, "t_eval": [0.1]},
     ],
 )
@@ -149,6 +149,7 @@ print("compiled" if captured_module.rhs in compiled else "loaded")
 """
 
 
+@pytest.mark.system
 def test_code_on_the_disk_has_the_value_of_this_process(tmp_path, monkeypatch):
     text = "import eig3\nK = 1.0\n\n@eig3.jit(cache=True)\ndef rhs(t, u, v, p):\n    return -K * u\n"
     (tmp_path / "captured_module.py").write_text(text)

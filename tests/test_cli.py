@@ -142,6 +142,7 @@ def short_tables(monkeypatch):
     monkeypatch.setattr(paper, "TABLES", short)
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("short_tables")
 def test_paper_prints_keeps_and_draws_everything(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
@@ -175,6 +176,7 @@ def test_paper_prints_keeps_and_draws_everything(tmp_path, capsys):
         assert (out / f"table{number}.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("short_tables")
 def test_paper_prints_and_writes_all_that_it_can(tmp_path, capsys):
     (tmp_path / "results.json").mkdir()
@@ -184,6 +186,7 @@ def test_paper_prints_and_writes_all_that_it_can(tmp_path, capsys):
     assert {path.name for path in tmp_path.iterdir()} == {"results.json", "tables.md", "table2.png"}
 
 
+@pytest.mark.system
 def test_report_does_not_measure_what_it_cannot_write(tmp_path, monkeypatch):
     monkeypatch.setenv("CC", "no-such-compiler")  # compiling C would only take time
     monkeypatch.setattr(paper, "benchmark", lambda **settings: pytest.fail("measured"))
@@ -192,6 +195,7 @@ def test_report_does_not_measure_what_it_cannot_write(tmp_path, monkeypatch):
         main(["bench", "report", "--out", str(tmp_path)])
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("short_tables")
 def test_without_matplotlib_the_output_says_that_there_are_no_pictures(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
@@ -200,6 +204,7 @@ def test_without_matplotlib_the_output_says_that_there_are_no_pictures(tmp_path,
     assert (tmp_path / "results.json").exists()
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("short_tables")
 def test_an_interrupted_benchmark_keeps_the_complete_tables(tmp_path, capsys, monkeypatch):
     def interrupted_at_table_2(problem, h, method):
@@ -214,6 +219,7 @@ def test_an_interrupted_benchmark_keeps_the_complete_tables(tmp_path, capsys, mo
     assert [table["number"] for table in json.loads((tmp_path / "results.json").read_text())["tables"]] == [1]
 
 
+@pytest.mark.system
 def test_a_history_that_does_not_fit_is_timed_in_chunks(monkeypatch):
     problem = eig3.problems.spring_pendulum(t_end=1.0)
     monkeypatch.setattr(timing, "available_memory", lambda: 32.0 * 2 * 300)
@@ -224,6 +230,7 @@ def test_a_history_that_does_not_fit_is_timed_in_chunks(monkeypatch):
     assert (storage.u[:100] == whole.u[901:1001]).all()
 
 
+@pytest.mark.system
 def test_speed_compares_every_kernel_with_a_loop_that_computes_the_same(capsys, monkeypatch):
     monkeypatch.setattr(loops, "N_STEPS", 2000)
     monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[::3])  # one number, and a pair of numbers
@@ -235,6 +242,7 @@ def test_speed_compares_every_kernel_with_a_loop_that_computes_the_same(capsys, 
         main(["bench", "speed", "--method", "euler"])
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("symplectic_euler")
 def test_a_users_method_is_in_no_benchmark(capsys, monkeypatch):
     assert "symplectic-euler" in eig3.METHODS
@@ -268,6 +276,7 @@ def test_a_users_method_is_in_no_benchmark(capsys, monkeypatch):
     assert "symplectic" not in capsys.readouterr().out.lower()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", loops.METHODS_BY_HAND)
 @pytest.mark.parametrize("build", [eig3.problems.hardening_spring, eig3.problems.spring_pendulum])
 def test_loops_by_hand_compute_what_the_kernels_do(name, build, monkeypatch):

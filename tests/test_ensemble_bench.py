@@ -14,6 +14,8 @@ from eig3.bench.ensemble_rivals import ENSEMBLE_RIVALS, EnsembleRival, jax_eig3
 from eig3.bench.rivals import first_order
 from eig3.cli import main
 
+pytestmark = pytest.mark.system
+
 HEYOKA = [rival for rival in ENSEMBLE_RIVALS if rival.package == "heyoka"]
 DIFFRAX = [rival for rival in ENSEMBLE_RIVALS if rival.package == "diffrax"]
 

@@ -131,8 +131,8 @@ def test_they_do_not_depend_on_what_is_saved_nor_on_the_calls(method, monkeypatc
 
 
 def test_inlined_run_has_the_same_extremes():
-    """Up to round-off: the compiler may fuse other products and sums."""
-    options = {"rtol": 1e-8, "outputs": {"u": displacement}}
+    """Up to round-off: the compiler may fuse other products and sums. EIG-3's kernel compiles in the least time."""
+    options = {"rtol": 1e-5, "method": "eig3", "outputs": {"u": displacement}}
     run, inlined = vibration(**options).extremes["u"], vibration(inline=True, **options).extremes["u"]
     assert inlined == pytest.approx(run, abs=1e-12)
 

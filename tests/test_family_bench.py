@@ -12,6 +12,8 @@ from eig3.stability import amplification_matrix, eigenvalues, limit, practical_l
 
 from .conftest import ROOT
 
+pytestmark = pytest.mark.system
+
 #: Limits against the damping ratio, from an independent computation in steps of 0.002. None: it found growth at
 #: every step, or the limit is below some steps.
 LIMITS = {

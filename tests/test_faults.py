@@ -4,6 +4,8 @@ import pytest
 
 from . import faults
 
+pytestmark = pytest.mark.system
+
 TRIALS = {"flipped_bit": 3}
 TESTED_ELSEWHERE = {"pickled_problem", "name_that_is_code", "unwritten_entry", "shared_stepper", "copied_stepper"}
 

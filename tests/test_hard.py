@@ -5,6 +5,8 @@ import pytest
 from eig3.bench.hard_cases import HARD_CASES, Finding, HardCase, at_most, near, within
 from eig3.cli import main
 
+pytestmark = pytest.mark.system
+
 #: Left out of case 21: their kernels for two degrees of freedom take seconds to compile. One template makes all grades,
 #: and test_family.py tests the coefficients of every grade exactly.
 ELSEWHERE = {(21, f"eig{grade}") for grade in (5, 6, 8, 9, 10, 11, 12)}

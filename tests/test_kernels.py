@@ -23,6 +23,10 @@ from .conftest import (
     oscillator_vector,
 )
 
+#: One with a row of the past, one whose steps can fail, one of several evaluations, and one with starting steps. The
+#: inline kernels of the other methods are the same loops with other formulas, which pointer mode tests.
+OF_EACH_KIND = [eig3.EIG3(), eig3.CentralDifference(solver="newton"), eig3.RK4(), eig3.AB3()]
+
 finite = st.floats(-2, 2)
 frequencies = st.floats(0.01, 3)
 dampings = st.floats(0, 1.5)
@@ -158,6 +162,7 @@ def test_scalar_form_equals_vector_form(method):
     assert vector.n_rhs == pytest.approx(scalar.n_rhs, rel=0.01)  # iterations may stop one sooner
 
 
+@pytest.mark.parametrize("method", OF_EACH_KIND, ids=lambda method: method.name)
 def test_inline_mode_equals_pointer_mode(method):
     for rhs, u0, v0 in ((oscillator, 1.0, 0.2), (coupled, [0.1, 0.2, -0.3], [0.0, 0.1, 0.0])):
         runs = [
@@ -168,14 +173,17 @@ def test_inline_mode_equals_pointer_mode(method):
         np.testing.assert_allclose(runs[0].v, runs[1].v, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("inline", [False, True])
+@pytest.mark.parametrize(
+    ("methods", "inline"), [(ALL_METHODS + WITHOUT_VELOCITY, False), (OF_EACH_KIND, True)], ids=["pointer", "inline"]
+)
 @settings(deadline=None, max_examples=25)
 @given(
-    method=st.sampled_from(ALL_METHODS + WITHOUT_VELOCITY),
+    data=st.data(),
     chunks=st.lists(st.integers(0, 40), min_size=1, max_size=6),
     every=st.integers(1, 30),
 )
-def test_chunked_runs_agree_bit_for_bit(method, chunks, every, inline):
+def test_chunked_runs_agree_bit_for_bit(methods, data, chunks, every, inline):
+    method = data.draw(st.sampled_from(methods))
     scalar, vector = (hardening, hardening_chain) if method.ignores_velocity else (oscillator, coupled)
     for rhs, u0, v0, shape in ((scalar, 1.0, 0.2, ()), (vector, [0.1, 0.2, -0.3], [0.0, 0.1, 0.0], (3,))):
         options = {"h": 0.01, "params": (3.0, 0.1, 2.0), "method": method, "inline": inline}

@@ -18,6 +18,8 @@ from eig3.bench.report.markdown import page as markdown_page
 from eig3.bench.report.page import html
 from eig3.bench.sweep import Point, WorkPrecisionSet
 
+pytestmark = pytest.mark.system
+
 TARGETS = tuple(10.0**-k for k in range(1, 11))
 #: Label, order, and seconds of a step by method.
 METHODS = {

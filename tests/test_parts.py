@@ -93,7 +93,10 @@ def threads():
         yield threads
 
 
-@pytest.fixture(params=["processes", "dask", "threads"])
+OTHER_PROCESSES = [pytest.param(name, marks=pytest.mark.system) for name in ("processes", "dask")]
+
+
+@pytest.fixture(params=[*OTHER_PROCESSES, "threads"])
 def executor(request):
     if request.param == "dask":
         return request.getfixturevalue("client").get_executor()
@@ -180,6 +183,7 @@ def test_the_integrals_of_a_member_that_diverges_end_with_it():
         np.testing.assert_allclose(values, expected, rtol=1e-11)  # some thousand operations of 1e-16
 
 
+@pytest.mark.system
 def test_a_worker_compiles_a_function_once(client):
     @eig3.jit
     def compiled_once(t, u, v, p):
@@ -218,6 +222,7 @@ def after_parts(monkeypatch, count, act):
 SLOW = {"h": 1e-5, "params": np.linspace(1.0, 4.0, 2000)[:, None]}  # 16 parts of some 0.1 s each
 
 
+@pytest.mark.system
 def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(client, monkeypatch):
     before = set(client.run(os.getpid).values())
     after_parts(monkeypatch, 2, lambda: os.kill(min(before), signal.SIGKILL))
@@ -227,6 +232,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(client, monkeypatch
     assert min(before) not in client.run(os.getpid).values()
 
 
+@pytest.mark.system
 def test_if_a_pool_breaks_the_rest_runs_here(monkeypatch):
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         after_parts(monkeypatch, 2, lambda: os.kill(next(iter(pool._processes)), signal.SIGKILL))
@@ -299,6 +305,7 @@ def test_an_exception_of_reduce_is_raised_once(executor):
     assert caught.value.solution == [0, 128] + [None] * 6
 
 
+@pytest.mark.system
 def test_an_exception_that_cannot_travel_is_described(pool):
     with pytest.raises(RuntimeError, match="TwoArgumentsError: 1 and 2"):
         free(executor=pool, reduce=fail_strangely)
@@ -396,11 +403,13 @@ def test_bad_arguments(options, message):
         free(**options)
 
 
+@pytest.mark.system
 def test_a_client_is_no_executor(client):
     with pytest.raises(TypeError, match=r"pass client\.get_executor\(\), not the client"):
         free(executor=client)
 
 
+@pytest.mark.system
 def test_what_cannot_be_pickled_is_named(pool):
     lock = threading.Lock()
     with pytest.raises(TypeError, match=r"^reduce must be picklable, .*lock"):
@@ -430,6 +439,7 @@ def test_a_form_is_itself_after_pickling():
     assert [pickle.loads(pickle.dumps(form)) for form in (SCALAR, VECTOR)] == [SCALAR, VECTOR]
 
 
+@pytest.mark.system
 def test_the_example_of_the_readme_is_a_script(tmp_path):
     """`test_readme` does not run what the script does only where it is the main module."""
     (example,) = (text for _, text in BLOCKS["eig3/ensembles/README.md"] if "LocalCluster" in text)

@@ -215,23 +215,23 @@ def check_cost(plan, fewest):
 def check_runs(plan, *, h, times_the_best=4):
     """Run every prediction that is not much slower than the best: error and evaluations are those predicted.
 
-    The error is that at 100 times, relative to the whole motion. RK4 with the step h gives the exact motion.
+    The error is that at some 100 times, relative to the whole motion. RK4 with the step h gives the exact motion.
     """
-    checked = 0
-    times = np.linspace(*plan.problem.t_span, 101)[1:]
-    exact = plan.problem.integrate(h=h, method="rk4", t_eval=times).u
+    runs = []
     for prediction in plan.predictions:
         assert prediction.reaches or prediction.note
         assert prediction.reaches == math.isfinite(prediction.seconds)
         if prediction.reaches and prediction.evaluations < times_the_best * plan.best.evaluations:
-            solution = plan.problem.integrate(**prediction.options, t_eval=times)
-            error = np.abs(solution.u - exact).max() / np.abs(exact).max()
-            assert error < 1.2 * plan.accuracy, prediction
+            solution = plan.problem.integrate(**prediction.options, save_every=max(1, prediction.n_steps // 100))
             if prediction.rtol is None:  # with tolerances, steps are longer where nothing moves
-                alone = plan.problem.integrate(**prediction.options, save_every=None)
-                assert alone.n_rhs == pytest.approx(prediction.evaluations, rel=0.05), prediction
-            checked += 1
-    assert checked
+                assert solution.n_rhs == pytest.approx(prediction.evaluations, rel=0.05), prediction
+            runs.append((prediction, solution))
+    assert runs
+    times = np.unique(np.concatenate([solution.t for _, solution in runs]))
+    exact = plan.problem.integrate(h=h, method="rk4", t_eval=times).u
+    for prediction, solution in runs:
+        error = np.abs(solution.u - exact[np.searchsorted(times, solution.t)]).max() / np.abs(exact).max()
+        assert error < 1.2 * plan.accuracy, prediction
 
 
 def test_a_load_that_begins_later_is_seen():

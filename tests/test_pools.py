@@ -7,10 +7,13 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 import eig3
 
 from .conftest import BLOCKS
+
+pytestmark = pytest.mark.system
 
 #: "fork" is the last: its workers know the compiled functions that they inherit only if these were pickled before.
 STARTS = ["spawn", "forkserver", "fork"]

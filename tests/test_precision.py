@@ -18,6 +18,8 @@ from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.bench.tolerances import TOLERANCES
 from eig3.cli import main
 
+pytestmark = pytest.mark.system
+
 
 def points(*pairs, metric="trajectory"):
     return [

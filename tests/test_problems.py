@@ -13,6 +13,8 @@ from scipy.optimize import brentq
 
 import eig3
 from eig3 import problems
+from eig3.functions.callbacks import check_callback
+from eig3.kernels.protocol import SCALAR, VECTOR
 from eig3.problems.bouncing_ball import flights, impact_times
 from eig3.problems.hertz_impact import contact_time, largest_indentation
 from eig3.problems.kepler import angular_momentum, eccentric_anomaly
@@ -61,11 +63,13 @@ SPANS = [  # the last omega h is 1e-3 at speeds of 1e3, and Hertz's span is its 
 
 
 def acceleration(problem, t, u, v):
+    """As a kernel calls rhs, which is then compiled once: Python would call it with other types."""
     p = np.array(problem.params, dtype=float)
     if np.ndim(problem.u0) == 0:
-        return problem.rhs(t, u, v, p)
+        return check_callback(problem.rhs, "rhs", SCALAR).call(float(t), float(u), float(v), p)
     a = np.empty(len(u))
-    problem.rhs(t, u, v, p, a)
+    u, v = (np.array(values, dtype=float) for values in (u, v))
+    check_callback(problem.rhs, "rhs", VECTOR).call(float(t), u, v, p, a)
     return a
 
 

@@ -22,7 +22,6 @@ from eig3.bench.article import TABLES
 from eig3.bench.hard_cases import HARD_CASES
 from eig3.bench.plan import Outcome
 from eig3.bench.problem_set import BenchmarkProblem
-from eig3.bench.reach import reach
 from eig3.bench.report import own, parts, truth
 from eig3.bench.report.comparison import Comparison, ratio_and_noise
 from eig3.bench.report.record import Record, RecordError
@@ -30,6 +29,10 @@ from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.bench.text import ratio as in_digits
 from eig3.cli import main
 from eig3.drawing import histories, time_panels
+
+from .test_users_report import exact, oscillator, spring
+
+pytestmark = pytest.mark.system
 
 SHORT = {
     "single_dof": BenchmarkProblem(lambda: problems.single_dof(t_end=20.0), 4.0, "oscillator"),
@@ -403,53 +406,6 @@ def test_noise_alone_exceeds_the_stated_noise_in_one_of_a_hundred_runs_at_most(s
 def test_without_repeats_nothing_is_marked():
     ratio, noise = ratio_and_noise([([2.0], [1.0])])
     assert (ratio, noise) == (pytest.approx(2.0), math.inf)
-
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * u
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return 0.5 * (v * v + p[0] * u * u)
-
-
-def oscillator(**fields):
-    return eig3.Problem("oscillator", spring, 1.0, 0.0, [4.0], (0.0, 20.0), **fields)
-
-
-def exact(t):
-    return np.cos(2 * t), -2 * np.sin(2 * t)
-
-
-def test_a_users_problem_is_judged_by_its_exact_solution(tmp_path, monkeypatch):
-    monkeypatch.setattr(own, "_INLINED", 1)  # to compile more kernels would only take time
-    problem = oscillator(exact=exact, energy=energy)
-    page = eig3.report(problem, tmp_path / "new", accuracies=(1e-3, 1e-6), rivals=("scipy dop853",), repeats=2)
-    assert page == tmp_path / "new" / "report.html"
-    assert "oscillator" in page.read_text()
-    (result,) = Record.open(page.parent).results
-    assert result.source == "exact solution"
-    assert result.modes == ["pointer", "inline"]
-    assert result.metrics == ["trajectory", "energy"]
-    assert "EIG-3" in " ".join([*result.methods.values(), *result.skipped])
-    fixed = [point for point in result.points if point.stable and point.n_steps]
-    for point in fixed:
-        run = problem.integrate(h=point.setting, method=point.method)
-        worst = np.abs(run.u - exact(run.t)[0]).max()
-        # they are compared at 61 states or more of a motion of 6 periods, which miss little of the largest, and kept
-        # with five digits
-        assert 0.8 * worst <= point.errors["trajectory"] <= worst * (1 + 1e-4) + 1e-13
-        assert point.errors["energy"] == pytest.approx(run.drift["energy"] / 2, rel=1e-4, abs=1e-12)
-    assert len(fixed) > 10
-    for method in result.methods:
-        for mode in result.modes:
-            swept = result.in_mode(mode)
-            loose, tight = (reach(swept, method, "trajectory", target) for target in result.targets)
-            assert not (tight and loose) or tight.setting <= loose.setting
-    assert any(reach(result.in_mode("inline"), method, "trajectory", 1e-6) for method in result.methods)
-    assert reach(result, "scipy dop853", "trajectory", 1e-6)
 
 
 @eig3.jit

@@ -283,6 +283,7 @@ KILLED = """
 """
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("kind", ["fixed", "tolerances"])
 def test_a_killed_run_is_there_and_goes_on(kind, tmp_path):
     script = tmp_path / "killed.py"

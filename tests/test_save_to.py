@@ -156,6 +156,7 @@ KILLED = """
 """
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("form", ["scalar", "vector"])
 def test_a_killed_process_leaves_what_it_had_computed(form, tmp_path):
     script = tmp_path / "killed.py"
@@ -300,6 +301,7 @@ TWO_RUNS = """
 """
 
 
+@pytest.mark.system
 def test_of_two_runs_that_begin_together_one_is_complete(tmp_path):
     code = [sys.executable, "-c", textwrap.dedent(TWO_RUNS)]
     processes = [subprocess.Popen(code, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(2)]

@@ -335,7 +335,7 @@ def all_pairs(effect, n):
     return scene, discs
 
 
-@pytest.mark.parametrize("n", [20, 50, 100, 200, 400])
+@pytest.mark.parametrize("n", [20, 100, 400])
 def test_all_pairs_of_discs_have_code_of_bounded_length(n):
     """Two forms of loop in each function, whatever n, and the forces of a sum over all pairs by NumPy."""
     scene, discs = all_pairs(MassContact(1e3, 1.0), n)

@@ -8,6 +8,8 @@ from eig3.bench import scene_pairs, scenes
 
 from .conftest import acceleration
 
+pytestmark = pytest.mark.system
+
 
 @pytest.mark.parametrize("pair", scene_pairs.SCENE_PAIRS, ids=lambda pair: pair.title)
 def test_a_scene_and_the_system_by_hand_are_the_same(pair):

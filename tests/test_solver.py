@@ -73,7 +73,7 @@ def test_newtons_method_takes_over_where_the_iteration_does_not_converge(chunks,
         assert stepper.advance(count, 1, u[first:], v[first:]) == count
     assert stepper.changed_at == pytest.approx(1.0)
     newton = eig3.Stepper(
-        stiffening_damper, [1.0, 0.5, 0.1], [0.0] * 3, **{**options, "method": CentralDifference(solver="newton")}
+        stiffening_damper, [1.0, 0.5, 0.1], [0.0] * 3, h=0.01, params=1000.0, method=CentralDifference(solver="newton")
     )
     u_newton, v_newton = np.empty((400, 3)), np.empty((400, 3))
     newton.advance(400, 1, u_newton, v_newton)

@@ -15,6 +15,8 @@ from eig3.cli import main
 from eig3.methods import LIBRARY
 from eig3.stability import explain, is_stable
 
+pytestmark = pytest.mark.system
+
 #: The limits of the other grades are tested against theory in test_family_stability.py; here they would take seconds.
 #: The undamped table runs RK8, whose runs are the longest.
 TESTED = [case for case in DAMPED if case.method.name in (*ARTICLE_METHODS, "eig5", "eig9")]

@@ -167,6 +167,7 @@ except IndexError as error:
 """
 
 
+@pytest.mark.system
 def test_a_step_that_returns_a_row_twice_is_found_where_indices_are_checked(tmp_path):
     (tmp_path / "ab4.py").write_text(
         AB4.replace("v3, a, v1, a1, v2, a2, a3), True", "v3, a, v1, a1, v1, a2, a3), True")

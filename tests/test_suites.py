@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parent.parent
 SMALL = (
     "test_methods.py::test_method[single_dof-eig3-pointer]",
