@@ -18,7 +18,7 @@ _PLAIN = float, int
 _FLOAT64 = np.dtype(np.float64)
 
 
-def check_state(u0: ArrayLike, v0: ArrayLike) -> tuple[Any, Any, Form]:
+def check_state(u0: Any, v0: Any) -> tuple[Any, Any, Form]:
     """Return u0 and v0 as two floats or two new arrays, and the form of right-hand side that belongs to them."""
     if type(u0) is float and type(v0) is float and math.isfinite(u0) and math.isfinite(v0):
         return u0, v0, SCALAR

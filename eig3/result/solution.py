@@ -6,7 +6,7 @@ import contextlib
 import enum
 import functools
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -153,7 +153,7 @@ class Solution:
     _a: np.ndarray | None = field(default=None, init=False)
     _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
     _knots: tuple[Knots, Resolution] | None = field(default=None, init=False)
-    _later: Mapping[str, Callable[[], Any]] | None = field(default=None, init=False)  # fields that are found when read
+    _later: Any = field(default=None, init=False)  # functions that find fields when they are read, by name
     _whole: tuple[np.ndarray, np.ndarray] | None = field(default=None, init=False)  # u and v before `_separate`
 
     @classmethod

@@ -200,7 +200,7 @@ class FixedRun(Run):
         stepper, history = self.stepper, self.history
         if self.times is not None:
             if self.status is not Status.DIVERGED:
-                if stepper.index == self.n_steps or stepper.is_over:
+                if stepper.look and (stepper.index == self.n_steps or stepper.is_over):
                     t = stepper.t if stepper.is_over else self.t_end
                     stepper.look.watching.finish(stepper.tally, stepper.t0, t, stepper.h, stepper.u, stepper.v)
                 history.row = stepper.n_wanted
@@ -286,10 +286,12 @@ _EMPTY = _Nothing()
 
 def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float, first: int = 0) -> np.ndarray:
     """Return the times of the rows from `first` to `count` of a run that has reached step `index` at the time t_end."""
-    t = np.arange(float(first), float(count))
-    t *= every
-    t *= h
-    t += t0
+    t = np.empty(count - first)
+    whole = t[: min(count, index // every + 1) - first]  # the last row may lie between two others, or beyond all numbers
+    whole[:] = np.arange(first, first + len(whole))
+    whole *= every
+    whole *= h
+    whole += t0
     if (count - 1) * every >= index:  # the last row is the present state
         t[-1] = t_end
     return t

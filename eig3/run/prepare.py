@@ -113,7 +113,7 @@ class Prepared:
         self._h, self._t_eval = h, t_eval
         self._save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
         functions: Functions = check_functions(invariants, outputs)
-        options = {"inline": check_flag(inline, "inline"), "events": events, "functions": functions}
+        options: dict[str, Any] = {"inline": check_flag(inline, "inline"), "events": events, "functions": functions}
         options |= {"has_times": t_eval is not None, "labels": labels, "integrals": integrals}
         self._system: System = remembered(rhs, form, record, has_tolerances=h is None, **options)
         self._tolerances: dict[int, Any] = {}
@@ -134,7 +134,7 @@ class Prepared:
         t_span: Sequence[float] | None = None,
         u0: ArrayLike | None = None,
         v0: ArrayLike | None = None,
-        params: ArrayLike | None = None,
+        params: ArrayLike = (),
         *,
         progress: bool = False,
         raise_on_failure: bool = False,
@@ -162,15 +162,21 @@ class Prepared:
         TypeError, ValueError, MemoryError, OSError, ImportError, IntegrationError, KeyboardInterrupt
             As for `eig3.integrate`.
         """
+        span: Any = t_span
         if self._defaults:
-            given = t_span, u0, v0, params
-            t_span, u0, v0, params = (own if x is None else x for x, own in zip(given, self._defaults, strict=True))
+            own_span, own_u0, own_v0, own_params = self._defaults
+            span, u0, v0 = (
+                (own_span if span is None else span),
+                (own_u0 if u0 is None else u0),
+                (own_v0 if v0 is None else v0),
+            )
+            params = own_params if type(params) is tuple and not params else params
         u, v, form = check_state(u0, v0)
         if form is not self._system.form:
             raise self._wrong_form(u0)
         if self._system.integrals:
             u, v = (np.append(x, np.zeros(len(self._system.integrals))) for x in (u, v))
-        start = check_span(t_span), u, v, guarded(check_params(() if params is None else params))
+        start = check_span(span), u, v, guarded(check_params(params))
         if cancel is None and save_to is None and progress is False and self._may_be_short:
             try:
                 solution = self._short(*start)
@@ -223,7 +229,7 @@ class Prepared:
         """Return a stepper at the start, and the number of its steps."""
         t0, t1 = span
         n_steps, h = divide(t1 - t0, self._h)  # type: ignore[arg-type]
-        if h < _SHORT * max(abs(t0), abs(t1)):
+        if h < _SHORT * max(1.0, abs(t0), abs(t1)):
             check_resolution(h, t0, t1)
         return Stepper.of(self._system, t0, h, u, v, p, times), n_steps
 

@@ -51,7 +51,10 @@ def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Calla
     if row < count:
         u[row], v[row] = state[0], state[1]
         _write_outputs(stepper, outputs, row)
-    later = {"t": partial(grid, stepper.t0, stepper.h, every, count, n_steps, t_end), "notes": partial(_notes, again)}
+    later: dict[str, Any] = {
+        "t": partial(grid, stepper.t0, stepper.h, every, count, n_steps, t_end),
+        "notes": partial(_notes, again),
+    }
     fields = {"u": u, "v": v, "h": stepper.h, "outputs": outputs}
     fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
     if stepper.look:
@@ -89,7 +92,7 @@ def variable(stepper: VariableStepper, every: int, rows: int, again: Callable[[]
     }
     fields |= {"h": (t_last - stepper.t0) / stepper.index, "n_rejected": int(tally[REJECTED])}
     fields |= {"outputs": outputs, "_extend": partial(_extend, again), "_resume": partial(_state, again)}
-    later = {"notes": partial(_notes, again)}
+    later: dict[str, Any] = {"notes": partial(_notes, again)}
     if stepper.look:
         later |= stepper.look.found()
     solution = Solution._of(common_fields(stepper) | fields, later)

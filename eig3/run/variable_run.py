@@ -61,8 +61,9 @@ class VariableRun(Run):
         state = solution._state or {}
         with going_on():
             tolerances = Tolerances(**state["tolerances"])
-            span, start, times = (state["t0"], float(state["t_end"])), state["start"], state["times"]
-            stepper = VariableStepper(system, span, *start, state["params"], tolerances, times)
+            span, times = (state["t0"], float(state["t_end"])), state["times"]
+            u0, v0 = state["start"]
+            stepper = VariableStepper(system, span, u0, v0, state["params"], tolerances, times)
             if reals(tolerances.atol, "atol").shape != (2, stepper.n):
                 raise ValueError("atol has another shape.")
             stepper.restore(state["stepper"])

@@ -67,7 +67,7 @@ class Position(NamedTuple):
     """A state to which a march can go back."""
 
     running: Method
-    index: int
+    n_steps: int
     changed_at: float | None
     state: np.ndarray
     tally: np.ndarray
@@ -109,6 +109,9 @@ class March:
     """
 
     system: System
+    kernel: Kernel
+    running: Method
+    state: np.ndarray
     h: float
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
@@ -281,7 +284,7 @@ class March:
         """Stand at an earlier state."""
         if position.running is not self.running:
             self._use(self._compiled(position.running))
-        self.index, self.changed_at, self.ended = position.index, position.changed_at, GOING
+        self.index, self.changed_at, self.ended = position.n_steps, position.changed_at, GOING
         if position.state.shape != self.state.shape:
             self.state = aligned(position.state.shape)
         self.state[...], self.tally[...] = position.state, position.tally

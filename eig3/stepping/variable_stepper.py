@@ -139,7 +139,7 @@ class VariableStepper(March):
             None if self.system.method.variable != "rk8" else partial(states_between, self.system.callback, self.params)
         )
 
-    def steps(self, count: int, every: int, row: int, rows: Rows) -> Span:
+    def steps(self, count: int, every: int, row: int, rows: Any) -> Span:
         tolerances = self.tolerances
         return Span(
             self.t0,

@@ -40,7 +40,7 @@ def further_times(times: np.ndarray | None, t_eval: ArrayLike | None, end: float
         return times
     if times is None:
         raise ValueError("t_eval belongs to a run with t_eval: this one saves its states by save_every.")
-    further = check_times(t_eval, end, t_end)
+    further: Any = check_times(t_eval, end, t_end)
     if further[0] <= max(end, times[-1]):
         raise ValueError(f"t_eval must begin after the end of the run at t = {end!r}, and after its own last time.")
     return np.concatenate([times, further])
