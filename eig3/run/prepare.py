@@ -165,11 +165,8 @@ class Prepared:
         span: Any = t_span
         if self._defaults:
             own_span, own_u0, own_v0, own_params = self._defaults
-            span, u0, v0 = (
-                (own_span if span is None else span),
-                (own_u0 if u0 is None else u0),
-                (own_v0 if v0 is None else v0),
-            )
+            span = own_span if span is None else span
+            u0, v0 = (own_u0 if u0 is None else u0), (own_v0 if v0 is None else v0)
             params = own_params if type(params) is tuple and not params else params
         u, v, form = check_state(u0, v0)
         if form is not self._system.form:
@@ -177,7 +174,8 @@ class Prepared:
         if self._system.integrals:
             u, v = (np.append(x, np.zeros(len(self._system.integrals))) for x in (u, v))
         start = check_span(span), u, v, guarded(check_params(params))
-        if cancel is None and save_to is None and progress is False and self._may_be_short:
+        is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
+        if is_plain and self._may_be_short:
             try:
                 solution = self._short(*start)
             except KeyboardInterrupt as error:
@@ -193,7 +191,7 @@ class Prepared:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
         again, t_end = partial(self._begin, span, u, v, p, False, None), span[1]
         if self._h is None:
-            (steps, rows), every = self._system.last_size, self._every
+            (steps, rows), every = self._system.last_sizes.get(self._limits[0], (0, 0)), self._every
             stepper: Any = self._variable_stepper(span, u, v, p, None)
         else:
             stepper, steps = self._fixed_stepper(span, u, v, p, None)
@@ -242,7 +240,7 @@ class Prepared:
 
     def _note_size(self, n_steps: int, rows: int) -> None:
         """Note how many steps a run with tolerances had, and how many rows the next one may need."""
-        self._system.last_size = n_steps, rows + rows // 4 + 16
+        self._system.last_sizes[self._limits[0]] = n_steps, rows + rows // 4 + 16
 
     def _tolerances_for(self, n: int) -> Any:
         """Return the tolerances for n degrees of freedom."""

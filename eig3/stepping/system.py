@@ -80,8 +80,8 @@ class System:
         Whether runs look for something within their steps, or follow quantities.
     ignores_velocity : bool
         Whether the method is valid only for a force that does not depend on the velocity.
-    last_size : tuple of int
-        The steps of the last run with tolerances, and the rows that the next one may need.
+    last_sizes : dict
+        By the relative tolerance: the steps of the last run, and the rows that the next one may need.
     kernels : dict
         The kernels that were compiled so far: by the number of degrees of freedom for the method, and by this number
         and a record for others that take its steps.
@@ -125,7 +125,7 @@ class System:
         self.looks = has_times or bool(self.events) or bool(self.followed.quantities)
         self.ignores_velocity = method.ignores_velocity
         self.kernels: dict[Any, Kernel] = {}
-        self.last_size = 0, 0
+        self.last_sizes: dict[float, tuple[int, int]] = {}
 
     def _check(self, *arguments: Any) -> Callback:
         callback = check_callback(*arguments)
