@@ -391,7 +391,8 @@ def _finished(run: Run) -> Solution:
 
 def _after(run: Run, error: BaseException) -> Solution:
     """Return the run up to an exception, and write it to its place."""
-    if run.status is Status.COMPLETED and (run.is_suspect or not run.is_done):
+    is_open = isinstance(error, Exception) or run.is_suspect or not run.is_done
+    if run.status is Status.COMPLETED and is_open:
         what = f"raised {type(error).__name__}" if isinstance(error, Exception) else "was interrupted"
         run._end(Status.INTERRUPTED, f"The run {what} after t = {run.stepper.t:g}.")
     solution = run.result(error)
