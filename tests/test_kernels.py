@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
+from eig3.kernels.loops import fixed
 from eig3.kernels.loops.formulas import formulas
 from eig3.stability import amplification_matrix
 
@@ -240,3 +241,10 @@ def test_a_thread_waits_while_another_imports_a_kernel(tmp_path, monkeypatch):
         first, second = threads.map(formulas, ["kernel_imported_slowly"] * 2)
     assert first.module is second.module
     del sys.modules["kernel_imported_slowly"]
+
+
+def test_what_kernels_share_cannot_be_changed():
+    """The names of one kernel would get into the kernels that are compiled after it."""
+    _, names = fixed.pointer_callbacks(VECTOR, False)
+    with pytest.raises(TypeError):
+        names["STEP"] = None

@@ -12,6 +12,8 @@ One degree of freedom has a template of its own: its state is a tuple of numbers
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from numba.types import Tuple, UniTuple, int64, none
@@ -252,7 +254,7 @@ def _kernel(method: Formulas, order: int, form: Form, n: int, looks: bool, takes
     parts = (method.label, *["look"] * looks, *["jacobian"] * takes_jacobian, *["pair"] * (n == 2))
     callbacks, names = pointer_callbacks(form, takes_jacobian)
     seen = following(form)
-    names |= {"N": n, "STACKED": 0, "EVALUATE": seen.evaluate, "WIDEN": seen.widen}
+    names = names | {"N": n, "STACKED": 0, "EVALUATE": seen.evaluate, "WIDEN": seen.widen}
     names |= {"WIDEN_RARELY": seen.widen_rarely, "QUANTITY": seen.quantity}
     return _compile(method, order, form, callbacks, names, looks, "_".join(parts) if method.is_own else "")
 
@@ -300,7 +302,7 @@ def wide_kernel(method: Formulas) -> Any:
         return kernel(method, 0, VECTOR, 0, looks=False)
     callbacks, names = pointer_callbacks(VECTOR, False)
     formulas = method.names(VECTOR)
-    names |= {name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}
+    names = names | {name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}
     with wide_vectors():
         label = f"{method.label}_wide" if method.is_own else ""
         return _compile(method, 0, VECTOR, callbacks, {**names, "N": 0, "STACKED": 0}, False, label)
@@ -328,14 +330,14 @@ def _compile(
 
 
 @functools.cache
-def pointer_callbacks(form: Form, takes_jacobian: bool) -> tuple[Any, dict[str, Any]]:
+def pointer_callbacks(form: Form, takes_jacobian: bool) -> tuple[Any, Mapping[str, Any]]:
     """Return the type of the argument `callbacks` of a kernel, and the functions that take the callbacks out of it."""
     rhs_at, jacobian_at = function_at(form.rhs), function_at(form.jacobian)
     names = {
         "RHS": element(lambda callbacks: rhs_at(callbacks[0])),
         "JACOBIAN": element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian),
     }
-    return Tuple((int64, int64 if takes_jacobian else none)), names
+    return Tuple((int64, int64 if takes_jacobian else none)), MappingProxyType(names)  # which all kernels share
 
 
 def inline_callbacks(rhs: Any, jacobian: Any) -> tuple[Any, dict[str, Any]]:
