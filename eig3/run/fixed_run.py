@@ -22,7 +22,7 @@ from ..stability import alternating_limit
 from ..stepping.march import NEVER, Rows
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
-from ..stepping.watching import further_times
+from ..stepping.watching import check_times, further_times
 from .growth import Growth
 from .history import History
 from .progress import check_progress
@@ -89,7 +89,7 @@ class FixedRun(Run):
         n_steps, t_end = check_count(state["n_steps"], "n_steps"), float(state["t_end"])
         u0, v0 = state["start"]
         with going_on():
-            times = state["times"]
+            times = check_times(state["times"], state["t0"], t_end)
             stepper = Stepper.of(system, state["t0"], state["h"], u0, v0, state["params"], times)
             stepper.restore(state["stepper"])
             if stepper.look:

@@ -16,7 +16,7 @@ from ..stepping.march import Rows
 from ..stepping.system import System
 from ..stepping.tolerances import Tolerances
 from ..stepping.variable_stepper import VariableStepper
-from ..stepping.watching import further_times
+from ..stepping.watching import check_times, further_times
 from .growth import OVERFLOWING
 from .history import FIRST_ROWS, History
 from .progress import check_progress
@@ -61,7 +61,8 @@ class VariableRun(Run):
         state = solution._state or {}
         with going_on():
             tolerances = Tolerances(**state["tolerances"])
-            span, times = (state["t0"], float(state["t_end"])), state["times"]
+            span = state["t0"], float(state["t_end"])
+            times = check_times(state["times"], *span)
             u0, v0 = state["start"]
             stepper = VariableStepper(system, span, u0, v0, state["params"], tolerances, times)
             if reals(tolerances.atol, "atol").shape != (2, stepper.n):
