@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import eig3
 from eig3.kernels.loops import fixed
 from eig3.kernels.loops.formulas import formulas
+from eig3.kernels.protocol import VECTOR
 from eig3.stability import amplification_matrix
 
 from .conftest import (
