@@ -287,9 +287,7 @@ _EMPTY = _Nothing()
 def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float, first: int = 0) -> np.ndarray:
     """Return the times of the rows from `first` to `count` of a run that has come to step `index`, at t_end."""
     t = np.empty(count - first)
-    whole = t[
-        : min(count, index // every + 1) - first
-    ]  # the last row may be off the grid
+    whole = t[: min(count, index // every + 1) - first]  # the last row may be off the grid
     whole[:] = np.arange(first, first + len(whole))
     whole *= every
     whole *= h
