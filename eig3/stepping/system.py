@@ -125,7 +125,7 @@ class System:
         self.looks = has_times or bool(self.events) or bool(self.followed.quantities)
         self.ignores_velocity = method.ignores_velocity
         self.kernels: dict[Any, Kernel] = {}
-        self.last_sizes: dict[float, tuple[int, int]] = {}
+        self.last_sizes: dict[float | None, tuple[int, int]] = {}
 
     def _check(self, *arguments: Any) -> Callback:
         callback = check_callback(*arguments)

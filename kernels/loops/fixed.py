@@ -252,9 +252,9 @@ def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: bool, tak
 @functools.cache
 def _kernel(method: Formulas, order: int, form: Form, n: int, looks: bool, takes_jacobian: bool) -> Any:
     parts = (method.label, *["look"] * looks, *["jacobian"] * takes_jacobian, *["pair"] * (n == 2))
-    callbacks, names = pointer_callbacks(form, takes_jacobian)
+    callbacks, shared = pointer_callbacks(form, takes_jacobian)
     seen = following(form)
-    names = names | {"N": n, "STACKED": 0, "EVALUATE": seen.evaluate, "WIDEN": seen.widen}
+    names = {**shared, "N": n, "STACKED": 0, "EVALUATE": seen.evaluate, "WIDEN": seen.widen}
     names |= {"WIDEN_RARELY": seen.widen_rarely, "QUANTITY": seen.quantity}
     return _compile(method, order, form, callbacks, names, looks, "_".join(parts) if method.is_own else "")
 
@@ -300,9 +300,9 @@ def wide_kernel(method: Formulas) -> Any:
     """
     if not has_wide_vectors():
         return kernel(method, 0, VECTOR, 0, looks=False)
-    callbacks, names = pointer_callbacks(VECTOR, False)
+    callbacks, shared = pointer_callbacks(VECTOR, False)
     formulas = method.names(VECTOR)
-    names = names | {name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}
+    names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}}
     with wide_vectors():
         label = f"{method.label}_wide" if method.is_own else ""
         return _compile(method, 0, VECTOR, callbacks, {**names, "N": 0, "STACKED": 0}, False, label)
