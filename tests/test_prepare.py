@@ -224,3 +224,26 @@ def test_an_exception_has_the_run_up_to_then():
         assert caught.value.solution.status is eig3.Status.INTERRUPTED
         assert 0.4 < caught.value.solution.t[-1] <= 0.5 + 2.0**-7
         assert prepared((0.0, 0.25), 1.0, 0.0).success
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_all_uses_of_a_method_share_two_kernels(kind):
+    """One for runs in which nothing is looked at, and one for all others: each takes seconds to compile, once."""
+    rhs, steps, u0, v0 = KINDS[kind]
+    of_vector = np.ndim(u0) > 0
+    height = first if of_vector else position
+    uses = [
+        {},
+        {"save_every": None},
+        {"t_eval": [0.5, 1.0]},
+        {"invariants": {"a": height}},
+        {"outputs": {"b": height}, "save_every": 3},
+        {"events": {"zero": eig3.Event(height)}},
+        {"events": {"zero": eig3.Event(height, terminal=True)}, "invariants": {"a": height}},
+    ]
+    kernels = set()
+    for use in uses:
+        prepared = eig3.prepare(rhs, **steps, **use)
+        prepared(SPAN, u0, v0, P)
+        kernels.update(kernel.call for kernel in prepared._system.kernels.values())
+    assert len(kernels) == 2
