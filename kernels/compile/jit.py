@@ -6,6 +6,7 @@ is compiled for one right-hand side, which LLVM inlines. This gives the fastest 
 again.
 """
 
+import functools
 import types
 import zlib
 from collections.abc import Callable
@@ -149,6 +150,7 @@ def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:
     return function
 
 
+@functools.cache  # a kernel and the symbols in it must have the same, also if a file changes while the process runs
 def _fingerprint() -> str:
     """Return a checksum of the source files of all kernels."""
     checksum = 0
