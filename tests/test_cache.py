@@ -92,9 +92,10 @@ def cache_command(option, folder):
 
 
 @pytest.mark.system
-@pytest.mark.usefixtures("compiled_kernels")
 def test_no_method_compiles_a_kernel_that_is_on_disk():
-    assert compilations(*{method.name for method in ALL_METHODS}) == (0, 3)
+    methods = sorted({method.name for method in ALL_METHODS})
+    compilations(*methods)  # the first process may compile them
+    assert compilations(*methods) == (0, 3)
 
 
 def test_a_change_of_any_kernel_file_is_noticed(tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ import pytest
 
 import eig3
 from eig3.kernels.compile.interrupt import DeferredInterrupt
+from eig3.stepping.march import March
 
 pytestmark = pytest.mark.usefixtures("python_handler")
 
@@ -40,6 +41,12 @@ def compiled():
     eig3.integrate(oscillators, (0, 1), [1.0], [0.0], h=0.1)
 
 
+@pytest.fixture(autouse=True)
+def long(monkeypatch):
+    """A short run is one call of a kernel, after which there is nothing to interrupt."""
+    monkeypatch.setattr("eig3.run.short.MOST_SECONDS", 0.0)
+
+
 @pytest.fixture
 def after_begin(monkeypatch):
     """Call a function soon after the first steps of a run begin, however long the set-up takes."""
@@ -50,10 +57,10 @@ def after_begin(monkeypatch):
             if not timers:
                 timers.append(threading.Timer(0.2, function))
                 timers[0].start()
-            return advance(stepper, *arguments, **options)
+            return take(stepper, *arguments, **options)
 
-        advance = eig3.Stepper.advance
-        monkeypatch.setattr(eig3.Stepper, "advance", begin)
+        take = March.take
+        monkeypatch.setattr(March, "take", begin)
 
     yield call
     for timer in timers:
@@ -122,7 +129,7 @@ def test_a_motion_that_grew_is_not_complete_before_its_growth_is_judged(monkeypa
 
 
 def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch):
-    monkeypatch.setattr(eig3.stepping.stepper, "first_acceleration", press)
+    monkeypatch.setattr(eig3.stepping.march, "first_acceleration", press)
     with pytest.raises(KeyboardInterrupt) as caught:
         eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)
     assert caught.value.solution is None
@@ -304,7 +311,7 @@ def test_a_second_thread_cannot_use_a_stepper_at_the_same_time():
     thread = threading.Thread(target=stepper.advance, args=(2**40,), kwargs={"cancel": cancel})
     try:
         thread.start()
-        while not stepper._alone._lock.locked():
+        while not stepper._lock.locked():
             time.sleep(0.001)
         for use in (lambda: stepper.advance(1), stepper.back, stepper.fork):
             with pytest.raises(RuntimeError, match=r"this stepper is in use: .* fork\(\)"):

@@ -15,6 +15,7 @@ from eig3 import Status, drawing, problems
 from eig3.account import Balance, draw, run
 from eig3.cli import main
 from eig3.options import file_name
+from eig3.stepping.march import March
 
 
 def drawn(problem, method="eig3", status=None, **options):
@@ -269,11 +270,12 @@ def test_the_energy_has_the_unit_of_the_problem():
 
 
 def test_an_interrupted_run_is_written_and_ends_the_command(tmp_path, monkeypatch, capsys):
-    def interrupted(stepper):
-        stepper.index -= 1  # one step is missing
+    def interrupted(stepper, count, *arguments):
+        take(stepper, 10, *arguments)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("eig3.Stepper.note_pace", interrupted)
+    take = March.take
+    monkeypatch.setattr(March, "take", interrupted)
     assert main(["run", "duffing", "--t-end", "1", "--out", str(tmp_path)]) == 130
     assert "The run was interrupted after t = " in capsys.readouterr().out
     assert (tmp_path / "duffing.npz").exists()
@@ -283,6 +285,6 @@ def test_a_run_that_is_interrupted_before_it_begins_ends_the_command(monkeypatch
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("eig3.stepping.stepper.first_acceleration", interrupted)
+    monkeypatch.setattr("eig3.stepping.march.first_acceleration", interrupted)
     assert main(["run", "duffing", "--h", "0.1", "--t-end", "1"]) == 130
     assert capsys.readouterr().err == "\nInterrupted.\n"

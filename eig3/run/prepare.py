@@ -197,7 +197,7 @@ class Prepared:
             stepper, steps = self._fixed_stepper(span, u, v, p, None)
             every = min(self._every, steps)
             rows = steps // every + 2
-        pace = self._system.callback.pace.get(stepper.kernel.pace_key)
+        pace = self._system.pace.get(stepper.kernel.pace_key)
         if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
             return None
         if self._h is None:

@@ -114,7 +114,7 @@ def _last_row(stepper: Any, steps: Any, wanted: int, span: float) -> int | None:
     stepper.seconds, stepper.index = time.perf_counter() - begin, taken
     if ended != wanted:
         return None
-    stepper.system.callback.pace[kernel.pace_key] = stepper.seconds / taken
+    stepper.system.pace[kernel.pace_key] = stepper.seconds / taken
     if stepper.look:
         stepper.look.follower.check()
         stepper.look.watching.collect(tally)

@@ -419,9 +419,9 @@ class March:
     @property
     def pace(self) -> float | None:
         """Seconds per step of the last run with this right-hand side and kernel; None before the first run."""
-        return self.system.callback.pace.get(self.kernel.pace_key)
+        return self.system.pace.get(self.kernel.pace_key)
 
     def note_pace(self) -> None:
         """Store the measured time per step for later runs."""
         if self.index:
-            self.system.callback.pace[self.kernel.pace_key] = self.seconds / self.index
+            self.system.pace[self.kernel.pace_key] = self.seconds / self.index

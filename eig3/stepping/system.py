@@ -35,7 +35,7 @@ class Kernel(NamedTuple):
     callbacks : tuple
     settings : ndarray
     pace_key : tuple
-        Its key in `Callback.pace`.
+        Its key in `System.pace`.
     """
 
     running: Method
@@ -78,6 +78,8 @@ class System:
         The quantities, compiled.
     looks : bool
         Whether runs look for something within their steps, or follow quantities.
+    pace : dict
+        Measured seconds per step, by `Kernel.pace_key`. Those of a system that looks are its own: quantities take time.
     ignores_velocity : bool
         Whether the method is valid only for a force that does not depend on the velocity.
     last_sizes : dict
@@ -123,6 +125,7 @@ class System:
         for quantity in self.followed.quantities:
             self._checked.append(((quantity.function, quantity.kind, form, quantity.name), quantity.callback))
         self.looks = has_times or bool(self.events) or bool(self.followed.quantities)
+        self.pace = {} if self.looks else self.callback.pace
         self.ignores_velocity = method.ignores_velocity
         self.kernels: dict[Any, Kernel] = {}
         self.last_sizes: dict[float | None, tuple[int, int]] = {}
