@@ -325,7 +325,7 @@ def test_cd_takes_its_explicit_form_where_nothing_reads_the_velocity():
     assert problems.single_dof(xi=0.1).integrate(h=0.1, method="cd", t_end=10).n_iterations > 0
     record = eig3.CentralDifference()
     run = problems.single_dof().integrate(h=0.1, method=record, t_end=10)
-    assert (run.method is record, run.n_rhs) == (True, run.n_steps + 1)
+    assert (run.method, run.n_rhs) == (record, run.n_steps + 1)
 
 
 def test_constants_are_the_articles():
