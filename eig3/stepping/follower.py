@@ -15,7 +15,7 @@ from ..functions.quantities import Functions, Quantity
 from ..kernels.protocol import COLUMN, HIGH, OUT, PART, PART_END, PARTS, ROWS, T_HIGH, T_LOW, Follow, Form, Within
 from .samples import within_steps
 
-_FEWEST = 8  # parts of a run in which an invariant must grow, before its growth is steady
+_PAIRS, _FEWEST = 6, 4  # the largest and the least number of parts in which an invariant must grow to grow steadily
 _NOTABLE = 1e-6  # least growth over the run that is noted, relative to the invariant
 # The same of an energy less the work, relative to the larger of both. The errors of the work add up in a stable run
 # too, to 2 % at resonance with EIG-3 and omega h = 0.2.
@@ -274,7 +274,12 @@ class Follower:
             low, high, forward = low[:-1], high[:-1], forward[:-1]
             del ends[-2]
         ends[-1] = index
-        return low, high, forward, (np.array(ends[:-1]) + ends[1:])[-len(low) :] / 2
+        # Two parts together are long enough to hold some periods, and the last six such pairs are most of the run.
+        pairs = min(_PAIRS, len(low) // 2)
+        begin = len(low) - 2 * pairs
+        low, high = np.minimum(low[begin::2], low[begin + 1 :: 2]), np.maximum(high[begin::2], high[begin + 1 :: 2])
+        places = (np.array(ends[-2 * pairs - 1 : -2 : 2]) + ends[len(ends) - 2 * pairs + 1 :: 2]) / 2
+        return low, high, forward[begin + 1 :: 2], places
 
     def _column(self, k: int) -> int:
         return int(self.followed.table[k, COLUMN])
