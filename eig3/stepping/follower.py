@@ -279,7 +279,7 @@ class Follower:
         begin = len(low) - 2 * pairs
         low, high = np.minimum(low[begin::2], low[begin + 1 :: 2]), np.maximum(high[begin::2], high[begin + 1 :: 2])
         places = (np.array(ends[-2 * pairs - 1 : -2 : 2]) + ends[len(ends) - 2 * pairs + 1 :: 2]) / 2
-        return low, high, forward[begin + 1 :: 2], places
+        return low, high, forward, places
 
     def _column(self, k: int) -> int:
         return int(self.followed.table[k, COLUMN])
