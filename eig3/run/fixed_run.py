@@ -274,14 +274,8 @@ class FixedRun(Run):
         return self.stepper.index
 
 
-class _Nothing(History):
-    """The history of a loaded run, which is in its solution."""
-
-    def __init__(self) -> None:
-        super().__init__((), {}, 0, has_times=False, has_steps=False)
-
-
-_EMPTY = _Nothing()
+# The history of a loaded run, whose saved states are in its solution.
+_EMPTY = History((), {}, 0, has_times=False, has_steps=False)
 
 
 def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float, first: int = 0) -> np.ndarray:

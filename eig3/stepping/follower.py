@@ -155,10 +155,6 @@ class Follower:
         for name, array in rows.items():
             self.table[self.followed.outputs[name], ROWS] = array.__array_interface__["data"][0]
 
-    def forget_rows(self) -> None:
-        """Let the kernel write the values of outputs nowhere."""
-        self.table[:, ROWS] = 0
-
     def record(self) -> Follow:
         """The arguments of the kernel."""
         return Follow(self.table, self.out, self.widest, self.steps, self.parts, self.forward, self.most)
