@@ -13,11 +13,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import types
+from numba import njit, types
 from numba.extending import intrinsic
 
 from .kernels.compile.cache import keep_on_disk
-from .kernels.compile.jit import callable_element
+from .kernels.compile.jit import KERNEL_OPTIONS
 
 __all__ = ["cos", "exp", "log", "sin", "sincos", "sqrt", "tanh"]
 
@@ -81,7 +81,7 @@ _TWO_52_BITS = 0x4330000000000000
 
 def _function(function: Any) -> Any:
     """Compile a function that is inlined where it is called, and keep it on the disk."""
-    return keep_on_disk(callable_element(function))
+    return keep_on_disk(njit(forceinline=True, **KERNEL_OPTIONS)(function))
 
 
 @intrinsic

@@ -177,14 +177,20 @@ def test_code_without_the_runtime():
         without(allocates)(3)
 
 
-def test_a_function_for_compiled_code_only():
-    with probe("A jitted function cannot have another class, or is then not called by compiled functions"):
-        inner = internals.jit_for_compiled_code(double, error_model="numpy")
+def test_a_function_that_is_linked():
+    with probe("A jitted function cannot have another class or another compiler, or is then not linked"):
+        inner = internals.linked_jit(double, error_model="numpy")
         assert type(inner) is not type(numba.njit(double))
         assert numba.njit(lambda x: inner(x))(3.0) == 6.0
-    not_called = "A call of a jitted function from Python does not take `__call__` of its class"
-    with probe(not_called), pytest.raises(TypeError, match="double can be called by compiled functions only"):
-        inner(3.0)
+    with probe("A call of a jitted function from Python does not take `__call__` of its class"):
+        assert inner(3.0) == 6.0
+    with probe("Numba optimises the code of a function, or makes machine code of it, that is only linked"):
+        calls = internals.linked_jit(lambda x: inner(x))
+        whole = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)(lambda x: calls(x))
+        assert " call " not in code_of(whole, float64)
+        assert " call " in code_of(calls, float64)
+        with pytest.raises(TypeError, match="double has no machine code: give a jitted function that calls it"):
+            internals.address_of(next(iter(internals.compile_results(inner).values())))
     with probe("The options `no_cpython_wrapper` and `no_cfunc_wrapper` of numba.njit do not leave wrappers out"):
         plain, bare = (code_of(function, float64) for function in (numba.njit(double), inner))
         assert "cpython" in plain

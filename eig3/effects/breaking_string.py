@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Link, distance
 
 
@@ -47,21 +47,21 @@ class BreakingString(Link):
         self.require(pull < columns["strength"], "strength must be above the tension at the start")
 
     @staticmethod
-    @callable_element
+    @element
     def tension(r, state, stiffness, length):
         return stiffness * (r - length) * (1 - state)
 
     @staticmethod
-    @callable_element
+    @element
     def potential(r, state, stiffness, length):
         return stiffness / 2 * (r - length) * (r - length) * (1 - state)
 
     @staticmethod
-    @callable_element
+    @element
     def event(r, state, stiffness, length, strength):
         return stiffness * (r - length) - strength if state == 0 else -1.0
 
     @staticmethod
-    @callable_element
+    @element
     def state_after():
         return 1.0

@@ -7,32 +7,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Link
 
 
-@callable_element
+@element
 def elastic_tautness(r, stiffness, length):
     return stiffness * (r - length)
 
 
-@callable_element
+@element
 def damped_tautness(r, rate, stiffness, length, damping):
     return stiffness * (r - length) + min(0.0, damping * rate)
 
 
-@callable_element
+@element
 def elastic_tension(r, stiffness, length):
     return max(0.0, elastic_tautness(r, stiffness, length))
 
 
-@callable_element
+@element
 def damped_tension(r, rate, stiffness, length, damping):
     is_taut = damped_tautness(r, rate, stiffness, length, damping) > 0
     return stiffness * (r - length) + damping * rate if is_taut else 0.0
 
 
-@callable_element
+@element
 def elastic_potential(r, stiffness, length):
     stretch = max(0.0, r - length)
     return stiffness / 2 * stretch * stretch

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Body
 from .vector import add, dot, scale
 
 
-@callable_element
+@element
 def in_space(v, coefficient, load, slip):
     return scale(-coefficient * load / math.sqrt(dot(v, v) + slip * slip), v)
 
 
-@callable_element
+@element
 def on_plane(v, coefficient, load, slip, normal):
     return in_space(add(v, scale(-dot(normal, v), normal)), coefficient, load, slip)
 

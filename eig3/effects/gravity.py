@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Body
 from .vector import dot
 
@@ -28,11 +28,11 @@ class Gravity(Body):
     picture = "weight"
 
     @staticmethod
-    @callable_element
+    @element
     def acceleration(field):
         return field
 
     @staticmethod
-    @callable_element
+    @element
     def potential(x, m, field):
         return -m * dot(field, x)

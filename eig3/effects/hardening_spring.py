@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Link
 
 
@@ -38,13 +38,13 @@ class HardeningSpring(Link):
     picture = "spring"
 
     @staticmethod
-    @callable_element
+    @element
     def tension(r, S1, S2, length):
         d = r - length
         return S1 * d * (1 + S2 * d * d)
 
     @staticmethod
-    @callable_element
+    @element
     def potential(r, S1, S2, length):
         square = (r - length) * (r - length)
         return S1 / 2 * square * (1 + S2 / 2 * square)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..math import cos
 from ..scene.effect import Body
 from .vector import scale
@@ -34,6 +34,6 @@ class HarmonicForce(Body):
     source = "the load of a driven oscillator"
 
     @staticmethod
-    @callable_element
+    @element
     def force(t, amplitude, omega, phase):
         return scale(cos(omega * t + phase), amplitude)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Link
 
 
@@ -31,6 +31,6 @@ class LinearDamper(Link):
     source = "the dashpot of Kelvin and Voigt"
 
     @staticmethod
-    @callable_element
+    @element
     def tension(rate, damping):
         return damping * rate

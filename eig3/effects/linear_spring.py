@@ -7,26 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Link
 
 
-@callable_element
+@element
 def tension(r, stiffness, length):
     return stiffness * (r - length)
 
 
-@callable_element
+@element
 def potential(r, stiffness, length):
     return stiffness / 2 * (r - length) * (r - length)
 
 
-@callable_element
+@element
 def density_without_length(stiffness):
     return stiffness
 
 
-@callable_element
+@element
 def potential_without_length(r, stiffness):
     return stiffness / 2 * r * r
 

@@ -7,22 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Link
 from .hertz import damped_push, push, stored
 
 
-@callable_element
+@element
 def elastic(r, stiffness, reach):
     return -push(reach - r, stiffness)
 
 
-@callable_element
+@element
 def damped(r, rate, stiffness, reach, damping):
     return -damped_push(reach - r, -rate, stiffness, damping)
 
 
-@callable_element
+@element
 def elastic_potential(r, stiffness, reach):
     return stored(reach - r, stiffness)
 

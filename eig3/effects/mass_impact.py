@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Link, distance
 from .restitution import rebound
 
@@ -60,11 +60,11 @@ class MassImpact(Link):
         self.require(distance(positions) > columns["reach"], "reach must be below the distance at the start")
 
     @staticmethod
-    @callable_element
+    @element
     def event(r, reach):
         return r - reach
 
     @staticmethod
-    @callable_element
+    @element
     def rate_after(rate, restitution, slow):
         return rebound(rate, restitution, slow)

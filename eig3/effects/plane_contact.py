@@ -7,36 +7,36 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Body
 from .coulomb_friction import on_plane
 from .hertz import damped_push, push, stored
 from .vector import add, dot, scale
 
 
-@callable_element
+@element
 def elastic(x, stiffness, normal, offset):
     return scale(push(offset - dot(normal, x), stiffness), normal)
 
 
-@callable_element
+@element
 def damped(x, v, stiffness, normal, offset, damping):
     return scale(damped_push(offset - dot(normal, x), -dot(normal, v), stiffness, damping), normal)
 
 
-@callable_element
+@element
 def elastic_rough(x, v, stiffness, normal, offset, friction, slip):
     load = push(offset - dot(normal, x), stiffness)
     return add(scale(load, normal), on_plane(v, friction, load, slip, normal))
 
 
-@callable_element
+@element
 def damped_rough(x, v, stiffness, normal, offset, damping, friction, slip):
     load = damped_push(offset - dot(normal, x), -dot(normal, v), stiffness, damping)
     return add(scale(load, normal), on_plane(v, friction, load, slip, normal))
 
 
-@callable_element
+@element
 def elastic_potential(x, stiffness, normal, offset):
     return stored(offset - dot(normal, x), stiffness)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Body
 from .vector import norm, scale
 
@@ -32,6 +32,6 @@ class QuadraticDrag(Body):
     source = "Newton; Rayleigh's drag equation"
 
     @staticmethod
-    @callable_element
+    @element
     def force(v, drag):
         return scale(-drag * norm(v), v)

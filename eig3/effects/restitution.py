@@ -1,9 +1,9 @@
 """Newton's law of restitution for the events of effects."""
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 
 
-@callable_element
+@element
 def rebound(rate, restitution, slow):
     """Return the rate of a distance after an impact. Points that move apart already do not strike each other."""
     return rate if rate >= 0 else max(-restitution * rate, min(-rate, slow))

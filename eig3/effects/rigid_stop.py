@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Body
 from .restitution import rebound
 from .vector import add, dot, scale
@@ -62,12 +62,12 @@ class RigidStop(Body):
         self.require(above > 0, "offset must leave each mass on the free side at the start")
 
     @staticmethod
-    @callable_element
+    @element
     def event(x, normal, offset):
         return dot(normal, x) - offset
 
     @staticmethod
-    @callable_element
+    @element
     def velocity_after(v, normal, restitution, slow):
         rate = dot(normal, v)
         return add(v, scale(rebound(rate, restitution, slow) - rate, normal))

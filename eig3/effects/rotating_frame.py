@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Body
 from .vector import add, cross, dot, scale
 
@@ -34,12 +34,12 @@ class RotatingFrame(Body):
         return 1 if dimension == 2 else 3
 
     @staticmethod
-    @callable_element
+    @element
     def acceleration(x, v, rate):
         return scale(-1.0, add(scale(2.0, cross(rate, v)), cross(rate, cross(rate, x))))
 
     @staticmethod
-    @callable_element
+    @element
     def potential(x, m, rate):
         across = cross(rate, x)
         return -m / 2 * dot(across, across)

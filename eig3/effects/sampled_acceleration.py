@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from .sampled_motion import Sampled, interval
 
 
@@ -55,7 +55,7 @@ class SampledAcceleration(Sampled):
         object.__setattr__(self, "displacements", x)
 
     @staticmethod
-    @callable_element
+    @element
     def motion(t, times, values, velocities, displacements):
         last = times.size - 1
         if t < times[0]:

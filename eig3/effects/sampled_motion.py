@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..scene.effect import Motion
 
 
-@callable_element
+@element
 def interval(t, times):
     """Return the i with times[i] <= t < times[i + 1]; for evenly spaced samples the first guess is right."""
     last = times.size - 1
@@ -70,7 +70,7 @@ class SampledMotion(Sampled):
     source = "linear interpolation"
 
     @staticmethod
-    @callable_element
+    @element
     def motion(t, times, values):
         last = times.size - 1
         if t < times[0]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..math import tanh
 from ..scene.effect import Link
 
@@ -44,12 +44,12 @@ class SofteningSpring(Link):
         self.require(self._reals("width") > 0, "width must be positive")
 
     @staticmethod
-    @callable_element
+    @element
     def tension(r, S, width, length):
         return S * width * tanh((r - length) / width)
 
     @staticmethod
-    @callable_element
+    @element
     def potential(r, S, width, length):
         d = abs(r - length) / width
         return S * width * width * (d + math.log1p(math.exp(-2 * d)) - math.log(2.0))  # ln cosh d, without overflow

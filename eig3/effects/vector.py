@@ -4,7 +4,7 @@ import math
 
 from numba.extending import overload
 
-from ..kernels.compile.jit import OPTIONS, callable_element
+from ..kernels.compile.jit import OPTIONS, element
 
 _INLINED = {"forceinline": True, **OPTIONS}
 
@@ -66,7 +66,7 @@ def _cross(w, a):
     }[a.count]
 
 
-@callable_element
+@element
 def norm(a):
     """The length."""
     return math.sqrt(dot(a, a))

@@ -26,7 +26,7 @@ import numpy as np
 from ..functions.callbacks import cached_jit, jit
 from ..functions.events import Event
 from ..functions.families import Family
-from ..kernels.compile.jit import callable_element
+from ..kernels.compile.jit import element
 from ..kernels.compile.source import define
 from .assembly import STATE, Assembly
 from .effect import FORCES, RESETS
@@ -38,7 +38,7 @@ _TINY = (
 )  # added under a root to avoid a division by 0 where points coincide; too small to change other values
 
 
-@callable_element
+@element
 def index(x):  # type: ignore[no-untyped-def]
     """Convert a number in p to an index. It is unsigned, so that the compiler omits the test for negative indices."""
     return np.int64(np.uint32(x))

@@ -28,7 +28,7 @@ from .numba_internals import (
     compile_results,
     define_symbol,
     function_over,
-    jit_for_compiled_code,
+    linked_jit,
 )
 
 if numba.config.DISABLE_JIT:
@@ -49,17 +49,13 @@ _linked: list[Any] = []  # the functions that kernels call by a symbol
 
 
 def element(function: Callable) -> Any:
-    """Decorate a function that is inlined into a kernel."""
-    return jit_for_compiled_code(function, forceinline=True, **KERNEL_OPTIONS)
+    """Decorate a function that is inlined into a kernel or into a scene."""
+    return linked_jit(function, forceinline=True, **KERNEL_OPTIONS)
 
 
 def outlined(function: Callable) -> Any:
     """Decorate a function of a kernel that is called rarely, and is not inlined: the kernel compiles in less time."""
-    return jit_for_compiled_code(function, **KERNEL_OPTIONS)
-
-
-#: Like `element`, for functions that are called from Python too, such as those of effects.
-callable_element = numba.njit(forceinline=True, **KERNEL_OPTIONS)
+    return linked_jit(function, **KERNEL_OPTIONS)
 
 
 def compiled(function: Any, arguments: tuple, what: str = "") -> Any:

@@ -8,6 +8,7 @@ methods of jitted functions, such as `recompile`.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import operator
 import re
@@ -24,6 +25,8 @@ from llvmlite import ir
 from numba import cloudpickle
 from numba.core import cgutils, event
 from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher as Jitted  # the class of jitted functions
 from numba.core.registry import CPUDispatcher, cpu_target
@@ -61,7 +64,10 @@ def call_without_checks(result: Any) -> Callable:
 
 def address_of(result: Any) -> int:
     """Return the address of the machine code that compiled functions call. The compile result keeps it alive."""
-    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    if not address:
+        raise TypeError(f"{result.fndesc.qualname} has no machine code: give a jitted function that calls it.")
+    return address
 
 
 def optimised_code(result: Any) -> str:
@@ -75,18 +81,57 @@ def optimised_code(result: Any) -> str:
 WITHOUT_RUNTIME = {"_nrt": False}
 
 
-class _ForCompiledCode(CPUDispatcher):
-    """A jitted function without the code that calls it from Python: such a call would end the process."""
+class _Linked(JITCodeLibrary):
+    """The code of a function that is only linked into the code of others.
+
+    LLVM optimises it there, and translates it to machine code there. Without this class Numba does both for each of the
+    functions, and again for each function that calls it: a kernel would take twice as long to compile.
+    """
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Do nothing: what Python objects a function needs is for the code that calls it from Python."""
+
+
+class _LinkedCompiler(Compiler):
+    def __init__(self, typing: Any, target: Any, library: Any, *others: Any) -> None:
+        library = _Linked(target.codegen(), "linked")
+        library.enable_object_caching()
+        super().__init__(typing, target, library, *others)
+
+
+_WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+class _LinkedFunction(CPUDispatcher):
+    """A jitted function that compiled functions link. For calls from Python, it is compiled once more, as a whole."""
+
+    @functools.cached_property
+    def for_python(self) -> Jitted:
+        left_out = "nopython", *_WITHOUT_WRAPPERS
+        return numba.njit(**{k: value for k, value in self.targetoptions.items() if k not in left_out})(self.py_func)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        name = self.py_func.__name__
-        raise TypeError(f"{name} can be called by compiled functions only; from Python, call {name}.py_func.")
+        return self.for_python(*args, **options)
 
 
-def jit_for_compiled_code(function: Callable, **options: Any) -> Jitted:
-    """Return a jitted function that only compiled functions can call. It compiles in half the time."""
-    jitted = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
-    jitted.__class__ = _ForCompiledCode
+def linked_jit(function: Callable, **options: Any) -> Jitted:
+    """Return a jitted function for compiled functions: it has machine code only in those that call it."""
+    jitted = numba.njit(pipeline_class=_LinkedCompiler, **_WITHOUT_WRAPPERS, **options)(function)
+    jitted.__class__ = _LinkedFunction
     return jitted
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from numba.types import Tuple, UniTuple, int64, none
 
-from ..compile.jit import bound, callable_element, compile_kernel, element, outlined
+from ..compile.jit import bound, compile_kernel, element, outlined
 from ..protocol import (
     AT_END,
     BEFORE_END,
@@ -220,7 +220,7 @@ def variable(callbacks, state, settings, tally, span, look):
     return taken, row, ended
 
 
-@callable_element
+@element
 def least_size(rtol):
     """Return the least size of a degree of freedom, as a part of the largest size of all."""
     return min(1.0, max(_LEAST_SIZE, _ROUND_OFF / rtol))
