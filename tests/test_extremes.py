@@ -127,6 +127,7 @@ def test_they_do_not_depend_on_what_is_saved_nor_on_the_calls(method, monkeypatc
     assert_same(run, first.extend(END))
     monkeypatch.setattr("eig3.run.short.MOST_SECONDS", 0.0)
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-12)  # a step in each call
+    monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-12)
     assert_same(run, vibration(**options))
 
 

@@ -244,6 +244,7 @@ def test_a_full_disk_loses_no_more_than_the_steps_since_the_last_record(options,
     monkeypatch.setattr(storage, "_LARGEST_SHARE", 1e9)
     monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-6)
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-6)
+    monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-6)
     options = {**options, "params": (2.0, 0.1)}
     writes = iter(4 * [False] + 2 * [True])
     savez = np.savez
