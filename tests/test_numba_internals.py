@@ -6,6 +6,7 @@ The probes load one file of the library, and need nothing else of it. So where t
 
 import ast
 import ctypes
+import operator
 import re
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -15,6 +16,8 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from numba.core.registry import cpu_target
+from numba.core.types.functions import BaseFunction
 from numba.extending import intrinsic
 from numba.types import Array, FunctionType, UniTuple, float64, int64, intp
 
@@ -175,6 +178,17 @@ def test_code_without_the_runtime():
     not_refused = "The option `_nrt` of numba.njit does not refuse an allocation"
     with probe(not_refused), pytest.raises(Exception, match="zeros"):
         without(allocates)(3)
+
+
+def test_types_of_operations_are_remembered():
+    with probe("Numba finds the type of an operation elsewhere than in `BaseFunction.get_call_type`"):
+        product = numba.njit(lambda x, y: x * y)
+        usual = BaseFunction.get_call_type
+        internals.compile_for(product, (float64, int64))
+        assert product(2.5, 2) == 5.0
+        assert BaseFunction.get_call_type is usual
+        known = cpu_target.typing_context.resolve_value_type(operator.mul).known_to_eig3
+        assert known[float64, int64].return_type == float64
 
 
 def test_a_function_that_is_linked():

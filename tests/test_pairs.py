@@ -104,11 +104,11 @@ def test_a_pair_of_options(names, steps, tmp_path):
     run = integrate(names, steps, **({"save_to": tmp_path / "run"} if "save_to" in names else {}))
     assert run.status is (eig3.Status.TERMINATED if "terminal" in names else eig3.Status.COMPLETED)
     assert run.n_steps == expected.n_steps
+    # Inlined loops with other quantities may be rounded in another way, and step control makes more of round-off.
+    tolerance = 0.0 if "inline" not in names else 1e-12 if steps == "h" else 1e-10
+    rows = np.flatnonzero((np.abs(expected.t[:, None] - run.t) <= tolerance).any(axis=1))
     # Of two rows with one time, before and after a reset, a run that saves fewer states has one.
-    rows = np.flatnonzero(np.isin(expected.t, run.t))
     if len(rows) == len(run.t):
-        # Inlined loops with other quantities may be rounded in another way.
-        tolerance = 1e-12 if "inline" in names else 0.0
         np.testing.assert_allclose(run.u, expected.u[rows], rtol=0, atol=tolerance)
         np.testing.assert_allclose(run.v, expected.v[rows], rtol=0, atol=10 * tolerance)
     else:
