@@ -245,7 +245,7 @@ class Pilots:
 
     def run_with_tolerance(self, method: Method, rtol: float, most: int) -> Run | str:
         """Run a method with tolerances over the part of the span, in at most `most` steps; if it fails, say why."""
-        self._compile(method, "rtol", lambda: self._solve(method, rtol, 1))
+        self._compile(method, "rtol", lambda: [self._solve(method, rtol, 1, follow=follow) for follow in (True, False)])
         solution = self._solve(method, rtol, most, follow=True)
         if solution.status is Status.TOO_MANY_STEPS:
             return f"with rtol = {rtol:g} it takes more than {most} steps"
@@ -379,7 +379,7 @@ class Pilots:
         return np.array([np.abs(self._motion(x)).max() for x in (history.u, history.v)])
 
     def _compile(self, method: Method, argument: str, run: Callable[[], Any]) -> None:
-        """Compile a method by a first run, whose time does not count."""
+        """Compile the kernels of a method by a first run, whose time does not count."""
         if (method, argument) not in self._compiled:
             self._compiled.add((method, argument))
             begin, busy = time.perf_counter(), time.thread_time()
