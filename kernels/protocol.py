@@ -336,6 +336,19 @@ def rows(typingctx, state, count):
     return kind(state, count), codegen
 
 
+@intrinsic
+def part_of_row(typingctx, state, row, first, count):
+    """``part_of_row(state, row, first, count)`` returns `count` values of a row of a 2-D array, from index `first`."""
+
+    def codegen(context, builder, signature, args):
+        matrix, row, first, count = args
+        source = parts_of(context, builder, signature.args[0], matrix)
+        begin = builder.add(builder.mul(source.shape[1], row), first)
+        return _array(context, builder, builder.gep(source.data, [begin]), count)
+
+    return vector_type(state, int64, int64, int64), codegen
+
+
 @intrinsic(prefer_literal=True)
 def stack_rows(typingctx, n, count):
     """``stack_rows(n, count)`` returns a tuple of `count` arrays of n values on the stack; both are literals.

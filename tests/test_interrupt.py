@@ -129,7 +129,7 @@ def test_a_motion_that_grew_is_not_complete_before_its_growth_is_judged(monkeypa
 
 
 def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch):
-    monkeypatch.setattr(eig3.stepping.march, "first_acceleration", press)
+    monkeypatch.setattr(eig3.stepping.march, "evaluation", press)
     with pytest.raises(KeyboardInterrupt) as caught:
         eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)
     assert caught.value.solution is None

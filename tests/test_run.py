@@ -286,6 +286,6 @@ def test_a_run_that_is_interrupted_before_it_begins_ends_the_command(monkeypatch
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("eig3.stepping.march.first_acceleration", interrupted)
+    monkeypatch.setattr("eig3.stepping.march.evaluation", interrupted)
     assert main(["run", "duffing", "--h", "0.1", "--t-end", "1"]) == 130
     assert capsys.readouterr().err == "\nInterrupted.\n"

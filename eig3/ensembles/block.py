@@ -11,7 +11,7 @@ from ..diagnosis.divergence import became_non_finite
 from ..functions.guard import not_finite_at_start
 from ..kernels.protocol import SCALAR, VECTOR
 from ..result.solution import Status
-from ..run.growth import BLOWN_UP, OVERFLOWING
+from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
 from ..run.run import unwritten_entry
 from ..stepping.stepper import Cancel
 from .growth import sizes_with_half_the_step
@@ -87,12 +87,10 @@ class Block:
         self._end_broken(state.first_acceleration)
 
     def _set_natural(self) -> None:
-        """Set the natural sizes of u and v, as `eig3.run.growth` defines them."""
+        """Set the natural sizes of u and v."""
         state = self._state
-        u, v = state.sizes
-        span = self._ends * state.h
-        self._v_natural = v + span * np.abs(state.first_acceleration).max(axis=0)
-        self._u_natural = u + span * self._v_natural
+        first = *state.sizes, np.abs(state.first_acceleration).max(axis=0)
+        self._u_natural, self._v_natural = natural_sizes(first, self._ends * state.h)
         self._half = np.where(self._v_natural == 0, self._ends // 2, 0)  # step indices at which they are set again
 
     def _end_broken(self, a: np.ndarray) -> None:

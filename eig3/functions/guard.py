@@ -1,4 +1,4 @@
-"""Arrays between guard cells, and the first evaluation of a right-hand side, which stays within its arrays.
+"""Arrays between guard cells, and the evaluation of a right-hand side there, which must stay within its arrays.
 
 Numba does not check indices. Each array therefore has cells with the value NaN before and after it. A value that is
 read there makes the result NaN, and a value that is written there is found after the evaluation.
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..kernels.loops.accelerations import guarded_kernel
 from ..kernels.protocol import SCALAR, Form
 from .callbacks import Callback
 
@@ -48,55 +49,46 @@ def are_untouched(cells: np.ndarray) -> bool:
     return bool(np.isnan(cells).all())
 
 
-def first_acceleration(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> Any:
-    """Evaluate f(t, u, v) and check the result; `p` must come from `guarded`.
+#: The largest |u|, |v| and |a| of a state, or of the state in each lane.
+Sizes = tuple[Any, Any, Any]
 
-    Returns
-    -------
-    float or ndarray, shape (n,)
+
+def evaluation(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> tuple[Any, Sizes]:
+    """Evaluate f(t, u, v), and return a and the sizes; `p` comes from `guarded`.
+
+    An entry of a that rhs does not write is NaN. The size of an array is infinite if one of its values is not finite.
 
     Raises
     ------
-    NotFiniteAtStartError
-        If the result is not finite.
     ValueError
         If rhs writes beyond the end of a.
     """
-    # These lines are short cuts for `_evaluate`, because each run begins with them.
     if form is SCALAR:
         a = rhs.call(t, u, v, p)
-        if math.isfinite(a):
-            return a
-    else:
-        n = u.size
-        cells = np.empty(3 * n + 4 * CELLS)
-        cells.fill(np.nan)  # an entry that rhs does not write stays NaN
-        a, begin = cells[CELLS : CELLS + n], 2 * CELLS + n
-        cells[begin : begin + n], cells[begin + n + CELLS : -CELLS] = u, v
-        rhs.call(t, cells[begin : begin + n], cells[begin + n + CELLS : -CELLS], p, a)
-        around = np.isnan(cells[:begin])
-        around[CELLS : CELLS + n] = True
-        if not np.logical_and.reduce(around):
-            raise written_beyond(n)
-        if math.isfinite(np.add.reduce(a)) or _is_finite(a, form):
-            return a
+        return a, (abs(u), abs(v), abs(a))
+    cells = np.empty((3, u.size + 2 * CELLS))
+    u_size, v_size, a_size, is_within = guarded_kernel()(rhs.address, t, u, v, p, cells)
+    if not is_within:
+        raise written_beyond(u.size)
+    return cells[0, CELLS:-CELLS], (u_size, v_size, a_size)
+
+
+def not_finite(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray, a: Any) -> NotFiniteAtStartError:
+    """Return the error of a right-hand side whose value a is not finite at the start."""
     names = _read_beyond(rhs, form, t, u, v, p)
     if names:
         sizes = ", ".join(f"{name} ({np.size({'p': p, 'u': u, 'v': v}[name])} values)" for name in names)
         remedy = " and ".join(_DESCRIBED[name] for name in names)
-        raise ReadsBeyondError(
+        return ReadsBeyondError(
             f"{_not_finite(a)}, because it reads beyond the end of {sizes}; give {remedy} all the values it reads."
         )
-    raise NotFiniteAtStartError(not_finite_at_start(a))
+    return NotFiniteAtStartError(not_finite_at_start(a))
 
 
 def is_finite_at_start(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> bool:
     """Return whether f(t, u, v) is finite; `p` need not come from `guarded`."""
-    return _is_finite(_evaluate(rhs, form, t, {"p": guarded(p), "u": u, "v": v}), form)
-
-
-def _is_finite(a: Any, form: Form) -> bool:
-    return math.isfinite(a) if form is SCALAR else bool(np.logical_and.reduce(np.isfinite(a)))
+    _, (_, _, size) = evaluation(rhs, form, t, u, v, guarded(p))
+    return math.isfinite(size)
 
 
 def not_finite_at_start(a: Any) -> str:

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from copy import copy
 from typing import Any
 
-import numpy as np
-
+from ..functions.guard import Sizes
 from ..stepping.stepper import Stepper
 
 STRANGE = 1e3  # from this multiple of its natural size on, the motion may be unstable
@@ -15,32 +14,34 @@ BLOWN_UP = 1e4  # from this multiple of its natural size on, a search for an ins
 OVERFLOWING = 1e100  # a motion of this size is suspect, whatever its natural size is
 
 
-def size_of(x: Any) -> float:
-    """Return the largest absolute value of a float or an array."""
-    return abs(x) if type(x) is float else float(np.maximum.reduce(np.abs(x)))
+def natural_sizes(first: Sizes, span: Any) -> tuple[Any, Any]:
+    """Return the natural sizes of u and v, from the sizes at the start and the length of the span.
+
+    That of v is the largest |v| at the start, plus the change of v that the acceleration at the start would cause over
+    the whole span. That of u is the largest |u| at the start, plus the change of u that the natural size of v would
+    cause.
+    """
+    u, v, a = first
+    v_natural = v + span * a
+    return u + span * v_natural, v_natural
 
 
 class Growth:
     """The size of the motion, which is looked at now and then, relative to its natural size.
 
-    The natural size of v is the largest |v| at the start, plus the change of v that the acceleration at the start would
-    cause over the whole span. The natural size of u is the largest |u| at the start, plus the change of u that the
-    natural size of v would cause. If a motion starts at rest without acceleration, its natural size is its size in the
+    See `natural_sizes`. If a motion starts at rest without acceleration, its natural size is its size in the
     middle of the span.
     """
 
     def __init__(self, stepper: Stepper, n_steps: int) -> None:
-        (u, v), a = stepper.start, stepper.first_acceleration
-        self._h, self._start = stepper.h, tuple(map(size_of, (u, v, a)))
+        self._h, self._first = stepper.h, stepper.first_sizes
         self._set_span(n_steps)
         self._strange: Stepper | None = None
         self._size, self._is_overflowing = 0.0, False
 
     def _set_span(self, n_steps: int) -> None:
-        self._half, span = n_steps // 2, n_steps * self._h
-        u, v, a = self._start
-        v_size = v + span * a
-        self._natural = u + span * v_size, v_size
+        self._half = n_steps // 2
+        self._natural = natural_sizes(self._first, n_steps * self._h)
 
     def extended(self, n_steps: int, index: int) -> Growth:
         """Return an independent observer for a run of more steps, of which `index` are taken."""

@@ -33,7 +33,7 @@ from ..result.storage import Place
 from ..stepping.march import NEVER, Cancel
 from ..stepping.stepper import Stepper
 from ..stepping.system import System, remembered
-from ..stepping.tolerances import check_tolerances, method_for
+from ..stepping.tolerances import Limits, Tolerances, check_limits, method_for
 from ..stepping.variable_stepper import VariableStepper
 from ..stepping.watching import check_times
 from . import short
@@ -100,7 +100,7 @@ class Prepared:
         self._defaults = defaults
         if t_eval is not None and save_every not in (1, None):
             raise ValueError("save_every and t_eval exclude each other: give one of them.")
-        self._limits = rtol, atol, h_max, first_step, max_steps
+        self._atol = atol
         if h is not None:
             _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
             record = check_method("eig3" if method is None else method)
@@ -108,15 +108,15 @@ class Prepared:
         elif rtol is None and atol is None:
             raise ValueError("give h for a fixed step, or rtol for tolerances: one of the two is needed.")
         else:
-            tolerances = check_tolerances(1, rtol, None, h_max, first_step, max_steps)
-            record = method_for(method, tolerances.rtol)
+            self._limits: Limits = check_limits(rtol, h_max, first_step, max_steps)
+            record = method_for(method, self._limits.rtol)
         self._h, self._t_eval = h, t_eval
         self._save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
         functions: Functions = check_functions(invariants, outputs)
         options: dict[str, Any] = {"inline": check_flag(inline, "inline"), "events": events, "functions": functions}
         options |= {"has_times": t_eval is not None, "labels": labels, "integrals": integrals}
         self._system: System = remembered(rhs, form, record, has_tolerances=h is None, **options)
-        self._tolerances: dict[int, Any] = {}
+        self._tolerances: dict[int, Tolerances] = {}
         self._every = NEVER if self._save_every is None else self._save_every
         has_end = any(event.terminal for event in self._system.events.values())
         self._may_be_short = t_eval is None and not has_end
@@ -191,7 +191,7 @@ class Prepared:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
         again, t_end = partial(self._begin, span, u, v, p, False, None), span[1]
         if self._h is None:
-            (steps, rows), every = self._system.last_sizes.get(self._limits[0], (0, 0)), self._every
+            (steps, rows), every = self._system.last_sizes.get(self._limits.rtol, (0, 0)), self._every
             stepper: Any = self._variable_stepper(span, u, v, p, None)
         else:
             stepper, steps = self._fixed_stepper(span, u, v, p, None)
@@ -240,12 +240,12 @@ class Prepared:
 
     def _note_size(self, n_steps: int, rows: int) -> None:
         """Note how many steps a run with tolerances had, and how many rows the next one may need."""
-        self._system.last_sizes[self._limits[0]] = n_steps, rows + rows // 4 + 16
+        self._system.last_sizes[self._limits.rtol] = n_steps, rows + rows // 4 + 16
 
-    def _tolerances_for(self, n: int) -> Any:
+    def _tolerances_for(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""
         n_integrals = len(self._system.integrals)
-        self._tolerances[n] = check_tolerances(n - n_integrals, *self._limits, n_integrals)
+        self._tolerances[n] = self._limits.tolerances(self._atol, n - n_integrals, n_integrals)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:

@@ -14,12 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from ..functions.guard import CELLS
+from ..kernels.loops.accelerations import guarded_kernel
 from ..kernels.protocol import AT_END, GOING, REJECTED, SCALAR, STEP_BEFORE, TIME, Steps
 from ..result.solution import Solution
 from ..stepping.stepper import Stepper
 from ..stepping.variable_stepper import VariableStepper
 from .fixed_run import grid
-from .growth import STRANGE
+from .growth import STRANGE, natural_sizes
 from .run import Run, Stop, common_fields
 
 MOST_SECONDS = 4e-4  # duration of a short run, by the time per step of an earlier one
@@ -118,19 +120,18 @@ def _last_row(stepper: Any, steps: Any, wanted: int, span: float) -> int | None:
     if stepper.look:
         stepper.look.follower.check()
         stepper.look.watching.collect(tally)
-    (u, v), a = stepper.start, stepper.first_acceleration
     if stepper.form is SCALAR:
-        u_end, v_end, u, v, a = abs(state.item(0)), abs(state.item(1)), abs(u), abs(v), abs(a)
+        u, v = abs(state.item(0)), abs(state.item(1))
     else:
         t = stepper.t0 + (taken - 1) * stepper.h if wanted == GOING else float(tally[TIME] - tally[STEP_BEFORE])
-        if stepper.find_unwritten(t) is not None:
+        room = np.empty((3, stepper.n + 2 * CELLS))
+        u, v, a, _ = guarded_kernel()(stepper.system.callback.address, t, state[0], state[1], stepper.params, room)
+        if a == math.inf:
             return None
-        u_end, v_end = np.maximum.reduce(np.abs(state[:2]), axis=1).tolist()
-        u, v, a = np.maximum.reduce(np.abs(u)), np.maximum.reduce(np.abs(v)), np.maximum.reduce(np.abs(a))
     if wanted != GOING:
-        return row if u_end < math.inf and v_end < math.inf else None
-    v_natural = v + span * a
-    return row if u_end < STRANGE * (u + span * v_natural) and v_end < STRANGE * v_natural else None
+        return row if u < math.inf and v < math.inf else None
+    u_natural, v_natural = natural_sizes(stepper.first_sizes, span)
+    return row if u < STRANGE * u_natural and v < STRANGE * v_natural else None
 
 
 def _rows_of_outputs(stepper: Any, count: int) -> dict[str, np.ndarray]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..functions.accelerations import accelerations
 from ..functions.checks import check_index, reals
-from ..functions.guard import first_acceleration
+from ..functions.guard import evaluation, not_finite
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import (
     ENDED_BY,
@@ -88,6 +88,8 @@ class March:
         u0 and v0.
     first_acceleration : float or ndarray
         f(t0, u0, v0).
+    first_sizes : tuple of float
+        The largest |u0|, |v0| and |f(t0, u0, v0)|.
     t0 : float
         The time of u0 and v0.
     params : ndarray
@@ -124,7 +126,10 @@ class March:
         self._lock = threading.Lock()
         self._slices: Slices | None = None
         self.look = Look(system, times, n, self._work_rows()) if system.looks else None
-        self.first_acceleration = a = first_acceleration(system.callback, self.form, t0, u, v, params)
+        a, self.first_sizes = evaluation(system.callback, self.form, t0, u, v, params)
+        if not math.isfinite(self.first_sizes[2]):
+            raise not_finite(system.callback, self.form, t0, u, v, params, a)
+        self.first_acceleration = a
         self.tally = np.zeros(EVENTS + EVENT_VALUES * len(system.event_table))
         self.tally[TIME] = t0
         self._use(system.kernels.get(n) or self._compiled(system.method))
@@ -403,11 +408,9 @@ class March:
         This takes one evaluation, which `n_rhs` does not count.
         """
         u, v, call = self.state[0], self.state[1], self.system.callback.call
-        a = np.empty(u.size)
-        a.fill(np.nan)
         try:
-            call(t, u, v, self.params, a)
-            if not math.isnan(np.minimum.reduce(a)):
+            a, (_, _, size) = evaluation(self.system.callback, self.form, t, u, v, self.params)
+            if math.isfinite(size):
                 return None
             other = np.zeros(u.size)  # a value that rhs computes may be NaN too
             call(t, u, v, self.params, other)

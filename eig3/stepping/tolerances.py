@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,27 +44,44 @@ class Tolerances:
     max_steps: int
 
 
-def check_tolerances(
-    n: int,
-    rtol: float | None,
-    atol: ArrayLike | None,
-    h_max: float | None,
-    first_step: float | None,
-    max_steps: int | None,
-    n_integrals: int = 0,
-) -> Tolerances:
-    """Check the tolerances of a run with n degrees of freedom.
+class Limits(NamedTuple):
+    """What of `Tolerances` does not depend on the number of degrees of freedom."""
 
-    `n_integrals` further ones are integrals over time, which do not act on the motion: they do not decide about the
-    steps.
-    """
+    rtol: float
+    h_first: float
+    h_max: float
+    max_steps: int
+
+    def tolerances(self, atol: ArrayLike | None, n: int, n_integrals: int = 0) -> Tolerances:
+        """Return the tolerances of a run with n degrees of freedom, and with integrals over time after them.
+
+        Integrals do not act on the motion: they do not decide about the steps.
+        """
+        rows = _absolute(atol, n, n_integrals)
+        return Tolerances(self.rtol, rows, atol is None, self.h_first, self.h_max, self.max_steps)
+
+
+def check_limits(rtol: float | None, h_max: float | None, first_step: float | None, max_steps: int | None) -> Limits:
+    """Check the arguments of a run with tolerances that are numbers."""
     if rtol is None:
         raise ValueError("atol needs rtol too: the relative tolerance, such as 1e-6.")
-    relative = reals(rtol, "rtol")
-    if relative.ndim or not LEAST_RTOL <= relative < 1:
+    relative = rtol if type(rtol) is float else reals(rtol, "rtol")
+    if np.ndim(relative) or not LEAST_RTOL <= relative < 1:
         raise ValueError(
             f"rtol must be a number from {LEAST_RTOL:.3g}, below which round-off decides, to 1, not {shown(rtol)}."
         )
+    return Limits(
+        float(relative),
+        0.0 if first_step is None else _positive(first_step, "first_step"),
+        math.inf if h_max is None else _positive(h_max, "h_max"),
+        2**62 if max_steps is None else check_count(max_steps, "max_steps"),
+    )
+
+
+def _absolute(atol: ArrayLike | None, n: int, n_integrals: int) -> np.ndarray:
+    """Return the absolute tolerances of u and v, an array of shape (2, n + n_integrals)."""
+    if atol is None and not n_integrals:
+        return np.zeros((2, n))
     absolute = np.zeros(()) if atol is None else reals(atol, "atol")
     if not (np.isfinite(absolute).all() and (absolute >= 0).all()):
         raise ValueError(f"atol must be finite and not negative, not {shown(atol)}.")
@@ -76,15 +93,7 @@ def check_tolerances(
             f"atol must be a number, {each}or an array of shape (2, {n}) with a row for u and a row for v, not of the "
             f"shape {absolute.shape}."
         ) from None
-    rows = np.ascontiguousarray(np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1))
-    return Tolerances(
-        float(relative),
-        rows,
-        atol is None,
-        0.0 if first_step is None else _positive(first_step, "first_step"),
-        math.inf if h_max is None else _positive(h_max, "h_max"),
-        2**62 if max_steps is None else check_count(max_steps, "max_steps"),
-    )
+    return np.ascontiguousarray(np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1))
 
 
 def method_for(method: str | Method | None, rtol: float) -> Method:

@@ -1,13 +1,14 @@
 # ruff: noqa: F821
-"""The kernel that evaluates the right-hand side at rows of states."""
+"""The kernels that evaluate the right-hand side at rows of states, and at one state between guard cells."""
 
 import functools
+import math
 from typing import Any
 
-from numba.types import int64, none
+from numba.types import Tuple, boolean, float64, int64, none
 
-from ..compile.jit import compile_kernel
-from ..protocol import SCALAR, Form, function_at, vector_type
+from ..compile.jit import compile_kernel, element
+from ..protocol import SCALAR, VECTOR, Form, function_at, matrix_type, part_of_row, vector_type
 
 
 def scalar(address, p, t, u_rows, v_rows, a_rows):
@@ -22,6 +23,32 @@ def vector(address, p, t, u_rows, v_rows, a_rows):
         f(t[i], u_rows[i], v_rows[i], p, a_rows[i])
 
 
+def guarded(address, t, u, v, p, cells):
+    n, width = len(u), cells.shape[1]
+    begin = (width - n) // 2
+    for row in range(3):
+        for j in range(width):
+            cells[row, j] = math.nan
+    a, u_inside = part_of_row(cells, 0, begin, n), part_of_row(cells, 1, begin, n)
+    v_inside = part_of_row(cells, 2, begin, n)
+    for j in range(n):
+        u_inside[j], v_inside[j] = u[j], v[j]
+    RHS(address)(t, u_inside, v_inside, p, a)
+    is_within = True
+    for j in range(begin):
+        is_within &= cells[0, j] != cells[0, j] and cells[0, width - 1 - j] != cells[0, width - 1 - j]
+    return largest(u), largest(v), largest(a), is_within
+
+
+@element
+def largest(x):
+    size = 0.0
+    for j in range(len(x)):
+        if not abs(x[j]) <= size:
+            size = abs(x[j]) if x[j] == x[j] else math.inf
+    return size
+
+
 @functools.cache
 def acceleration_kernel(form: Form) -> Any:
     """Compile the kernel, or load it from the disk.
@@ -32,3 +59,15 @@ def acceleration_kernel(form: Form) -> Any:
     template = scalar if form is SCALAR else vector
     signature = none(int64, vector_type, vector_type, form.state, form.state, form.state)
     return compile_kernel(template, {"RHS": function_at(form.rhs)}, signature, f"accelerations_{form.name}")
+
+
+@functools.cache
+def guarded_kernel() -> Any:
+    """Compile the kernel of the vector form that evaluates the right-hand side once, or load it from the disk.
+
+    It is called as ``kernel(address, t, u, v, p, cells)`` with a matrix of three rows, which it fills with NaN. In the
+    middle of the rows, the right-hand side gets room for a, and copies of u and v. The kernel returns the largest |u|,
+    |v| and |a|, which are infinite if a value is not finite, and whether the cells around a are still NaN.
+    """
+    signature = Tuple((*[float64] * 3, boolean))(int64, float64, *[vector_type] * 3, matrix_type)
+    return compile_kernel(guarded, {"RHS": function_at(VECTOR.rhs)}, signature, "guarded")
