@@ -288,7 +288,7 @@ def inline_kernel(
     is_stacked = form is VECTOR and n <= STACKED_DEGREES
     names |= {"N": n if is_stacked else 0, "STACKED": int(is_stacked)}
     names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
-    return _compile(method, order, form, callbacks, names, looks, "")
+    return _compile(method, order, form, callbacks, names, looks, "", rhs)
 
 
 @functools.cache
@@ -309,15 +309,22 @@ def wide_kernel(method: Formulas) -> Any:
 
 
 def _compile(
-    method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], looks: bool, label: str
+    method: Formulas,
+    order: int,
+    form: Form,
+    callbacks: Any,
+    names: dict[str, Any],
+    looks: bool,
+    label: str,
+    rhs: Any = None,
 ) -> Any:
-    names = {**method.names(form), **names, "LOOKS": int(looks), "INLINED": int(not callbacks)}
+    names = {**method.names(form), **names, "LOOKS": int(looks), "INLINED": int(rhs is not None)}
     if names["STACKED"]:
         for name in {"STEP", "START_STEP"} & names.keys():
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
     march = march_scalar if form is SCALAR else march_vector
     if looks:
-        names |= {**search_names(method, order, form, bool(names["INLINED"])), "END_PART": following(form).end_part}
+        names |= {**search_names(method, order, form, rhs), "END_PART": following(form).end_part}
         names["IS_QUIET"] = functions(form).is_quiet_now
         advance = searching_scalar if form is SCALAR else searching_vector
     else:

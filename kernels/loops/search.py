@@ -14,7 +14,8 @@ from typing import Any
 
 from numba.types import FunctionType, float64, int64
 
-from ..compile.jit import bound, element, linked, outlined
+from ..compile.jit import bound, compiled, element, function_at, linked, outlined
+from ..compile.numba_internals import address_of
 from ..protocol import (
     EVALUATIONS,
     FULL,
@@ -133,6 +134,10 @@ def start_without_past(f, t, y, h, p, n, a):
     pass
 
 
+def search_by_address(f, place, tally, t0, t, t_end, n, p):
+    return SEARCH(AT(ADDRESS), place, tally, t0, t, t_end, n, p)
+
+
 def work_rows(order: int) -> int:
     """Return the number of rows of `Watch.work` for a method of this order."""
     return WORK + _pair_for(order).rows
@@ -143,15 +148,22 @@ def _pair_for(order: int) -> Any:
     return importlib.import_module(f"{METHODS}.{'rk5' if order <= 5 else 'rk8'}").variable
 
 
-def search_names(method: Formulas, order: int, form: Form, is_inline: bool) -> dict[str, Any]:
-    """Return the values of the names in capitals in the template of a kernel that searches its steps."""
+def search_names(method: Formulas, order: int, form: Form, inlined: Any) -> dict[str, Any]:
+    """Return the values of the names in capitals in the template of a kernel that searches its steps.
+
+    `inlined` is the right-hand side of a kernel that has it inlined, or None. The search calls it at its address: it
+    takes longer to compile than the rest of the kernel, and runs rarely.
+    """
     start = {"START": element(method.start), "PAST": method.past}
     if form is SCALAR:
         started = {"STARTED": element(bound(started_scalar, start) if method.past else started_without_past)}
     else:
         started = {"START_ANEW": element(bound(start_anew, start) if method.past else start_without_past)}
-    search = _inlined_search if is_inline else _linked_search
-    return {"SEARCH": search(order <= 5, form), "PAIR_ROWS": _pair_for(order).rows, **started}
+    search = _linked_search(order <= 5, form)
+    if inlined is not None:
+        names = {"AT": function_at(form.rhs), "ADDRESS": address_of(compiled(inlined, form.rhs.args)), "SEARCH": search}
+        search = element(bound(search_by_address, names))
+    return {"SEARCH": search, "PAIR_ROWS": _pair_for(order).rows, **started}
 
 
 @functools.cache
@@ -159,12 +171,6 @@ def _linked_search(is_low: bool, form: Form) -> Any:
     """Return the search for a right-hand side that is a callback. The kernels of all methods of one pair share it."""
     arguments = FunctionType(form.rhs), int64, vector_type, float64, float64, float64, int64, vector_type
     return linked(search, _names(is_low, form), int64(*arguments), f"{'rk5' if is_low else 'rk8'}_{form.name}")
-
-
-@functools.cache
-def _inlined_search(is_low: bool, form: Form) -> Any:
-    """Return the search for a right-hand side that becomes a part of it."""
-    return outlined(bound(search, _names(is_low, form)))
 
 
 def _names(is_low: bool, form: Form) -> dict[str, Any]:
