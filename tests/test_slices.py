@@ -115,6 +115,21 @@ def test_a_rhs_that_becomes_1000_times_slower_delays_the_answer_by_1000_short_sl
     assert clock.longest <= 1000 * SLICE * (1 + 1e-3)  # round-off of the clock
 
 
+@pytest.mark.parametrize("save_every", [1000, None])
+def test_a_long_run_with_tolerances_after_a_short_one_has_slices(monkeypatch, clock, save_every):
+    """The steps of the short run say nothing about those of a run over another span, which needs few rows too."""
+
+    @eig3.jit
+    def rhs(t, u, v, p):
+        return -u
+
+    wrap_kernels(monkeypatch, lambda kernel: clock.watch(kernel, slow_from=10**9))
+    for end in (1, 10_000):
+        eig3.integrate(rhs, (0, end), 1.0, 0.0, rtol=1e-6, save_every=save_every)
+    assert clock.steps > 3 * SLICE / PER_STEP
+    assert clock.longest <= SLICE * (1 + 1e-3)  # round-off of the clock
+
+
 def test_slices_are_short_on_a_busy_machine_and_long_beside_a_busy_thread(monkeypatch):
     """Another process interrupts a slice, and another thread keeps the interpreter after it, each for 4 ms."""
     now, busy, waits = [1.0], [1.0], [0]
