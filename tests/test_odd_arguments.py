@@ -69,6 +69,28 @@ def test_the_number_of_values_may_be_a_small_integer_of_numpy():
     assert eig3.ensemble(**{**RUN, "u0": np.ones(3)}, outputs=outputs).outputs["many"].shape == (3, 2, 200)
 
 
+@pytest.mark.parametrize("k", [10**15, NEVER])
+def test_values_that_fit_into_no_memory_are_refused(k):
+    with pytest.raises(MemoryError, match=r"^outputs\['three'\] has .* values, which do not fit into memory"):
+        eig3.integrate(**RUN, outputs={"three": (three, k)})
+
+
+class Soon:
+    """A `cancel` that is set when it is asked for the third time."""
+
+    asked = 0
+
+    def is_set(self):
+        self.asked += 1
+        return self.asked > 2
+
+
+def test_a_stepper_may_go_on_until_it_is_cancelled():
+    stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.1, params=(1.0,))
+    for _ in range(2):
+        assert stepper.advance(NEVER, cancel=Soon()) > 0
+
+
 @pytest.mark.parametrize("times", ["1", ["0.5"], np.ma.masked_array([0.5, 0.7], [True, False]), 0.5j, None])
 def test_at_takes_real_times(times):
     with pytest.raises(TypeError, match="t must be made of real numbers"):

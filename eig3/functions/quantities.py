@@ -125,6 +125,8 @@ class Quantity:
     ------
     TypeError
         If the function is not valid.
+    MemoryError
+        If the values do not fit into memory.
     """
 
     def __init__(self, name: str, function: Any, k: int | None = None, *, form: Form) -> None:
@@ -134,7 +136,12 @@ class Quantity:
         self.kind = "invariant" if k is None else "output"
         self.callback = check_callback(function, self.kind, form, name)
         self._kernel = extent_kernel(form, k is not None)
-        self._out = guarded(np.full(self.width, np.nan))
+        try:
+            self._out = guarded(np.full(self.width, np.nan))
+        except (MemoryError, ValueError):  # ValueError where no array can be so large
+            raise MemoryError(
+                f"{name} has {self.width:.3g} values, which do not fit into memory; take a smaller k."
+            ) from None
         self._values = np.empty((0, self.width))
 
     def fork(self) -> Quantity:

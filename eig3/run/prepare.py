@@ -42,6 +42,7 @@ from .progress import check_progress
 from .run import Run, carry_out
 from .variable_run import VariableRun
 
+_LEAST_PACE = 1e-10  # seconds per step; a coarse clock may have measured none
 _SHORT = 1e-12  # a step of this part of the time may be too short for floating-point times
 
 
@@ -201,7 +202,8 @@ class Prepared:
         if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
             return None
         if self._h is None:
-            return short.variable(stepper, every, rows, again)
+            most = int(short.MOST_SECONDS / max(pace, _LEAST_PACE))  # the last run may have been much shorter
+            return short.variable(stepper, most, every, rows, again)
         return short.fixed(stepper, steps, t_end, every, again)
 
     def _wrong_form(self, u0: Any) -> ValueError:

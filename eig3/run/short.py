@@ -67,14 +67,14 @@ def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Calla
     return solution
 
 
-def variable(stepper: VariableStepper, every: int, rows: int, again: Callable[[], Run]) -> Solution | None:
-    """Do the same for a run with tolerances, which needs at most this number of rows."""
+def variable(stepper: VariableStepper, most: int, every: int, rows: int, again: Callable[[], Run]) -> Solution | None:
+    """Do the same for a run with tolerances; return None too if it needs more than `most` steps, or more rows."""
     n = stepper.n
     t, h, u, v = np.empty(rows), np.empty(rows), np.empty((rows, n)), np.empty((rows, n))
     t[0], h[0], (u[0], v[0]) = stepper.t0, 0.0, stepper.start
     outputs = _rows_of_outputs(stepper, rows) if stepper.look else {}
     stepper.may_shorten = True
-    steps, tally = stepper.steps(stepper.tolerances.max_steps, every, 1, (t, h, u, v)), stepper.tally
+    steps, tally = stepper.steps(min(stepper.tolerances.max_steps, most), every, 1, (t, h, u, v)), stepper.tally
     row = _last_row(stepper, steps, AT_END, math.inf)
     if row is None:
         return None

@@ -220,6 +220,7 @@ class Stepper(March):
         count, every = operator.index(count), operator.index(every)
         if count < 0 or every < 1:
             raise ValueError(f"count must not be negative and every be at least 1, not {count} and {every}.")
+        count = min(count, NEVER - 1 - self.index)  # no call takes so many steps
         needed = (self.index + count) // every - self.index // every
         u_rows, v_rows = self._check_rows(u_rows, needed), self._check_rows(v_rows, needed)
         first = self.index
