@@ -13,9 +13,7 @@ import pytest
 
 import eig3
 from eig3.functions.callbacks import check_callback
-from eig3.kernels.loops import fixed
-from eig3.kernels.loops.accelerations import acceleration_kernel
-from eig3.kernels.protocol import SCALAR, VECTOR
+from eig3.kernels.protocol import VECTOR
 
 ROOT = Path(__file__).parent.parent
 README_FILES = ("README.md", "bench/README.md", "eig3/diagnosis/README.md", "eig3/ensembles/README.md")
@@ -44,38 +42,12 @@ ALL_METHODS = [
 WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity="none")]
 
 
-FORMS = (SCALAR, 1), (VECTOR, 3), (VECTOR, 2)
-
-
-def compile_kernels(shift=0.0):
-    """Compile every kernel of the library in pointer mode, or load it from disk, from a part of the list onwards."""
-    methods = {method.formulas: method for method in ALL_METHODS + WITHOUT_VELOCITY}
-    newton = eig3.CentralDifference(solver="newton")
-    kernels = [(formulas, method.order, form, n) for formulas, method in methods.items() for form, n in FORMS]
-    kernels += [(newton.formulas, newton.order, form, n, True) for form, n in FORMS[:2]]
-    first = round(shift * len(kernels))
-    for formulas, order, form, n, *takes_jacobian in kernels[first:] + kernels[:first]:
-        fixed.kernel(formulas, order, form, n, looks=False, takes_jacobian=bool(takes_jacobian))
-    for form in (SCALAR, VECTOR):
-        acceleration_kernel(form)
-
-
-def pytest_sessionstart(session):
-    """Let each worker of pytest-xdist compile its share of the kernels and load the others, which would all be busy
-    with the same kernels if the disk cache is empty."""
+def pytest_sessionstart():
     gc.set_threshold(100_000, 20, 100)  # a compiler makes millions of objects: collections took an eighth of the time
-    worker = getattr(session.config, "workerinput", None)
-    if worker:
-        compile_kernels(int(worker["workerid"].removeprefix("gw")) / worker["workercount"])
 
 
 def pytest_collection_finish():
     gc.freeze()  # what is imported stays: collections need not visit it
-
-
-@pytest.fixture(scope="session")
-def compiled_kernels():
-    compile_kernels()
 
 
 @eig3.jit
