@@ -1,5 +1,7 @@
 """The interface of kernels, marches and callbacks: their signatures, and functions for the rows of a state."""
 
+import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -7,7 +9,7 @@ from numba import types
 from numba.extending import intrinsic
 from numba.types import Array, float64, int64, none
 
-from .compile.jit import function_at as function_at
+from .compile.jit import element, function_at
 from .compile.numba_internals import array_over, copy_on_stack, entries_of, floats_on_stack, parts_of
 
 #: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
@@ -211,6 +213,7 @@ WITHIN_STEP = types.NamedTuple(
 )
 LOOK = types.NamedTuple((WATCH, FOLLOW), Look)
 LOOK_WITHIN = types.NamedTuple((WATCH, FOLLOW, WITHIN_STEP), LookWithin)
+STEPS = types.NamedTuple((float64, float64, _vector, *[int64] * 4, _matrix, _matrix), Steps)
 SPAN = types.NamedTuple(
     (
         *(float64, float64, _vector, int64, int64, int64, int64, float64, float64, _matrix, int64, int64, int64),
@@ -224,7 +227,9 @@ SPAN = types.NamedTuple(
 class Form:
     """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom.
 
-    An `invariant` returns its only value, as an output with one value does; an `output` writes its values.
+    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. A kernel
+    has rows of n values also for one degree of freedom: `calls` has an element that calls a function of each kind of
+    the scalar form with rows.
     """
 
     name: str
@@ -234,19 +239,45 @@ class Form:
     apply: Any
     output: Any
     state: Any
-
-    @property
-    def event(self) -> Any:
-        """The signature of the function g of an event."""
-        return self.invariant
+    calls: Mapping[str, Any]
 
     def __reduce__(self) -> str:
         return self.name.upper()  # pickle then takes the form of this module that has this name
 
-    @property
-    def steps(self) -> Any:
-        """The type of `Steps`."""
-        return types.NamedTuple((float64, float64, vector_type, *[int64] * 4, self.state, self.state), Steps)
+    @functools.cache  # noqa: B019  there are two forms
+    def at(self, kind: str) -> Any:
+        """Return a compiled ``function(address)``, where the function of some kind, such as "rhs", takes rows."""
+        return function_at(getattr(self, kind), self.calls.get(kind))
+
+    def with_rows(self, kind: str, function: Any) -> Any:
+        """Return an element that calls a jitted function with rows."""
+        call = self.calls.get(kind)
+        return element(lambda *arguments: call(*arguments, function)) if call else function
+
+
+@element
+def value_of_one(t, u, v, p, function):
+    return function(t, u[0], v[0], p)
+
+
+@element
+def acceleration_of_one(t, u, v, p, a, function):
+    a[0] = function(t, u[0], v[0], p)
+
+
+@element
+def slope_of_one(t, u, v, p, matrix, function):
+    matrix[0, 0] = function(t, u[0], v[0], p)
+
+
+@element
+def values_of_one(t, u, v, p, values, function):
+    function(t, u[0], v[0], p, values)
+
+
+@element
+def state_of_one(t, u, v, p, function):
+    u[0], v[0] = function(t, u[0], v[0], p)
 
 
 SCALAR = Form(
@@ -257,6 +288,13 @@ SCALAR = Form(
     apply=types.UniTuple(float64, 2)(float64, float64, float64, _given),
     output=none(float64, float64, float64, _given, vector_type),
     state=vector_type,
+    calls={
+        "rhs": acceleration_of_one,
+        "jacobian": slope_of_one,
+        "invariant": value_of_one,
+        "output": values_of_one,
+        "apply": state_of_one,
+    },
 )
 VECTOR = Form(
     name="vector",
@@ -266,6 +304,7 @@ VECTOR = Form(
     apply=none(float64, vector_type, vector_type, _given),
     output=none(float64, _given, _given, _given, vector_type),
     state=matrix_type,
+    calls={},
 )
 
 

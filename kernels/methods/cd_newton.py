@@ -35,53 +35,19 @@ def move(u, v, w, h):
 
 
 @element
-def step_scalar(f, at, y, c):
-    u, v, w = y
-    u, w = move(u, v, w, at.h)
-    v, success = solve_scalar(f, c[2].jacobian, at.t + at.h, u, v, w, c, at.h, at.p)
-    return (u, v, w), success
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     u, v, w, u_next, v_next, w_next, a, perturbed, residual, row_swaps, column_swaps = y
     for j in range(n):
         u_next[j], w_next[j] = move(u[j], v[j], w[j], at.h)
         v_next[j] = v[j]
     scratch = a, perturbed, residual, row_swaps, column_swaps
-    if not solve_vector(f, c[2].jacobian, at.t + at.h, u_next, v_next, w_next, scratch, c, at.h, at.p, n):
+    if not solve(f, c[2].jacobian, at.t + at.h, u_next, v_next, w_next, scratch, c, at.h, at.p, n):
         return y, False  # rows u, v and w still hold the last good state
     return (u_next, v_next, w_next, u, v, w, a, perturbed, residual, row_swaps, column_swaps), True
 
 
 @element
-def solve_scalar(f, jacobian, t, u, v, w, c, h, p):
-    tolerance, limit, work = c
-    iteration, slope, last = 0, 0.0, math.nan
-    while True:
-        a = f(t, u, v, p)
-        residual = v - w - h / 2 * a
-        scale = abs(v) + abs(w)
-        finite = math.isfinite(residual + scale)
-        if iteration > 0 and finite and is_solved(abs(residual), last, scale, abs(u), tolerance, h, 1):
-            count(work.tally, iteration, 1 if jacobian is None else 0)
-            return v - residual / (1 - h / 2 * slope), True
-        if iteration >= limit or not finite:
-            count(work.tally, iteration, 1 if jacobian is None else 0)
-            work.tally[RESIDUAL] = last
-            return v, False
-        last = abs(residual)
-        if jacobian is None:
-            dv = increment(v, scale)
-            slope = (f(t, u, v + dv, p) - a) / dv
-        else:
-            slope = jacobian(t, u, v, p)
-        v -= residual / (1 - h / 2 * slope)
-        iteration += 1
-
-
-@element
-def solve_vector(f, jacobian, t, u, v, w, scratch, c, h, p, n):
+def solve(f, jacobian, t, u, v, w, scratch, c, h, p, n):
     tolerance, limit, work = c
     matrix = work.matrix
     a, perturbed, residual, row_swaps, column_swaps = scratch
