@@ -349,13 +349,12 @@ def quiet(form: Form) -> Any:
 @functools.cache
 def searching(form: Form) -> tuple[Any, Any]:
     """Return the elements `look_within` and `write_time`."""
-    following = follow.functions(form)
     apply_at = form.at("apply")
     apply = element(lambda address, t, u, v, p: apply_at(address)(t, u, v, p))
     names: dict[str, Any] = {
         "EVENT": _event(form),
         "APPLY": apply,
-        "EVALUATE": following.evaluate,
+        "EVALUATE": follow.functions(form).evaluate,
         "WIDEN": follow.widen_all,
     }
     names["FOLLOW"] = outlined(bound(followed, names))
