@@ -10,7 +10,7 @@ from numba.extending import intrinsic
 from numba.types import Array, float64, int64, none
 
 from .compile.jit import element, function_at
-from .compile.numba_internals import array_over, copy_on_stack, entries_of, floats_on_stack, parts_of
+from .compile.numba_internals import Cell, array_over, copy_on_stack, entries_of, floats_on_stack, parts_of
 
 #: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
@@ -375,6 +375,33 @@ def rows(typingctx, state, count):
     return kind(state, count), codegen
 
 
+_cell = Cell()
+
+
+@intrinsic(prefer_literal=True)
+def cells(typingctx, state, count):
+    """``cells(state, count)`` returns the first `count` rows of one value of a 2-D array as a tuple of `Cell`."""
+    kind = types.UniTuple(_cell, count.literal_value)
+
+    def codegen(context, builder, signature, args):
+        data = parts_of(context, builder, signature.args[0], args[0]).data
+        values = [builder.gep(data, [context.get_constant(types.intp, k)]) for k in range(count.literal_value)]
+        return context.make_tuple(builder, kind, values)
+
+    return kind(state, count), codegen
+
+
+@intrinsic(prefer_literal=True)
+def stack_cells(typingctx, n, count):
+    """``stack_cells(1, count)`` returns a tuple of `count` cells on the stack, which LLVM keeps in registers."""
+    kind = types.UniTuple(_cell, count.literal_value)
+
+    def codegen(context, builder, signature, args):
+        return context.make_tuple(builder, kind, [floats_on_stack(builder, 1) for _ in range(count.literal_value)])
+
+    return kind(n, count), codegen
+
+
 @intrinsic(prefer_literal=True)
 def stack_rows(typingctx, n, count):
     """``stack_rows(n, count)`` returns a tuple of `count` arrays of n values on the stack; both are literals.
@@ -403,7 +430,8 @@ def copy_rows(typingctx, target, source, n):
     def codegen(context, builder, signature, args):
         def places(rows: Any) -> list[Any]:
             arrays = entries_of(builder, rows, len(target))
-            data = [parts_of(context, builder, vector_type, array).data for array in arrays]
+            is_cell = target.dtype == _cell
+            data = arrays if is_cell else [parts_of(context, builder, vector_type, array).data for array in arrays]
             return [builder.gep(d, [context.get_constant(types.intp, j)]) for d in data for j in range(n.literal_value)]
 
         values = [builder.load(place) for place in places(args[1])]

@@ -32,7 +32,7 @@ from numba.core.dispatcher import Dispatcher as Jitted  # the class of jitted fu
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.types.functions import BaseFunction
 from numba.core.typing import signature as signature_of
-from numba.extending import lower_builtin, models, register_model
+from numba.extending import lower_builtin, models, register_model, type_callable
 from numba.np import arrayobj
 
 #: The versions on which compiled code depends.
@@ -283,6 +283,47 @@ def floats_on_stack(builder: Any, n: int) -> Any:
     with builder.goto_entry_block():
         memory = builder.alloca(ir.ArrayType(ir.DoubleType(), n))
     return builder.bitcast(memory, ir.DoubleType().as_pointer())
+
+
+class Cell(numba.types.Type):
+    """The type of the address of a float, which is used as an array of one value, with any index.
+
+    The code of an array has its size and stride, and what an index below zero means: cells compile in less time.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("Cell")
+
+
+@register_model(Cell)
+class _CellModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Cell) -> None:
+        super().__init__(manager, kind, ir.DoubleType().as_pointer())
+
+
+@type_callable(operator.getitem)
+def _type_of_entry(context: Any) -> Callable:
+    return lambda cell, index: numba.types.float64 if isinstance(cell, Cell) else None
+
+
+@type_callable(operator.setitem)
+def _type_of_change(context: Any) -> Callable:
+    def typer(cell: Any, index: Any, value: Any) -> Any:
+        if isinstance(cell, Cell):
+            return signature_of(numba.types.none, cell, index, numba.types.float64)
+
+    return typer
+
+
+@lower_builtin(operator.getitem, Cell, numba.types.Integer)
+def _entry(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    return builder.load(args[0])
+
+
+@lower_builtin(operator.setitem, Cell, numba.types.Integer, numba.types.float64)
+def _change(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    builder.store(args[2], args[0])
+    return context.get_dummy_value()
 
 
 def copy_on_stack(builder: Any, value: Any) -> Any:

@@ -45,6 +45,7 @@ from ..protocol import (
     copy_rows,
     matrix_type,
     rows,
+    stack_cells,
     stack_rows,
     vector_type,
 )
@@ -67,10 +68,10 @@ def fixed(callbacks, state, settings, tally, steps, look):
     n = N if N > 0 else state.shape[1]
     f = RHS(callbacks)
     c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
-    kept = rows(state, OWN_ROWS)
+    kept = ROWS_OF(state, OWN_ROWS)
     y = kept
     if STACKED > 0:
-        y = stack_rows(N, OWN_ROWS)
+        y = STACK_ROWS(N, OWN_ROWS)
         copy_rows(y, kept, N)
     y, i, row, ended = ADVANCE(callbacks, f, c, y, n, state[OWN_ROWS:], tally, steps, look)
     if STACKED > 0:
@@ -245,6 +246,7 @@ def wide_kernel(method: Formulas) -> Any:
 def _compile(
     method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], looks: bool, label: str
 ) -> Any:
+    names["STACK_ROWS"] = stack_cells if form is SCALAR else stack_rows
     names = {**method.names(form), **names, "LOOKS": int(looks), "INLINED": int(not callbacks)}
     if names["STACKED"]:
         for name in {"STEP", "START_STEP"} & names.keys():

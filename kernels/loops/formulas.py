@@ -11,7 +11,7 @@ from typing import Any
 
 from ..compile.jit import bound, element
 from ..compile.source import define
-from ..protocol import VECTOR, Form, rows
+from ..protocol import SCALAR, VECTOR, Form, cells, rows
 
 METHODS = f"{__package__.rpartition('.')[0]}.methods"  # the package with one file for each method
 
@@ -19,7 +19,7 @@ METHODS = f"{__package__.rpartition('.')[0]}.methods"  # the package with one fi
 def start_step(f, at, y, c, n):
     """Take u and v from a step of the starter, and the past values from a step of the method itself."""
     c, scratch = c
-    kept = rows(scratch, 2)
+    kept = ROWS_OF(scratch, 2)
     for j in range(n):
         kept[0][j], kept[1][j] = y[0][j], y[1][j]
     y, _ = STEP(f, at, y, c, n)
@@ -31,7 +31,7 @@ def start_step(f, at, y, c, n):
 
 def starter(f, at, u, v, scratch, n):
     """Advance u and v by a step of the starter, and return whether it succeeded."""
-    y = rows(scratch, THEIR_ROWS)
+    y = ROWS_OF(scratch, THEIR_ROWS)
     for j in range(n):
         y[0][j], y[1][j] = u[j], v[j]
     y, success = THEIR_STEP(f, at, y, THEIR_CONSTANTS((), at.h, None), n)
@@ -105,6 +105,7 @@ class Formulas:
             "CONSTANTS": getattr(defined, "constants", no_constants),
             "COMPLETE": getattr(defined, "complete", nothing),
             "STEP": defined.step,
+            "ROWS_OF": cells if form is SCALAR else rows,
             "ROWS": self.rows,
             "OWN_ROWS": self.own_rows,
             "START_STEPS": self.start_steps,
@@ -112,7 +113,7 @@ class Formulas:
             "START_COST": cost,
         }
         if self.starter:
-            steps = {"STEP": defined.step, "STARTER": self.starter._as_starter(form)}
+            steps = {"STEP": defined.step, "ROWS_OF": names["ROWS_OF"], "STARTER": self.starter._as_starter(form)}
             names["START_STEP"] = element(bound(getattr(defined, "start_step", start_step), steps))
             names["START_COST"] += self.starter.names(form)["COST"]
         return names
@@ -123,7 +124,12 @@ class Formulas:
         if brief and form is VECTOR:
             return brief
         mine = self.names(form)
-        theirs = {"THEIR_STEP": mine["STEP"], "THEIR_CONSTANTS": mine["CONSTANTS"], "THEIR_ROWS": self.defined.ROWS}
+        theirs = {
+            "ROWS_OF": mine["ROWS_OF"],
+            "THEIR_STEP": mine["STEP"],
+            "THEIR_CONSTANTS": mine["CONSTANTS"],
+            "THEIR_ROWS": self.defined.ROWS,
+        }
         return element(bound(starter, theirs))
 
     @property

@@ -46,5 +46,5 @@ def step(f, at, y, c, n):
         if is_solved(change, last, scale, size, tolerance, at.h, n):
             return (u_next, v_next, w_next, u, v, w, a), True
         last = change
-    tally[RESIDUAL], tally[DEGREE] = last, first_not_finite(v_next)
+    tally[RESIDUAL], tally[DEGREE] = last, first_not_finite(v_next, n)
     return y, False  # rows u, v and w still hold the last good state

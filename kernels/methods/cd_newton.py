@@ -82,7 +82,7 @@ def solve(f, jacobian, t, u, v, w, scratch, c, h, p, n):
             break
         correct(v, n, residual, matrix, row_swaps, column_swaps)
     count(work.tally, iteration, n if jacobian is None else 0)
-    work.tally[RESIDUAL], work.tally[DEGREE] = last, first_not_finite(residual)
+    work.tally[RESIDUAL], work.tally[DEGREE] = last, first_not_finite(residual, n)
     return False
 
 
@@ -103,8 +103,8 @@ def is_solved(residual, last, speed, size, tolerance, h, n):
 
 
 @element
-def first_not_finite(values):
-    for j in range(values.size):
+def first_not_finite(values, n):
+    for j in range(n):
         if not math.isfinite(values[j]):
             return j
     return 0
