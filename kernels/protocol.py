@@ -347,20 +347,6 @@ def store_at(typingctx, address, index, value):
 
 
 @intrinsic(prefer_literal=True)
-def floats(typingctx, state, count):
-    """``floats(state, count)`` returns the first `count` numbers of a 1-D array as a tuple; `count` is a literal."""
-    kind = types.UniTuple(float64, count.literal_value)
-
-    def codegen(context, builder, signature, args):
-        source = parts_of(context, builder, signature.args[0], args[0])
-        indices = [context.get_constant(types.intp, k) for k in range(count.literal_value)]
-        values = [builder.load(builder.gep(source.data, [index])) for index in indices]
-        return context.make_tuple(builder, kind, values)
-
-    return kind(state, count), codegen
-
-
-@intrinsic(prefer_literal=True)
 def rows(typingctx, state, count):
     """``rows(state, count)`` returns the first `count` rows of a 2-D array as a tuple; `count` is a literal."""
     kind = types.UniTuple(vector_type, count.literal_value)

@@ -78,7 +78,6 @@ def _operators_remembered() -> Iterator[None]:
 
 
 _OPERATORS = frozenset(x for x in vars(operator).values() if callable(x))
-_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple
 
 
 def options_of(function: Jitted) -> Mapping[str, Any]:
@@ -295,6 +294,9 @@ class Cell(numba.types.Type):
         super().__init__("Cell")
 
 
+_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple, Cell
+
+
 @register_model(Cell)
 class _CellModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Cell) -> None:
@@ -311,6 +313,7 @@ def _type_of_change(context: Any) -> Callable:
     def typer(cell: Any, index: Any, value: Any) -> Any:
         if isinstance(cell, Cell):
             return signature_of(numba.types.none, cell, index, numba.types.float64)
+        return None
 
     return typer
 

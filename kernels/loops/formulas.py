@@ -11,7 +11,7 @@ from typing import Any
 
 from ..compile.jit import bound, element
 from ..compile.source import define
-from ..protocol import SCALAR, VECTOR, Form, cells, rows
+from ..protocol import SCALAR, VECTOR, Form, cells, rows, stack_cells
 
 METHODS = f"{__package__.rpartition('.')[0]}.methods"  # the package with one file for each method
 
@@ -31,7 +31,7 @@ def start_step(f, at, y, c, n):
 
 def starter(f, at, u, v, scratch, n):
     """Advance u and v by a step of the starter, and return whether it succeeded."""
-    y = ROWS_OF(scratch, THEIR_ROWS)
+    y = SCRATCH_ROWS(scratch, THEIR_ROWS)
     for j in range(n):
         y[0][j], y[1][j] = u[j], v[j]
     y, success = THEIR_STEP(f, at, y, THEIR_CONSTANTS((), at.h, None), n)
@@ -104,7 +104,7 @@ class Formulas:
         names = {
             "CONSTANTS": getattr(defined, "constants", no_constants),
             "COMPLETE": getattr(defined, "complete", nothing),
-            "STEP": defined.step,
+            "STEP": getattr(defined, "step_of_one", defined.step) if form is SCALAR else defined.step,
             "ROWS_OF": cells if form is SCALAR else rows,
             "ROWS": self.rows,
             "OWN_ROWS": self.own_rows,
@@ -113,7 +113,7 @@ class Formulas:
             "START_COST": cost,
         }
         if self.starter:
-            steps = {"STEP": defined.step, "ROWS_OF": names["ROWS_OF"], "STARTER": self.starter._as_starter(form)}
+            steps = {"STEP": names["STEP"], "ROWS_OF": names["ROWS_OF"], "STARTER": self.starter._as_starter(form)}
             names["START_STEP"] = element(bound(getattr(defined, "start_step", start_step), steps))
             names["START_COST"] += self.starter.names(form)["COST"]
         return names
@@ -125,7 +125,7 @@ class Formulas:
             return brief
         mine = self.names(form)
         theirs = {
-            "ROWS_OF": mine["ROWS_OF"],
+            "SCRATCH_ROWS": stack_cells if form is SCALAR else rows,
             "THEIR_STEP": mine["STEP"],
             "THEIR_CONSTANTS": mine["CONSTANTS"],
             "THEIR_ROWS": self.defined.ROWS,

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..compile.jit import bound, element
-from ..compile.source import Constants, after_sum, define
+from ..compile.source import Constants, after_sum, define, loop
 
 
 class Tableau:
@@ -39,9 +39,10 @@ class Tableau:
         self.b = [Fraction(x) for x in b]
         self.c, self.stages = c, len(b)
         constants = Constants()
-        text = self._step(constants) + constants.source()
+        text = self._step("step", constants) + self._step("step_of_one", constants, many=False) + constants.source()
         defined = define(text, "tableau", {"__name__": __name__})
-        self.step, self.constants = element(defined["step"]), element(defined["constants"])
+        self.step, self.step_of_one = element(defined["step"]), element(defined["step_of_one"])
+        self.constants = element(defined["constants"])
         self.rows, self.evaluations = 4 + self.stages, self.stages
         self.brief_step = self._brief()
 
@@ -70,17 +71,15 @@ class Tableau:
     def _time(self, i: int) -> str:
         return f"at.t + {float(self.c[i])!r} * at.h"
 
-    def _step(self, constants: Constants) -> str:
+    def _step(self, name: str, constants: Constants, many: bool = True) -> str:
         accelerations = [f"a{i}" for i in range(self.stages)]
-        lines = ["def step(f, at, y, c, n):", f"u, v, u_stage, v_stage, {', '.join(accelerations)} = y"]
+        lines = [f"def {name}(f, at, y, c, n):", f"u, v, u_stage, v_stage, {', '.join(accelerations)} = y"]
         lines.append("f(at.t, u, v, at.p, a0)")
         for i in range(1, self.stages):
             u, v = self._state(self.c[i], self.A[i], constants)
-            lines += ["for j in range(n):", f"    u_stage[j], v_stage[j] = {u}, {v}"]
-            lines.append(f"f({self._time(i)}, u_stage, v_stage, at.p, a{i})")
+            lines += [*loop({"u_stage": u, "v_stage": v}, many), f"f({self._time(i)}, u_stage, v_stage, at.p, a{i})"]
         u, v = self._state(1.0, self.b, constants)
-        lines += ["for j in range(n):", f"    u[j], v[j] = {u}, {v}", "return y, True"]
-        return "\n    ".join(lines) + "\n\n"
+        return "\n    ".join([*lines, *loop({"u": u, "v": v}, many), "return y, True"]) + "\n\n"
 
 
 def brief_step(f, at, u, v, scratch, n):  # type: ignore[no-untyped-def]

@@ -26,7 +26,7 @@ from math import comb
 from types import SimpleNamespace
 
 from ..compile.jit import element
-from ..compile.source import Constants, after_sum, define
+from ..compile.source import Constants, after_sum, define, loop
 
 
 def sigma(count: int) -> list[Fraction]:
@@ -84,20 +84,18 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
     first = ordinates(sigma(p))
     second = [x + y for x, y in zip(first, [*ordinates(kappa(p - 1)), Fraction(0)], strict=True)]
     u, V = after_sum("u[j]", [(c(1.0, 1), "V[j]"), *weighted(first, 2)]), after_sum("V[j]", weighted(first, 1))
-    w = after_sum("V[j]", weighted(second, 1)) if predicts else ""
+    w = {"v": after_sum("V[j]", weighted(second, 1))} if predicts else {}
     step = [
         "def step(f, at, y, c, n):",
         f"u, v, V, {rows} = y",
-        "for j in range(n):",
-        f"    u[j], V[j]{', v[j]' if w else ''} = {u}, {V}{f', {w}' if w else ''}",
+        *loop({"u": u, "V": V, **w}),
         f"f(at.t + at.h, u, v, at.p, {past[-1]})",
         f"return (u, v, V, {past[-1]}, {', '.join(past[:-1])}), True",
     ]
     complete = [
         "def complete(y, c, h, n):",
         f"u, v, V, {rows} = y[:{3 + p}]",
-        "for j in range(n):",
-        f"    v[j] = {synchronised('V[j]')}",
+        *loop({"v": synchronised("V[j]")}),
     ]
     start_step = [
         "def start_step(f, at, y, c, n):",
@@ -106,8 +104,7 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
         "success = STARTER(f, at, u, v, scratch, n)",
         f"f(at.t + at.h, u, v, at.p, {past[-1]})",
         f"{rows} = {past[-1]}, {', '.join(past[:-1])}",
-        "for j in range(n):",
-        f"    V[j] = {synchronised('v[j]', '-')}",
+        *loop({"V": synchronised("v[j]", "-")}),
         f"return (u, v, V, {rows}), success",
     ]
     start = ["def start(u, v, a, h):", f"return 0 * u, a{', 0 * u' * (p - 1)}"]

@@ -265,6 +265,6 @@ EXTENSION = (
 
 _tableau = Tableau(C, A, B)
 ROWS, EVALUATIONS = _tableau.rows, _tableau.evaluations
-constants, step = _tableau.constants, _tableau.step
+constants, step, step_of_one = _tableau.constants, _tableau.step, _tableau.step_of_one
 brief_step = _tableau.brief_step
 variable = Pair(_tableau, 8, [ERROR_5, ERROR_3], (EXTRA_C, EXTRA_A, EXTENSION))
