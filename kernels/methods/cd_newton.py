@@ -52,7 +52,7 @@ def step_of_one(f, at, y, c, n):
 
     It is a twin: `step` would compile in up to twice the time for it, and its round-off would change the last digits.
     """
-    u, v, w, u_next, v_next, w_next, a, perturbed, *others = y
+    u, v, w, u_next, v_next, w_next, a, perturbed, unused_0, unused_1, unused_2 = y
     tolerance, limit, work = c
     t, h, p, jacobian = at.t + at.h, at.h, at.p, work.jacobian
     u_next[0], w_next[0] = move(u[0], v[0], w[0], h)
@@ -83,7 +83,7 @@ def step_of_one(f, at, y, c, n):
         work.tally[RESIDUAL] = last
         return y, False
     v_next[0] -= residual / (1 - h / 2 * slope)
-    return (u_next, v_next, w_next, u, v, w, a, perturbed, *others), True
+    return (u_next, v_next, w_next, u, v, w, a, perturbed, unused_0, unused_1, unused_2), True
 
 
 @element
