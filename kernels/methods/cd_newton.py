@@ -52,9 +52,14 @@ def step_of_one(f, at, y, c, n):
 
     It is a twin: `step` would compile in up to twice the time for it, and its round-off would change the last digits.
     """
+    return solve_one(f, c[2].jacobian, at, y, c)
+
+
+@element
+def solve_one(f, jacobian, at, y, c):
     u, v, w, u_next, v_next, w_next, a, perturbed, unused_0, unused_1, unused_2 = y
     tolerance, limit, work = c
-    t, h, p, jacobian = at.t + at.h, at.h, at.p, work.jacobian
+    t, h, p = at.t + at.h, at.h, at.p
     u_next[0], w_next[0] = move(u[0], v[0], w[0], h)
     v_next[0] = v[0]
     iteration, slope, last = 0, 0.0, math.nan
