@@ -132,7 +132,6 @@ def take_five_steps_in_both_forms(method):
     ("change", "error", "message"),
     [
         ({"ROWS": 10}, Exception, "wrong tuple length"),
-        ({"PAST": 5}, Exception, "tuple"),
         ({"START_STEPS": 0}, TypeError, "must define START and START_STEPS together"),
     ],
 )
