@@ -241,6 +241,11 @@ class Form:
     state: Any
     calls: Mapping[str, Any]
 
+    @property
+    def event(self) -> Any:
+        """The signature of the function g of an event."""
+        return self.invariant
+
     def __reduce__(self) -> str:
         return self.name.upper()  # pickle then takes the form of this module that has this name
 
