@@ -1,15 +1,13 @@
 """The kernels: the compiled loops of the methods.
 
 A file of `eig3.kernels.methods` contains the formulas of one method. `eig3.kernels.loops.fixed` makes the kernel from
-them. The file defines these names, of which all but the first three may be left out:
+them. The file defines these names, of which all but the first two may be left out:
 
 ROWS : int
-    Number of rows of n values in the vector form: u, v, the past values, and scratch.
-step_scalar(f, at, y, c)
-    One step of one degree of freedom. It returns the next y = (u, v, past values ...) and True.
-step_vector(f, at, y, c, n)
+    Number of rows of n values: u, v, the past values, and scratch.
+step(f, at, y, c, n)
     One step of n degrees of freedom. It writes the rows of the tuple y, and returns them in the order of the next step,
-    and True.
+    and True. With one degree of freedom, a row is one value in a register: it is only indexed, and has no size.
 PAST : int
     Number of values besides u and v that a step passes to the next step; 0 by default.
 EVALUATIONS : int
@@ -18,11 +16,13 @@ start(u, v, a, h)
     The past values before the first step, as a tuple, from a = f(t0, u0, v0); zeros by default.
 START : str, START_STEPS : int
     The file of `eig3.kernels.methods` whose method takes the first steps, and the number of these steps.
-start_step_scalar(f, at, y, c), start_step_vector(f, at, y, c, n)
-    A starting step for a method whose own step cannot record the past values. c of the vector form is (c, scratch). It
-    calls ``u, v, success = STARTER(f, at, u, v)`` or ``success = STARTER(f, at, u, v, scratch, n)``, the starter.
-brief_step_vector(f, at, u, v, scratch, n)
+start_step(f, at, y, c, n)
+    A starting step for a method whose own step cannot record the past values. c is (c, scratch). It calls the starter,
+    ``success = STARTER(f, at, u, v, scratch, n)``.
+brief_step(f, at, u, v, scratch, n)
     A step that starts another method, written for a short compilation. It changes u and v and the rows of scratch.
+step_of_one(f, at, y, c, n)
+    The step of one degree of freedom, for a method whose `step` would take longer to run or to compile.
 TURN : int
     Number of steps after which the rows are in their places again; 6 by default.
 member(...)

@@ -1,5 +1,7 @@
 """The interface of kernels, marches and callbacks: their signatures, and functions for the rows of a state."""
 
+import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -7,8 +9,8 @@ from numba import types
 from numba.extending import intrinsic
 from numba.types import Array, float64, int64, none
 
-from .compile.jit import function_at as function_at
-from .compile.numba_internals import array_over, copy_on_stack, entries_of, floats_on_stack, parts_of
+from .compile.jit import element, function_at
+from .compile.numba_internals import Cell, array_over, copy_on_stack, entries_of, floats_on_stack, parts_of
 
 #: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
@@ -211,6 +213,7 @@ WITHIN_STEP = types.NamedTuple(
 )
 LOOK = types.NamedTuple((WATCH, FOLLOW), Look)
 LOOK_WITHIN = types.NamedTuple((WATCH, FOLLOW, WITHIN_STEP), LookWithin)
+STEPS = types.NamedTuple((float64, float64, _vector, *[int64] * 4, _matrix, _matrix), Steps)
 SPAN = types.NamedTuple(
     (
         *(float64, float64, _vector, int64, int64, int64, int64, float64, float64, _matrix, int64, int64, int64),
@@ -224,7 +227,9 @@ SPAN = types.NamedTuple(
 class Form:
     """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom.
 
-    An `invariant` returns its only value, as an output with one value does; an `output` writes its values.
+    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. A kernel
+    has rows of n values also for one degree of freedom: `calls` has an element that calls a function of each kind of
+    the scalar form with rows.
     """
 
     name: str
@@ -234,6 +239,7 @@ class Form:
     apply: Any
     output: Any
     state: Any
+    calls: Mapping[str, Any]
 
     @property
     def event(self) -> Any:
@@ -243,10 +249,40 @@ class Form:
     def __reduce__(self) -> str:
         return self.name.upper()  # pickle then takes the form of this module that has this name
 
-    @property
-    def steps(self) -> Any:
-        """The type of `Steps`."""
-        return types.NamedTuple((float64, float64, vector_type, *[int64] * 4, self.state, self.state), Steps)
+    @functools.cache  # noqa: B019  there are two forms
+    def at(self, kind: str) -> Any:
+        """Return a compiled ``function(address)``, where the function of some kind, such as "rhs", takes rows."""
+        return function_at(getattr(self, kind), self.calls.get(kind))
+
+    def with_rows(self, kind: str, function: Any) -> Any:
+        """Return an element that calls a jitted function with rows."""
+        call = self.calls.get(kind)
+        return element(lambda *arguments: call(*arguments, function)) if call else function
+
+
+@element
+def value_of_one(t, u, v, p, function):
+    return function(t, u[0], v[0], p)
+
+
+@element
+def acceleration_of_one(t, u, v, p, a, function):
+    a[0] = function(t, u[0], v[0], p)
+
+
+@element
+def slope_of_one(t, u, v, p, matrix, function):
+    matrix[0, 0] = function(t, u[0], v[0], p)
+
+
+@element
+def values_of_one(t, u, v, p, values, function):
+    function(t, u[0], v[0], p, values)
+
+
+@element
+def state_of_one(t, u, v, p, function):
+    u[0], v[0] = function(t, u[0], v[0], p)
 
 
 SCALAR = Form(
@@ -257,6 +293,13 @@ SCALAR = Form(
     apply=types.UniTuple(float64, 2)(float64, float64, float64, _given),
     output=none(float64, float64, float64, _given, vector_type),
     state=vector_type,
+    calls={
+        "rhs": acceleration_of_one,
+        "jacobian": slope_of_one,
+        "invariant": value_of_one,
+        "output": values_of_one,
+        "apply": state_of_one,
+    },
 )
 VECTOR = Form(
     name="vector",
@@ -266,6 +309,7 @@ VECTOR = Form(
     apply=none(float64, vector_type, vector_type, _given),
     output=none(float64, _given, _given, _given, vector_type),
     state=matrix_type,
+    calls={},
 )
 
 
@@ -308,20 +352,6 @@ def store_at(typingctx, address, index, value):
 
 
 @intrinsic(prefer_literal=True)
-def floats(typingctx, state, count):
-    """``floats(state, count)`` returns the first `count` numbers of a 1-D array as a tuple; `count` is a literal."""
-    kind = types.UniTuple(float64, count.literal_value)
-
-    def codegen(context, builder, signature, args):
-        source = parts_of(context, builder, signature.args[0], args[0])
-        indices = [context.get_constant(types.intp, k) for k in range(count.literal_value)]
-        values = [builder.load(builder.gep(source.data, [index])) for index in indices]
-        return context.make_tuple(builder, kind, values)
-
-    return kind(state, count), codegen
-
-
-@intrinsic(prefer_literal=True)
 def rows(typingctx, state, count):
     """``rows(state, count)`` returns the first `count` rows of a 2-D array as a tuple; `count` is a literal."""
     kind = types.UniTuple(vector_type, count.literal_value)
@@ -347,6 +377,33 @@ def part_of_row(typingctx, state, row, first, count):
         return _array(context, builder, builder.gep(source.data, [begin]), count)
 
     return vector_type(state, int64, int64, int64), codegen
+
+
+_cell = Cell()
+
+
+@intrinsic(prefer_literal=True)
+def cells(typingctx, state, count):
+    """``cells(state, count)`` returns the first `count` rows of one value of a 2-D array as a tuple of `Cell`."""
+    kind = types.UniTuple(_cell, count.literal_value)
+
+    def codegen(context, builder, signature, args):
+        data = parts_of(context, builder, signature.args[0], args[0]).data
+        values = [builder.gep(data, [context.get_constant(types.intp, k)]) for k in range(count.literal_value)]
+        return context.make_tuple(builder, kind, values)
+
+    return kind(state, count), codegen
+
+
+@intrinsic(prefer_literal=True)
+def stack_cells(typingctx, n, count):
+    """``stack_cells(1, count)`` returns a tuple of `count` cells on the stack, which LLVM keeps in registers."""
+    kind = types.UniTuple(_cell, count.literal_value)
+
+    def codegen(context, builder, signature, args):
+        return context.make_tuple(builder, kind, [floats_on_stack(builder, 1) for _ in range(count.literal_value)])
+
+    return kind(n, count), codegen
 
 
 @intrinsic(prefer_literal=True)
@@ -377,7 +434,8 @@ def copy_rows(typingctx, target, source, n):
     def codegen(context, builder, signature, args):
         def places(rows: Any) -> list[Any]:
             arrays = entries_of(builder, rows, len(target))
-            data = [parts_of(context, builder, vector_type, array).data for array in arrays]
+            is_cell = target.dtype == _cell
+            data = arrays if is_cell else [parts_of(context, builder, vector_type, array).data for array in arrays]
             return [builder.gep(d, [context.get_constant(types.intp, j)]) for d in data for j in range(n.literal_value)]
 
         values = [builder.load(place) for place in places(args[1])]

@@ -293,12 +293,12 @@ from coefficients import GAIN
 ROWS, EVALUATIONS = 3, 1
 
 @element
-def step_scalar(f, at, y, c):
-    u, v = y[0], y[1]
-    a = f(at.t, u, v, at.p)
-    return (u + at.h * v, v + GAIN * at.h * a), True
-
-step_vector = step_scalar
+def step(f, at, y, c, n):
+    u, v, a = y
+    f(at.t, u, v, at.p, a)
+    for j in range(n):
+        u[j], v[j] = u[j] + at.h * v[j], v[j] + GAIN * at.h * a[j]
+    return y, True
 """
 
 

@@ -43,9 +43,7 @@ def test_a_kernel_file_that_lacks_a_name_is_refused():
     class Incomplete(eig3.Method):
         kernel: ClassVar[str] = "eig3.kernels.loops.march"
 
-    with pytest.raises(
-        TypeError, match=r"kernel 'eig3.kernels.loops.march' must define ROWS, step_scalar, step_vector"
-    ):
+    with pytest.raises(TypeError, match=r"kernel 'eig3.kernels.loops.march' must define ROWS, step:"):
         _ = Incomplete().formulas
 
 

@@ -371,6 +371,40 @@ def test_a_function_at_an_address():
         assert numba.njit(lambda address: function_at(address)(3.0))(address_of(result)) == 6.0
 
 
+def test_a_function_at_an_address_that_is_called_by_another_function():
+    kind = FunctionType(float64(float64))
+    result = result_of(numba.njit(double), float64)
+    called = internals.Called(kind, numba.njit(lambda x, y, function: function(x) + y))
+
+    @intrinsic
+    def called_function_at(typingctx, address):
+        return called(address), lambda context, builder, signature, args: args[0]
+
+    with probe("Numba takes no type of callables, whose calls call another function, from `numba.types.Callable`"):
+        assert numba.njit(lambda address: called_function_at(address)(3.0, 0.5))(address_of(result)) == 6.5
+
+
+def test_cells():
+    @intrinsic
+    def cell(typingctx, value):
+        def codegen(context, builder, signature, args):
+            begin = internals.floats_on_stack(builder, 1)
+            builder.store(args[0], begin)
+            return begin
+
+        return internals.Cell()(value), codegen
+
+    def changed(value):
+        row = cell(value)
+        row[0] += 1.0
+        for j in range(1):
+            row[j] = 2 * row[j]
+        return row[0]
+
+    with probe("Numba does not take the types of operator.getitem and operator.setitem from `type_callable`"):
+        assert numba.njit(changed)(0.25) == 2.5
+
+
 def test_what_intrinsics_ask_the_target_context():
     @intrinsic
     def converted(typingctx, x):

@@ -32,14 +32,7 @@ def adams(x, s, s1, s2, s3, h):
 
 
 @element
-def step_scalar(f, at, y, c):
-    u, v, v1, a1, v2, a2, v3, a3 = y
-    a = f(at.t, u, v, at.p)
-    return (adams(u, v, v1, v2, v3, at.h), adams(v, a, a1, a2, a3, at.h), v, a, v1, a1, v2, a2), True
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     u, v, v1, a1, v2, a2, v3, a3, a = y
     f(at.t, u, v, at.p, a)
     for j in range(n):
@@ -139,7 +132,6 @@ def take_five_steps_in_both_forms(method):
     ("change", "error", "message"),
     [
         ({"ROWS": 10}, Exception, "wrong tuple length"),
-        ({"PAST": 5}, Exception, "tuple"),
         ({"START_STEPS": 0}, TypeError, "must define START and START_STEPS together"),
     ],
 )

@@ -13,7 +13,6 @@ import pytest
 
 import eig3
 from eig3 import Status
-from eig3.kernels.compile.jit import bound
 from eig3.kernels.methods import eig3_variable
 from eig3.run import history
 
@@ -535,21 +534,20 @@ def test_failures_raise_if_asked():
 
 def eig3_steps(accelerate, steps, u, v):
     """The states after steps of EIG-3, from the formulas of the kernel in Python."""
-    trial = bound(eig3_variable.trial, {"accelerate": accelerate})
     y = np.zeros((9, 1))
     y[0], y[1] = u, v
-    accelerate(None, 0.0, y[0], y[1], None, y[2])
+    accelerate(0.0, y[0], y[1], None, y[2])
     y[8] = y[2]
     t, h_before, states = 0.0, 0.0, []
     for h in steps:
-        trial(None, t, h, h_before, None, 1, y)
+        eig3_variable.trial(accelerate, t, h, h_before, None, 1, y)
         eig3_variable.advance(y, 1)
         t, h_before = t + h, h
         states.append((y[0, 0], y[1, 0]))
     return np.array(states)
 
 
-def minus_u(f, t, u, v, p, a):
+def minus_u(t, u, v, p, a):
     a[:] = -u
 
 
@@ -567,14 +565,13 @@ def test_eig3_with_equal_steps_is_eig3():
 
 def growth_in_two_steps(h1, h2):
     """The spectral radius of two steps of EIG-3 for u'' = -u, on (u, v, a before)."""
-    trial = bound(eig3_variable.trial, {"accelerate": minus_u})
     columns = []
     for unit in np.eye(3):
         y = np.zeros((9, 1))
         y[0], y[1], y[8] = unit
         y[2] = -y[0]
         for h, h_before in ((h1, h2), (h2, h1)):
-            trial(None, 0.0, h, h_before, None, 1, y)
+            eig3_variable.trial(minus_u, 0.0, h, h_before, None, 1, y)
             eig3_variable.advance(y, 1)
         columns.append([y[0, 0], y[1, 0], y[8, 0]])
     return np.abs(np.linalg.eigvals(np.transpose(columns))).max()

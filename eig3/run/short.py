@@ -42,8 +42,7 @@ def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Calla
     """
     start, state = stepper.start, stepper.state
     count = n_steps // every + 1 + (n_steps % every > 0)
-    u = np.empty(count) if stepper.form is SCALAR else np.empty((count, stepper.n))
-    v = np.empty(u.shape)
+    u, v = np.empty((count, stepper.n)), np.empty((count, stepper.n))
     u[0], v[0] = start
     outputs = _rows_of_outputs(stepper, count) if stepper.look else {}
     steps = Steps(stepper.h, stepper.t0, stepper.params, 0, n_steps, every, 1, u, v)
@@ -57,6 +56,7 @@ def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Calla
         "t": partial(grid, stepper.t0, stepper.h, every, count, n_steps, t_end),
         "notes": partial(_notes, again),
     }
+    u, v = (u[:, 0], v[:, 0]) if stepper.form is SCALAR else (u, v)
     fields = {"u": u, "v": v, "h": stepper.h, "outputs": outputs}
     fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
     if stepper.look:

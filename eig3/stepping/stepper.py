@@ -137,7 +137,7 @@ class Stepper(March):
 
     def _use(self, kernel: Kernel) -> None:
         self.kernel, self.running = kernel, kernel.running
-        self.state = np.zeros(kernel.rows) if self.form is SCALAR else aligned((kernel.rows, self.n))
+        self.state = aligned((kernel.rows, self.n))
 
     def _new_slices(self) -> Slices:
         return Slices(self.pace, self.kernel.formulas.turn if self.n >= _LARGE else 1)
@@ -174,8 +174,6 @@ class Stepper(March):
     @property
     def sizes(self) -> tuple[float, float]:
         """The largest |u| and the largest |v|."""
-        if self.form is SCALAR:
-            return abs(self.state.item(0)), abs(self.state.item(1))
         u, v = np.maximum.reduce(np.abs(self.state[:2]), axis=1).tolist()
         return u, v
 
@@ -254,7 +252,8 @@ class Stepper(March):
         return tuple(notes)
 
     def steps(self, count: int, every: int, row: int, rows: Rows) -> Steps:
-        return Steps(self.h, self.t0, self.params, self.index, count, every, row, rows.u, rows.v)
+        u_rows, v_rows = rows.u.reshape(-1, self.n), rows.v.reshape(-1, self.n)
+        return Steps(self.h, self.t0, self.params, self.index, count, every, row, u_rows, v_rows)
 
     @property
     def _carried(self) -> int:
@@ -320,5 +319,4 @@ def _kernel(system: System, method: Method, n: int) -> Kernel:
     else:
         call = fixed.kernel(formulas, order, form, n, looks=looks, takes_jacobian=jacobian is not None)
         callbacks = system.callback.address, jacobian and jacobian.address
-    rows = 2 + formulas.past if form is SCALAR else formulas.state_rows(n)
-    return Kernel(running, formulas, rows, call, callbacks, settings, (formulas, n, system.inline))
+    return Kernel(running, formulas, formulas.state_rows(n), call, callbacks, settings, (formulas, n, system.inline))

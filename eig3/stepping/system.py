@@ -29,7 +29,7 @@ class Kernel(NamedTuple):
         The record that takes the steps: the method with every option "auto" decided.
     formulas : Formulas or Pair
     rows : int
-        Number of rows of the state, or of values of one degree of freedom with a fixed step.
+        Number of rows of the state.
     call : callable
         The compiled kernel.
     callbacks : tuple

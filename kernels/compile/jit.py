@@ -21,6 +21,7 @@ from .interrupt import DeferredInterrupt
 from .notice import announced
 from .numba_internals import (
     WITHOUT_RUNTIME,
+    Called,
     address_of,
     address_of_symbol,
     call_without_checks,
@@ -121,20 +122,23 @@ def linked(template: Callable, names: dict[str, Any], signature: Any, label: str
     return element(lambda *arguments: at(address())(*arguments))
 
 
-def function_at(signature: Any) -> Any:
+def function_at(signature: Any, call: Any = None) -> Any:
     """Return a compiled ``function(address)`` that converts the address of a compiled callback to the callback.
+
+    With the element `call`, what calls the callback with some arguments calls ``call(..., callback)`` instead.
 
     An address is a plain integer. If a callback were passed as an object, each call of a kernel would take some ten
     microseconds more, because Numba would look up its address.
     """
     kind = numba.types.FunctionType(signature)
+    given = Called(kind, call) if call else kind
 
     @intrinsic
     def function(typingctx, address):
         def codegen(context, builder, signature, args):
-            return function_over(context, builder, kind, args[0])
+            return args[0] if call else function_over(context, builder, kind, args[0])
 
-        return kind(numba.int64), codegen
+        return given(numba.int64), codegen
 
     return function
 

@@ -31,6 +31,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher as Jitted  # the class of jitted functions
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.types.functions import BaseFunction
+from numba.core.typing import signature as signature_of
+from numba.extending import lower_builtin, models, register_model, type_callable
 from numba.np import arrayobj
 
 #: The versions on which compiled code depends.
@@ -76,7 +78,6 @@ def _operators_remembered() -> Iterator[None]:
 
 
 _OPERATORS = frozenset(x for x in vars(operator).values() if callable(x))
-_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple
 
 
 def options_of(function: Jitted) -> Mapping[str, Any]:
@@ -283,6 +284,51 @@ def floats_on_stack(builder: Any, n: int) -> Any:
     return builder.bitcast(memory, ir.DoubleType().as_pointer())
 
 
+class Cell(numba.types.Type):
+    """The type of the address of a float, which is used as an array of one value, with any index.
+
+    The code of an array has its size and stride, and what an index below zero means: cells compile in less time.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("Cell")
+
+
+_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple, Cell
+
+
+@register_model(Cell)
+class _CellModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Cell) -> None:
+        super().__init__(manager, kind, ir.DoubleType().as_pointer())
+
+
+@type_callable(operator.getitem)
+def _type_of_entry(context: Any) -> Callable:
+    return lambda cell, index: numba.types.float64 if isinstance(cell, Cell) else None
+
+
+@type_callable(operator.setitem)
+def _type_of_change(context: Any) -> Callable:
+    def typer(cell: Any, index: Any, value: Any) -> Any:
+        if isinstance(cell, Cell):
+            return signature_of(numba.types.none, cell, index, numba.types.float64)
+        return None
+
+    return typer
+
+
+@lower_builtin(operator.getitem, Cell, numba.types.Integer)
+def _entry(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    return builder.load(args[0])
+
+
+@lower_builtin(operator.setitem, Cell, numba.types.Integer, numba.types.float64)
+def _change(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    builder.store(args[2], args[0])
+    return context.get_dummy_value()
+
+
 def copy_on_stack(builder: Any, value: Any) -> Any:
     """Return the pointer to a copy of a value, which is valid until the function returns."""
     return cgutils.alloca_once_value(builder, value)
@@ -309,6 +355,47 @@ def function_over(context: Any, builder: Any, kind: Any, address: Any) -> Any:
     value = cgutils.create_struct_proxy(kind)(context, builder)
     value.jit_addr = builder.inttoptr(address, value.jit_addr.type)
     return value._getvalue()
+
+
+class Called(numba.types.Callable):
+    """The type of the address of a function that is called as ``call(..., function)``.
+
+    Parameters
+    ----------
+    kind : numba.types.FunctionType
+        The type of the function.
+    call : jitted function
+        Types with a `call` of one name are the same.
+    """
+
+    def __init__(self, kind: Any, call: Jitted) -> None:
+        self.kind, self.call = kind, call
+        super().__init__(f"Called({kind.name}, {call.__name__})")
+
+    def get_call_type(self, context: Any, args: Sequence[Any], kws: Mapping[str, Any]) -> Any:
+        found = context.resolve_value_type(self.call).get_call_type(context, (*args, self.kind), kws)
+        return signature_of(found.return_type, *found.args[:-1], recvr=self)
+
+    def get_call_signatures(self) -> tuple[Any, bool]:
+        return (), True
+
+    def get_impl_key(self, sig: Any) -> Any:
+        return Called
+
+
+@register_model(Called)
+class _Address(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Called) -> None:
+        super().__init__(manager, kind, ir.IntType(64))
+
+
+@lower_builtin(Called, Called, numba.types.VarArg(numba.types.Any))
+def _call_at(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    called = signature.args[0]
+    function = function_over(context, builder, called.kind, args[0])
+    call = context.typing_context.resolve_value_type(called.call)
+    inner = signature_of(signature.return_type, *signature.args[1:], called.kind)
+    return context.get_function(call, inner)(builder, [*args[1:], function])
 
 
 # The members of a family of functions: one function that takes the number of the member first, compiled once

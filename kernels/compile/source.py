@@ -6,6 +6,7 @@ The compiler then sees straight code with only what is needed, and `inspect.gets
 from __future__ import annotations
 
 import linecache
+import re
 import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -45,6 +46,18 @@ class Constants:
     def source(self) -> str:
         """Return the source of the function `constants` of a method's file."""
         return f"def constants(settings, h, work):\n    return ({''.join(f'{value}, ' for value in self._values)})\n"
+
+
+def loop(rows: Mapping[str, str], many: bool = True) -> list[str]:
+    """Return the lines of a loop over n, which writes an entry of each of the `rows` from a text with other entries.
+
+    Each entry is read once, before the first is written: this compiles in less time than a text with many indices.
+    Without `many`, n is 1, and the lines are those of the only pass: a loop takes as long to compile as they do.
+    """
+    entry, to = re.compile(r"(\w+)\[j\]"), "j" if many else "0"
+    lines = [f"{name}_j = {name}[{to}]" for name in dict.fromkeys(entry.findall(" ".join(rows.values())))]
+    lines += [f"{name}[{to}] = " + entry.sub(r"\1_j", text) for name, text in rows.items()]
+    return ["for j in range(n):", *(f"    {line}" for line in lines)] if many else lines
 
 
 def after_sum(base: str, terms: Sequence[tuple[str, str]], sign: str = "+") -> str:

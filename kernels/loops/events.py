@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import math
-from types import SimpleNamespace
 from typing import Any
 
 from numba.types import Tuple, float64, int64, none
@@ -28,11 +27,9 @@ from ..protocol import (
     PASSED,
     RESET,
     RESTING,
-    SCALAR,
     TERMINAL,
     ZENO,
     Form,
-    function_at,
     look_at,
     matrix_type,
     vector_type,
@@ -344,26 +341,22 @@ def followed(place, part, t, u, v, p):
 
 
 @functools.cache  # so that kernels share the compiled elements
-def functions(form: Form) -> SimpleNamespace:
-    """Return the elements for one form of right-hand side.
-
-    `accelerate` and `is_quiet` take a state as rows of n values, also for one degree of freedom; `is_quiet_now` takes
-    it as the right-hand side does.
-    """
-    return SimpleNamespace(
-        accelerate=element(_accelerate_scalar if form is SCALAR else _accelerate_vector),
-        is_quiet=element(bound(is_quiet, {"EVENT": _event(form, of_row=True)})),
-        is_quiet_now=element(bound(is_quiet, {"EVENT": _event(form)})),
-    )
+def quiet(form: Form) -> Any:
+    """Return the element `is_quiet` for one form of right-hand side."""
+    return element(bound(is_quiet, {"EVENT": _event(form)}))
 
 
 @functools.cache
 def searching(form: Form) -> tuple[Any, Any]:
-    """Return the elements `look_within` and `write_time`, which take a state as rows of n values."""
-    following = follow.functions(form)
-    apply = bound(_apply_scalar if form is SCALAR else _apply_vector, {"APPLY_AT": function_at(form.apply)})
-    names: dict[str, Any] = {"EVENT": _event(form, of_row=True), "APPLY": element(apply)}
-    names |= {"EVALUATE": following.evaluate_row, "WIDEN": following.widen_row}
+    """Return the elements `look_within` and `write_time`."""
+    apply_at = form.at("apply")
+    apply = element(lambda address, t, u, v, p: apply_at(address)(t, u, v, p))
+    names: dict[str, Any] = {
+        "EVENT": _event(form),
+        "APPLY": apply,
+        "EVALUATE": follow.functions(form).evaluate,
+        "WIDEN": follow.widen_all,
+    }
     names["FOLLOW"] = outlined(bound(followed, names))
     names["ROUND_OFF"] = outlined(bound(round_off, names))
     names["DEPARTURE"] = outlined(bound(departure, names))
@@ -379,24 +372,6 @@ def searching(form: Form) -> tuple[Any, Any]:
     )
 
 
-def _event(form: Form, of_row: bool = False) -> Any:
-    event_at = function_at(form.event)
-    if of_row and form is SCALAR:
-        return element(lambda address, t, u, v, p: event_at(address)(t, u[0], v[0], p))
+def _event(form: Form) -> Any:
+    event_at = form.at("invariant")
     return element(lambda address, t, u, v, p: event_at(address)(t, u, v, p))
-
-
-def _accelerate_scalar(f, t, u, v, p, a):
-    a[0] = f(t, u[0], v[0], p)
-
-
-def _accelerate_vector(f, t, u, v, p, a):
-    f(t, u, v, p, a)
-
-
-def _apply_scalar(address, t, u, v, p):
-    u[0], v[0] = APPLY_AT(address)(t, u[0], v[0], p)
-
-
-def _apply_vector(address, t, u, v, p):
-    APPLY_AT(address)(t, u, v, p)

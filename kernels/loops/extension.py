@@ -11,9 +11,8 @@ from numba.types import Array, int64, none
 
 from ..compile.jit import compile_kernel
 from ..methods.rk8 import variable
-from ..protocol import Form, function_at, matrix_type, rows, vector_type
+from ..protocol import Form, matrix_type, rows, vector_type
 from .dense import COEFFICIENTS, evaluate
-from .events import functions
 from .pair import U_END, V_END, A, U, V
 
 #: Number of rows of the argument `work`.
@@ -30,7 +29,7 @@ def between(address, p, t, u_rows, v_rows, left, times, u, v, work):
         if k != known:
             for j in range(n):
                 y[U][j], y[V][j] = u_rows[k, j], v_rows[k, j]
-            ACCELERATE(f, t[k], y[U], y[V], p, y[A])
+            f(t[k], y[U], y[V], p, y[A])
             TRIAL(f, t[k], h, h, p, n, y)
             for j in range(n):
                 y[U_END][j], y[V_END][j] = u_rows[k + 1, j], v_rows[k + 1, j]
@@ -42,10 +41,8 @@ def between(address, p, t, u_rows, v_rows, left, times, u, v, work):
 @functools.cache
 def extension_kernel(form: Form) -> Any:
     """Compile the kernel, or load it from the disk. It is called as `between`; all states are rows of n values."""
-    accelerate = functions(form).accelerate
-    theirs = variable.functions(accelerate)
-    names = {"RHS": function_at(form.rhs), "ROWS": variable.rows, "ACCELERATE": accelerate}
-    names |= {"TRIAL": theirs["trial"], "DENSE": theirs["dense"]}
+    theirs = variable.functions()
+    names = {"RHS": form.at("rhs"), "ROWS": variable.rows, "TRIAL": theirs["trial"], "DENSE": theirs["dense"]}
     states = (matrix_type,) * 2
     signature = none(int64, vector_type, vector_type, *states, Array(int64, 1, "C"), vector_type, *states, matrix_type)
     return compile_kernel(between, names, signature, f"extension_{form.name}")

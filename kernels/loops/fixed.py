@@ -1,12 +1,12 @@
 # ruff: noqa: F821
 """The kernel of a fixed-step method, made from the formulas in the method's file.
 
-`scalar` and `vector` are templates: the names in capitals stand for values that depend on the method and on the mode,
-and `jit.bound` inserts them. A kernel with a look is `searching`: it looks for events and for times at which the state
+`fixed` is a template: the names in capitals stand for values that depend on the method and on the mode, and `jit.bound`
+inserts them. A kernel with a look is `searching`: it looks for events and for times at which the state
 is wanted, and follows quantities. Steps in which nothing is found run in the loops of `march.py`; the step after which
 these stop is searched, see `search.py`. A kernel without a look is `straight`: it is one march after those that start.
 
-One degree of freedom has a template of its own: its state is a tuple of numbers, which a step returns in another order.
+A state has rows of n values also for one degree of freedom, where they are registers.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from typing import Any
 
 from numba.types import Tuple, UniTuple, int64, none
 
-from ..compile.jit import bound, compile_kernel, element
+from ..compile.jit import bound, compile_kernel, compiled, element
+from ..compile.numba_internals import address_of as address_of_code
 from ..compile.numba_internals import has_wide_vectors, wide_vectors
 from ..protocol import (
     ANEW,
@@ -35,6 +36,7 @@ from ..protocol import (
     RESET,
     RESTING,
     SCALAR,
+    STEPS,
     TIME,
     VECTOR,
     WITHIN,
@@ -42,18 +44,17 @@ from ..protocol import (
     Work,
     address_of,
     copy_rows,
-    floats,
-    function_at,
+    matrix_type,
     rows,
+    stack_cells,
     stack_rows,
     vector_type,
 )
-from .events import WORK, functions
-from .follow import functions as following
-from .follow import inline_functions, save
+from .events import WORK, quiet
+from .follow import end_part, functions, inline_functions, save, widen_all
 from .formulas import Formulas, nothing
-from .march import FOUND, copy_two, march_scalar, march_vector, settle, write
-from .pair import U_END, V_END, A, U, V
+from .march import FOUND, copy_two, march, settle, write
+from .pair import U_END, V_END, A
 from .search import search_names, work_rows
 
 __all__ = ["STACKED_DEGREES", "inline_kernel", "kernel", "wide_kernel", "work_rows"]
@@ -63,27 +64,17 @@ __all__ = ["STACKED_DEGREES", "inline_kernel", "kernel", "wide_kernel", "work_ro
 STACKED_DEGREES = 6
 
 
-def scalar(callbacks, state, settings, tally, steps, look):
-    """Take steps, and return their number, the next row to write and how it ended."""
-    f = RHS(callbacks)
-    c = CONSTANTS(settings, steps.h, Work(tally, None, JACOBIAN(callbacks)))
-    y, i, row, ended = ADVANCE(f, c, floats(state, VALUES), tally, steps, look)
-    for k in range(VALUES):
-        state[k] = y[k]
-    return i - steps.first, row, ended
-
-
-def vector(callbacks, state, settings, tally, steps, look):
-    """Do the same for n degrees of freedom. If STACKED is 1, the rows are on the stack."""
+def fixed(callbacks, state, settings, tally, steps, look):
+    """Take steps, and return their number, the next row to write and how it ended. If STACKED is 1, so are the rows."""
     n = N if N > 0 else state.shape[1]
     f = RHS(callbacks)
     c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
-    kept = rows(state, OWN_ROWS)
+    kept = ROWS_OF(state, OWN_ROWS)
     y = kept
     if STACKED > 0:
-        y = stack_rows(N, OWN_ROWS)
+        y = STACK_ROWS(N, OWN_ROWS)
         copy_rows(y, kept, N)
-    y, i, row, ended = ADVANCE(f, c, y, n, state[OWN_ROWS:], tally, steps, look)
+    y, i, row, ended = ADVANCE(callbacks, f, c, y, n, state[OWN_ROWS:], tally, steps, look)
     if STACKED > 0:
         copy_rows(kept, y, N)
     else:
@@ -91,19 +82,8 @@ def vector(callbacks, state, settings, tally, steps, look):
     return i - steps.first, row, ended
 
 
-def straight_scalar(f, c, y, tally, steps, look):
+def straight(callbacks, f, c, y, n, scratch, tally, steps, look):
     """Take the steps without a look."""
-    first, last, row = steps.first, steps.first + steps.count, steps.row
-    begin = first
-    if START_STEPS > 0:
-        begin = max(first, min(last, START_STEPS))
-        _, _, y, _, row, _ = MARCH(START_STEP, f, y, c, steps, look, tally, first, begin, row)
-    _, _, y, end, row, ended = MARCH(STEP, f, y, c, steps, look, tally, begin, last, row)
-    tally[EVALUATIONS] += START_COST * (begin - first) + COST * (end - begin)
-    return y, end, row, FAILED if ended == FAILED else GOING
-
-
-def straight_vector(f, c, y, n, scratch, tally, steps, look):
     first, last, row = steps.first, steps.first + steps.count, steps.row
     begin = first
     if START_STEPS > 0:
@@ -114,52 +94,8 @@ def straight_vector(f, c, y, n, scratch, tally, steps, look):
     return y, end, row, FAILED if ended == FAILED else GOING
 
 
-def searching_scalar(f, c, y, tally, steps, look):
+def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
     """Take the steps, and search those in which something is found."""
-    i, row, last, ended, p = steps.first, steps.row, steps.first + steps.count, GOING, steps.p
-    watch, follow, place, pair = look.watch, look.follow, address_of(look), rows(look.watch.work[WORK:], PAIR_ROWS)
-    while i < last and ended == GOING:
-        if 2 * int(tally[LOGGED]) > len(watch.log):
-            ended = FULL
-            break
-        first, begun, end = i, int(tally[ANEW]) + START_STEPS, end_of_march(follow, tally, last)
-        if tally[WITHIN] == 1:
-            i, found = i + 1, FOUND
-        elif START_STEPS > 0 and i < begun:
-            u, v, y, i, row, found = MARCH(START_STEP, f, y, c, steps, look, tally, i, min(end, begun), row)
-            tally[EVALUATIONS] += START_COST * (i - first)
-        else:
-            u, v, y, i, row, found = MARCH(STEP, f, y, c, steps, look, tally, i, end, row)
-            tally[EVALUATIONS] += COST * (i - first)
-        if found == FAILED:
-            ended = FAILED
-        elif found == FOUND:
-            t = steps.t0 + i * steps.h
-            if tally[WITHIN] == 0:
-                pair[U][0], pair[V][0], pair[U_END][0], pair[V_END][0] = u, v, y[0], y[1]
-            outcome = SEARCH(f, place, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, 1, p)
-            if outcome != PASSED:
-                t = tally[TIME] if outcome > RESET else t
-                y = STARTED(f, t, pair[U_END][0], pair[V_END][0], steps.h, p)
-                tally[EVALUATIONS] += 1
-                tally[ANEW] = i
-            if outcome <= RESTING:
-                EVALUATE(follow, t, y[0], y[1], p)
-            if outcome > RESET:
-                ended = outcome
-                i -= 1
-            else:
-                WIDEN(follow, int(tally[PART]) % PARTS, t, y[1])
-                if i % steps.every == 0:
-                    steps.u_rows[row], steps.v_rows[row] = y[0], y[1]
-                    save(follow, row)
-                    row += 1
-        if len(follow.table) > 0 and i >= tally[PART_END]:
-            END_PART(follow, tally, 1, y[1])
-    return y, i, row, ended
-
-
-def searching_vector(f, c, y, n, scratch, tally, steps, look):
     i, row, last, ended, p = steps.first, steps.row, steps.first + steps.count, GOING, steps.p
     watch, follow, place, pair = look.watch, look.follow, address_of(look), rows(look.watch.work[WORK:], PAIR_ROWS)
     while i < last and ended == GOING:
@@ -182,7 +118,7 @@ def searching_vector(f, c, y, n, scratch, tally, steps, look):
             t = steps.t0 + i * steps.h
             if tally[WITHIN] == 0:
                 copy_two(pair[U_END], pair[V_END], y[0], y[1], n)
-            outcome = SEARCH(f, place, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, n, p)
+            outcome = SEARCH(ADDRESS(callbacks), place, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, n, p)
             if outcome != PASSED:
                 t = tally[TIME] if outcome > RESET else t
                 copy_two(y[0], y[1], pair[U_END], pair[V_END], n)
@@ -201,7 +137,7 @@ def searching_vector(f, c, y, n, scratch, tally, steps, look):
                     save(follow, row)
                     row += 1
         if len(follow.table) > 0 and i >= tally[PART_END]:
-            END_PART(follow, tally, n, y[1])
+            end_part(follow, tally, n, y[1])
     return y, i, row, ended
 
 
@@ -245,17 +181,17 @@ def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: bool, tak
     takes_jacobian : bool
         Whether the second callback is an address.
     """
-    is_pair = n == 2 and form is VECTOR and not looks
-    return _kernel(method, order if looks else 0, form, 2 if is_pair else 0, looks, takes_jacobian)
+    has_own = form is SCALAR or (n == 2 and not looks)
+    return _kernel(method, order if looks else 0, form, n if has_own else 0, looks, takes_jacobian)
 
 
 @functools.cache
 def _kernel(method: Formulas, order: int, form: Form, n: int, looks: bool, takes_jacobian: bool) -> Any:
-    parts = (method.label, *["look"] * looks, *["jacobian"] * takes_jacobian, *["pair"] * (n == 2))
+    parts = (method.label, form.name, str(n), *["look"] * looks, *["jacobian"] * takes_jacobian)
     callbacks, shared = pointer_callbacks(form, takes_jacobian)
-    seen = following(form)
-    names = {**shared, "N": n, "STACKED": 0, "EVALUATE": seen.evaluate, "WIDEN": seen.widen}
-    names |= {"WIDEN_RARELY": seen.widen_rarely, "QUANTITY": seen.quantity}
+    seen = functions(form)
+    names = {**shared, "N": n, "STACKED": int(form is SCALAR)}
+    names |= {"EVALUATE": seen.evaluate, "WIDEN": widen_all, "QUANTITY": seen.quantity}
     return _compile(method, order, form, callbacks, names, looks, "_".join(parts) if method.is_own else "")
 
 
@@ -284,11 +220,11 @@ def inline_kernel(
     quantities : tuple
         The quantities, as pairs of a jitted function and its number of values, or 0, in the order of `Follow.table`.
     """
-    callbacks, names = inline_callbacks(rhs, jacobian)
-    is_stacked = form is VECTOR and n <= STACKED_DEGREES
+    callbacks, names = inline_callbacks(form, rhs, jacobian)
+    is_stacked = n <= STACKED_DEGREES
     names |= {"N": n if is_stacked else 0, "STACKED": int(is_stacked)}
     names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
-    return _compile(method, order, form, callbacks, names, looks, "", rhs)
+    return _compile(method, order, form, callbacks, names, looks, "")
 
 
 @functools.cache
@@ -309,48 +245,45 @@ def wide_kernel(method: Formulas) -> Any:
 
 
 def _compile(
-    method: Formulas,
-    order: int,
-    form: Form,
-    callbacks: Any,
-    names: dict[str, Any],
-    looks: bool,
-    label: str,
-    rhs: Any = None,
+    method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], looks: bool, label: str
 ) -> Any:
-    names = {**method.names(form), **names, "LOOKS": int(looks), "INLINED": int(rhs is not None)}
+    names["STACK_ROWS"] = stack_cells if form is SCALAR else stack_rows
+    names = {**method.names(form), **names, "LOOKS": int(looks), "INLINED": int(not callbacks)}
     if names["STACKED"]:
         for name in {"STEP", "START_STEP"} & names.keys():
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
-    march = march_scalar if form is SCALAR else march_vector
     if looks:
-        names |= {**search_names(method, order, form, rhs), "END_PART": following(form).end_part}
-        names["IS_QUIET"] = functions(form).is_quiet_now
-        advance = searching_scalar if form is SCALAR else searching_vector
-    else:
-        advance = straight_scalar if form is SCALAR else straight_vector
+        names |= {**search_names(method, order, form), "IS_QUIET": quiet(form)}
     names["MARCH"] = element(bound(march, names))
-    names["ADVANCE"] = element(bound(advance, names))
-    records = form.steps, LOOK if looks else none
-    signature = UniTuple(int64, 3)(callbacks, form.state, vector_type, vector_type, *records)
-    return compile_kernel(scalar if form is SCALAR else vector, names, signature, label)
+    names["ADVANCE"] = element(bound(searching if looks else straight, names))
+    records = STEPS, LOOK if looks else none
+    signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)
+    return compile_kernel(fixed, names, signature, label)
 
 
 @functools.cache
 def pointer_callbacks(form: Form, takes_jacobian: bool) -> tuple[Any, Mapping[str, Any]]:
     """Return the type of the argument `callbacks` of a kernel, and the functions that take the callbacks out of it."""
-    rhs_at, jacobian_at = function_at(form.rhs), function_at(form.jacobian)
+    rhs_at, jacobian_at = form.at("rhs"), form.at("jacobian")
     names = {
         "RHS": element(lambda callbacks: rhs_at(callbacks[0])),
+        "ADDRESS": element(lambda callbacks: callbacks[0]),
         "JACOBIAN": element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian),
     }
     return Tuple((int64, int64 if takes_jacobian else none)), MappingProxyType(names)  # which all kernels share
 
 
-def inline_callbacks(rhs: Any, jacobian: Any) -> tuple[Any, dict[str, Any]]:
-    """Return the same for a kernel with its callbacks inlined."""
+def inline_callbacks(form: Form, rhs: Any, jacobian: Any) -> tuple[Any, dict[str, Any]]:
+    """Return the same for a kernel with its callbacks inlined.
+
+    What is called rarely and shared by all kernels, such as the search of a step, calls the right-hand side at its
+    address: otherwise it would be compiled anew, which takes longer than all else.
+    """
+    address = address_of_code(compiled(rhs, form.rhs.args))
+    rhs, jacobian = form.with_rows("rhs", rhs), jacobian and form.with_rows("jacobian", jacobian)
     names = {
         "RHS": element(lambda callbacks: rhs),
+        "ADDRESS": element(lambda callbacks: address),
         "JACOBIAN": element((lambda callbacks: jacobian) if jacobian else no_jacobian),
     }
     return Tuple(()), names

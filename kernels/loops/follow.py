@@ -24,13 +24,11 @@ from ..protocol import (
     PART_END,
     PARTS,
     ROWS,
-    SCALAR,
     T_HIGH,
     T_LOW,
     WIDTH,
     WORK,
     Form,
-    function_at,
     store_at,
 )
 
@@ -49,25 +47,28 @@ def evaluate_all(follow, t, u, v, p):
         EVALUATE_ONE(follow, k, t, u, v, p)
 
 
+@element
 def widen_all(follow, part, t, v):
     """Widen the extremes by the values in `follow.out`."""
     for k in range(len(follow.table)):
-        WIDEN_ONE(follow, k, max(follow.table[k, WIDTH], 1), part, t, v)
+        widen_one(follow, k, max(follow.table[k, WIDTH], 1), part, t, v)
 
 
+@element
 def widen_one(follow, k, width, part, t, v):
     place, column, work = follow.table[k, OUT], follow.table[k, COLUMN], follow.table[k, WORK]
     for j in range(width):
         widen_at_end(follow, part, column + j, follow.out[place + j], t)
     if work >= 0:
-        follow.most[k] = max(follow.most[k], abs(COMPONENT(v, work)))
+        follow.most[k] = max(follow.most[k], abs(v[work]))
 
 
+@element
 def end_part(follow, tally, n, v):
     """End the current part of the run, and begin the next one."""
     part, end = int(tally[PART]), int(tally[PART_END])
     for j in range(n):
-        follow.forward[part % PARTS, j] = 1.0 if COMPONENT(v, j) > 0 else 0.0
+        follow.forward[part % PARTS, j] = 1.0 if v[j] > 0 else 0.0
     part += 1
     tally[PART], tally[PART_END] = part, end + max(1, end // 5)
     lowest, highest = follow.parts[part % PARTS, LOW], follow.parts[part % PARTS, HIGH]
@@ -138,69 +139,33 @@ def only_quantity(at, follow):
     return is_short, at(follow.table[0, ADDRESS]), follow.table[0, OUT], follow.table[0, COLUMN]
 
 
+#: Widen the extremes by a value, as happens rarely.
+widen_rarely = outlined(widen_at_end.py_func)
+
+
 @functools.cache  # so that kernels share the compiled elements
 def functions(form: Form) -> SimpleNamespace:
-    """Return the elements for one form of right-hand side.
+    """Return the elements `evaluate(follow, t, u, v, p)` and `evaluate_one(follow, k, t, u, v, p)` for one form.
 
-    `evaluate(follow, t, u, v, p)`, `widen(follow, part, t, v)` and `end_part(follow, tally, n, v)` take a state as the
-    right-hand side does. `evaluate_row`, `evaluate_one_of_row` and `widen_row` take it as rows of n values.
+    ``quantity(address)`` is the function of a quantity that returns its value.
     """
-    named = {"RETURNED": function_at(form.invariant), "WRITTEN": function_at(form.output)}
-    native = _bound_all({**named, "COMPONENT": element(_itself if form is SCALAR else _entry)})
-    by_row = native
-    if form is SCALAR:
-        first = {name: element(bound(function, named)) for name, function in (("EVALUATE", evaluate_one),)}
-        one = element(bound(_evaluate_first, first))
-        by_row = _bound_all({**named, "COMPONENT": element(_entry), "EVALUATE_ONE": one})
-    return SimpleNamespace(
-        evaluate=native["EVALUATE_ALL"],
-        widen=native["WIDEN_ALL"],
-        widen_rarely=outlined(native["WIDEN_ALL"].py_func),
-        quantity=named["RETURNED"],
-        end_part=native["END_PART"],
-        evaluate_row=by_row["EVALUATE_ALL"],
-        evaluate_one_of_row=by_row["EVALUATE_ONE"],
-        widen_row=by_row["WIDEN_ALL"],
-        end_part_of_row=by_row["END_PART"],
-    )
+    named = {"RETURNED": form.at("invariant"), "WRITTEN": form.at("output")}
+    one = element(bound(evaluate_one, named))
+    every = element(bound(evaluate_all, {"EVALUATE_ONE": one}))
+    return SimpleNamespace(evaluate=every, evaluate_one=one, quantity=named["RETURNED"])
 
 
-def _bound_all(names: dict[str, Any]) -> dict[str, Any]:
-    names = dict(names)
-    names.setdefault("EVALUATE_ONE", element(bound(evaluate_one, names)))
-    for function in (evaluate_all, widen_one, widen_all, end_part):
-        names[function.__name__.upper()] = element(bound(function, names))
-    return names
-
-
-def inline_functions(form: Form, quantities: tuple, of_rows: bool = False) -> tuple[Any, Any]:
+def inline_functions(form: Form, quantities: tuple) -> tuple[Any, Any]:
     """Return the elements `evaluate` and `widen` for quantities that become a part of the loop.
 
-    `quantities` are pairs of a jitted function and its number of values, or 0, in the order of `Follow.table`. With
-    `of_rows`, the elements take a state as rows of n values.
+    `quantities` are pairs of a jitted function and its number of values, or 0, in the order of `Follow.table`.
     """
-    state = "u[0], v[0]" if of_rows and form is SCALAR else "u, v"
-    names: dict[str, Any] = {"__name__": __name__, "returned": returned, "written": written}
-    names["widen_one"] = element(
-        bound(widen_one, {"COMPONENT": element(_itself if form is SCALAR and not of_rows else _entry)})
-    )
+    names: dict[str, Any] = {"__name__": __name__, "returned": returned, "written": written, "widen_one": widen_one}
     evaluated, widened = ["def evaluate(follow, t, u, v, p):"], ["def widen(follow, part, t, v):"]
     for k, (function, width) in enumerate(quantities):
-        names[f"quantity{k}"] = function
+        names[f"quantity{k}"] = form.with_rows("output" if width else "invariant", function)
         how = f"written(follow, {k}, quantity{k}, {width}" if width else f"returned(follow, {k}, quantity{k}"
-        evaluated.append(f"    {how}, t, {state}, p)")
+        evaluated.append(f"    {how}, t, u, v, p)")
         widened.append(f"    widen_one(follow, {k}, {max(width, 1)}, part, t, v)")
     defined = define("\n".join([*evaluated, "    return", "", *widened, "    return", ""]), "quantities", names)
     return element(defined["evaluate"]), element(defined["widen"])
-
-
-def _itself(v, j):
-    return v
-
-
-def _entry(v, j):
-    return v[j]
-
-
-def _evaluate_first(follow, k, t, u, v, p):
-    EVALUATE(follow, k, t, u[0], v[0], p)

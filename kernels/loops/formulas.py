@@ -11,22 +11,15 @@ from typing import Any
 
 from ..compile.jit import bound, element
 from ..compile.source import define
-from ..protocol import SCALAR, VECTOR, Form, rows
+from ..protocol import SCALAR, VECTOR, Form, cells, rows, stack_cells
 
 METHODS = f"{__package__.rpartition('.')[0]}.methods"  # the package with one file for each method
 
 
-def start_scalar(f, at, y, c):
+def start_step(f, at, y, c, n):
     """Take u and v from a step of the starter, and the past values from a step of the method itself."""
-    y_next, _ = STEP(f, at, y, c)
-    u, v, success = STARTER(f, at, y[0], y[1])
-    started = u, v
-    return started + y_next[2:], success
-
-
-def start_vector(f, at, y, c, n):
     c, scratch = c
-    kept = rows(scratch, 2)
+    kept = ROWS_OF(scratch, 2)
     for j in range(n):
         kept[0][j], kept[1][j] = y[0][j], y[1][j]
     y, _ = STEP(f, at, y, c, n)
@@ -36,15 +29,9 @@ def start_vector(f, at, y, c, n):
     return y, STARTER(f, at, u, v, scratch, n)
 
 
-def starter_scalar(f, at, u, v):
-    """Return u and v after a step of the starter, and whether it succeeded."""
-    y, success = THEIR_STEP(f, at, (u, v), THEIR_CONSTANTS((), at.h, None))
-    return y[0], y[1], success
-
-
-def starter_vector(f, at, u, v, scratch, n):
+def starter(f, at, u, v, scratch, n):
     """Advance u and v by a step of the starter, and return whether it succeeded."""
-    y = rows(scratch, THEIR_ROWS)
+    y = SCRATCH_ROWS(scratch, THEIR_ROWS)
     for j in range(n):
         y[0][j], y[1][j] = u[j], v[j]
     y, success = THEIR_STEP(f, at, y, THEIR_CONSTANTS((), at.h, None), n)
@@ -81,7 +68,7 @@ class Formulas:
 
     def __init__(self, module: ModuleType, arguments: tuple = ()) -> None:
         defined: Any = module.member(*arguments) if arguments else module
-        missing = [name for name in ("ROWS", "step_scalar", "step_vector") if not hasattr(defined, name)]
+        missing = [name for name in ("ROWS", "step") if not hasattr(defined, name)]
         if missing:
             raise TypeError(f"kernel {module.__name__!r} must define {', '.join(missing)}: see eig3.kernels.")
         self.module, self.defined = module, defined
@@ -98,7 +85,7 @@ class Formulas:
 
     @property
     def own_rows(self) -> int:
-        """Number of rows of the vector form: u, v, the past, and scratch."""
+        """Number of rows: u, v, the past, and scratch."""
         return self.defined.ROWS
 
     @property
@@ -117,8 +104,8 @@ class Formulas:
         names = {
             "CONSTANTS": getattr(defined, "constants", no_constants),
             "COMPLETE": getattr(defined, "complete", nothing),
-            "STEP": getattr(defined, f"step_{form.name}"),
-            "VALUES": 2 + self.past,
+            "STEP": getattr(defined, "step_of_one", defined.step) if form is SCALAR else defined.step,
+            "ROWS_OF": cells if form is SCALAR else rows,
             "ROWS": self.rows,
             "OWN_ROWS": self.own_rows,
             "START_STEPS": self.start_steps,
@@ -126,20 +113,24 @@ class Formulas:
             "START_COST": cost,
         }
         if self.starter:
-            begin = getattr(defined, f"start_step_{form.name}", start_scalar if form is SCALAR else start_vector)
-            steps = {"STEP": names["STEP"], "STARTER": self.starter._as_starter(form)}
-            names["START_STEP"] = element(bound(begin, steps))
+            steps = {"STEP": names["STEP"], "ROWS_OF": names["ROWS_OF"], "STARTER": self.starter._as_starter(form)}
+            names["START_STEP"] = element(bound(getattr(defined, "start_step", start_step), steps))
             names["START_COST"] += self.starter.names(form)["COST"]
         return names
 
     def _as_starter(self, form: Form) -> Any:
         """Return the function that takes a step for another method."""
-        brief = getattr(self.defined, "brief_step_vector", None)
+        brief = getattr(self.defined, "brief_step", None)
         if brief and form is VECTOR:
             return brief
         mine = self.names(form)
-        theirs = {"THEIR_STEP": mine["STEP"], "THEIR_CONSTANTS": mine["CONSTANTS"], "THEIR_ROWS": self.defined.ROWS}
-        return element(bound(starter_scalar if form is SCALAR else starter_vector, theirs))
+        theirs = {
+            "SCRATCH_ROWS": stack_cells if form is SCALAR else rows,
+            "THEIR_STEP": mine["STEP"],
+            "THEIR_CONSTANTS": mine["CONSTANTS"],
+            "THEIR_ROWS": self.defined.ROWS,
+        }
+        return element(bound(starter, theirs))
 
     @property
     def is_own(self) -> bool:
@@ -156,9 +147,9 @@ def _start_at_zero(past: int) -> Callable:
 def formulas(name: str, arguments: tuple = ()) -> Formulas:
     """Return the formulas of a module, given by its name. A module that was reloaded is read again."""
     module = importlib.import_module(name)  # not from sys.modules, where another thread may just be importing it
-    return _formulas(module, arguments, getattr(module, "step_scalar", None), getattr(module, "step_vector", None))
+    return _formulas(module, arguments, getattr(module, "step", None))
 
 
 @functools.cache
-def _formulas(module: ModuleType, arguments: tuple, *steps: Any) -> Formulas:
+def _formulas(module: ModuleType, arguments: tuple, step: Any) -> Formulas:
     return Formulas(module, arguments)

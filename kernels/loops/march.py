@@ -18,7 +18,7 @@ import numba
 
 from ..compile.jit import element
 from ..protocol import FAILED, HIGH, LOW, NEXT, PART, PARTS, At, row_index
-from .follow import only_quantity, save
+from .follow import only_quantity, save, widen_rarely
 from .pair import U_END, V_END, U, V
 
 #: How a march ended, besides FAILED: after its last step, or with a step that must be searched.
@@ -28,50 +28,12 @@ THROUGH, FOUND = range(2)
 CHECKED = bool(numba.config.BOUNDSCHECK)
 
 
-def march_scalar(step, f, y, c, steps, look, tally, first, last, row):
-    """Advance the tuple `y` = (u, v, past ...) from step `first` to `last`, or until a step must be searched.
+def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row):
+    """Advance the rows `y` from step `first` to `last`, or until a step must be searched.
 
-    Return u and v before the last step, the last `y`, the step index that was reached, the next row of `steps.u_rows`
-    to write, and how the march ended. The state after a step that was found is not written.
-    """
-    left = steps.every - first % steps.every
-    if LOOKS > 0:
-        wanted, part = next_time(look.watch, tally), int(tally[PART]) % PARTS
-        searches, ends = wanted < math.inf or len(look.watch.events) > 0, look.follow.parts[part]
-        if INLINED == 0:
-            is_only, quantity, place, column = only_quantity(QUANTITY, look.follow)
-    for i in range(first, last):
-        y_next, success = step(f, At(i, steps.t0 + i * steps.h, steps.h, steps.p), y, c)
-        if not success:
-            return y[0], y[1], y, i, row, FAILED
-        if LOOKS > 0:
-            t, u, v = steps.t0 + (i + 1) * steps.h, y_next[0], y_next[1]
-            if searches and (wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p)):
-                return y[0], y[1], y_next, i + 1, row, FOUND
-            if INLINED == 0 and is_only:
-                e = quantity(t, u, v, steps.p)
-                look.follow.out[place] = e
-                if not ends[LOW, column] <= e <= ends[HIGH, column]:
-                    WIDEN_RARELY(look.follow, part, t, v)
-            else:
-                EVALUATE(look.follow, t, u, v, steps.p)
-                WIDEN(look.follow, part, t, v)
-        y = y_next
-        left -= 1
-        if left == 0:
-            steps.u_rows[row] = y[0]
-            steps.v_rows[row] = y[1]
-            if LOOKS > 0:
-                save(look.follow, row)
-            row += 1
-            left = steps.every
-    return y[0], y[1], y, last, row, THROUGH
-
-
-def march_vector(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row):
-    """Do the same for a tuple of rows of n values, which a step may return in another order.
-
-    If a step is found, u and v before it are in `pair`.
+    A step may return the rows in another order. Return the last `y`, the step index that was reached, the next row of
+    `steps.u_rows` to write, and how the march ended. If a step is found, u and v before it are in `pair`, and the state
+    after it is not written.
     """
     left = steps.every - first % steps.every
     if LOOKS > 0:
@@ -90,7 +52,7 @@ def march_vector(step, complete, f, y, c, n, steps, look, tally, pair, first, la
             complete(y, c, steps.h, n)
             t, u, v = steps.t0 + (i + 1) * steps.h, y[0], y[1]
             if searches:
-                if STACKED > 0:  # rows whose address a function gets cannot be registers
+                if N > 1 and STACKED > 0:  # rows whose address a function gets cannot be registers
                     u, v = pair[U_END], pair[V_END]
                     copy_two(u, v, y[0], y[1], n)
                 if wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p):
@@ -99,7 +61,7 @@ def march_vector(step, complete, f, y, c, n, steps, look, tally, pair, first, la
                 e = quantity(t, y[0], y[1], steps.p)
                 look.follow.out[place] = e
                 if not ends[LOW, column] <= e <= ends[HIGH, column]:
-                    WIDEN_RARELY(look.follow, part, t, y[1])
+                    widen_rarely(look.follow, part, column, e, t)
             else:
                 EVALUATE(look.follow, t, y[0], y[1], steps.p)
                 WIDEN(look.follow, part, t, y[1])

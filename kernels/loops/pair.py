@@ -63,12 +63,9 @@ class Pair:
         self._text = "\n".join([self._trial(), self._error(errors), self._dense()])
 
     @functools.cache  # noqa: B019  a pair lives as long as its module
-    def functions(self, accelerate: Any) -> dict[str, Any]:
-        """Return the elements `trial`, `square` and `dense`.
-
-        ``accelerate(f, t, u, v, p, a)`` evaluates the right-hand side f.
-        """
-        names = {"__name__": __name__, "accelerate": accelerate, "quintic": quintic}
+    def functions(self) -> dict[str, Any]:
+        """Return the elements `trial`, `square` and `dense`."""
+        names = {"__name__": __name__, "quintic": quintic}
         defined = define(self._text, "pair", names)
         inlined = {name: element(defined[name]) for name in ("trial", "square")}
         return {**inlined, "dense": outlined(defined["dense"])}
@@ -99,7 +96,7 @@ class Pair:
         return [
             "    for j in range(n):",
             f"        u_stage[j], v_stage[j] = {u}, {v}",
-            f"    accelerate(f, t + {self._c[i]!r} * h, u_stage, v_stage, p, {self._accelerations[i]})",
+            f"    f(t + {self._c[i]!r} * h, u_stage, v_stage, p, {self._accelerations[i]})",
         ]
 
     def _trial(self) -> str:
@@ -108,7 +105,7 @@ class Pair:
             lines += self._stage(i)
         u, v = self._state(self._stages)
         lines += ["    for j in range(n):", f"        u_end[j], v_end[j] = {u}, {v}"]
-        return "\n".join([*lines, "    accelerate(f, t + h, u_end, v_end, p, a_end)", ""])
+        return "\n".join([*lines, "    f(t + h, u_end, v_end, p, a_end)", ""])
 
     def _error(self, errors: Sequence[Sequence[float]]) -> str:
         lines = ["def square(h, h_before, n, y, rtol, atol, u_least, v_least):", self._unpacked()]

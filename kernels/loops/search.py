@@ -12,10 +12,9 @@ import functools
 import importlib
 from typing import Any
 
-from numba.types import FunctionType, float64, int64
+from numba.types import float64, int64
 
-from ..compile.jit import bound, compiled, element, function_at, linked, outlined
-from ..compile.numba_internals import address_of
+from ..compile.jit import bound, element, linked, outlined
 from ..protocol import (
     EVALUATIONS,
     FULL,
@@ -26,7 +25,6 @@ from ..protocol import (
     PASSED,
     RESET,
     RESTING,
-    SCALAR,
     TIME,
     WITHIN,
     Form,
@@ -35,26 +33,26 @@ from ..protocol import (
     vector_type,
 )
 from .dense import quintic
-from .events import LATER, WORK, functions, searching
+from .events import LATER, WORK, searching
 from .formulas import METHODS, Formulas
 from .march import copy_two
 from .pair import A_END, U_END, V_END, A, U, V
 
 
-def search(f, place, tally, t0, t, t_grid, n, p):
+def search(address, place, tally, t0, t, t_grid, n, p):
     """Search the step from t to `t_grid`, whose two states are in rows of `watch.work`, and return the outcome.
 
     After a reset, the state at the end of the step is that at `t_grid`, or that of the event which ends the run. If the
     log is full after some resets, FULL is returned, and the next call goes on from the last of them.
-    The look is at the address `place`, and the run began at t0.
+    The right-hand side is at the address `address`, the look at `place`, and the run began at t0.
     """
-    watch = look_at(place).watch
+    f, watch = RHS(address), look_at(place).watch
     y = rows(watch.work[WORK:], PAIR_ROWS)
     u, v, a, u_end, v_end = y[U], y[V], y[A], y[U_END], y[V_END]
     u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
     t_end, reach, result = t_grid, 0.0, PASSED
     if tally[WITHIN] == 0:
-        ACCELERATE(f, t, u, v, p, a)
+        f(t, u, v, p, a)
         STEP_DENSE(f, t, t_grid - t, p, n, y, u_there, v_there, coefficients)
         tally[EVALUATIONS] += 1 + STEP_DENSE_COST
     else:
@@ -89,7 +87,7 @@ def search(f, place, tally, t0, t, t_grid, n, p):
             return result
         else:
             copy_two(u, v, u_end, v_end, n)
-        ACCELERATE(f, stop, u, v, p, a)
+        f(stop, u, v, p, a)
         t, reach = stop, LATER * reach
         t_end = min(t_grid, t + reach)
         TRIAL(f, t, t_end - t, t_end - t, p, n, y)
@@ -99,7 +97,7 @@ def search(f, place, tally, t0, t, t_grid, n, p):
 
 def quintic_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
     """Write the dense output of a step whose states are known."""
-    ACCELERATE(f, t + h, y[U_END], y[V_END], p, y[A_END])
+    f(t + h, y[U_END], y[V_END], p, y[A_END])
     quintic(h, n, y[U], y[V], y[A], y[U_END], y[V_END], y[A_END], coefficients)
 
 
@@ -109,16 +107,6 @@ def extension_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
     TRIAL(f, t, h, h, p, n, y)
     DENSE(f, t, h, p, n, y, coefficients)
     copy_two(y[U_END], y[V_END], u_there, v_there, n)
-
-
-def started_scalar(f, t, u, v, h, p):
-    """Return the tuple of a method that starts at a state."""
-    start = u, v
-    return start + START(u, v, f(t, u, v, p), h)
-
-
-def started_without_past(f, t, u, v, h, p):
-    return u, v
 
 
 def start_anew(f, t, y, h, p, n, a):
@@ -134,10 +122,6 @@ def start_without_past(f, t, y, h, p, n, a):
     pass
 
 
-def search_by_address(f, place, tally, t0, t, t_end, n, p):
-    return SEARCH(AT(ADDRESS), place, tally, t0, t, t_end, n, p)
-
-
 def work_rows(order: int) -> int:
     """Return the number of rows of `Watch.work` for a method of this order."""
     return WORK + _pair_for(order).rows
@@ -148,34 +132,27 @@ def _pair_for(order: int) -> Any:
     return importlib.import_module(f"{METHODS}.{'rk5' if order <= 5 else 'rk8'}").variable
 
 
-def search_names(method: Formulas, order: int, form: Form, inlined: Any) -> dict[str, Any]:
-    """Return the values of the names in capitals in the template of a kernel that searches its steps.
-
-    `inlined` is the right-hand side of a kernel that has it inlined, or None. The search calls it at its address: it
-    takes longer to compile than the rest of the kernel, and runs rarely.
-    """
+def search_names(method: Formulas, order: int, form: Form) -> dict[str, Any]:
+    """Return the values of the names in capitals in the template of a kernel that searches its steps."""
     start = {"START": element(method.start), "PAST": method.past}
-    if form is SCALAR:
-        started = {"STARTED": element(bound(started_scalar, start) if method.past else started_without_past)}
-    else:
-        started = {"START_ANEW": element(bound(start_anew, start) if method.past else start_without_past)}
-    search = _linked_search(order <= 5, form)
-    if inlined is not None:
-        names = {"AT": function_at(form.rhs), "ADDRESS": address_of(compiled(inlined, form.rhs.args)), "SEARCH": search}
-        search = element(bound(search_by_address, names))
-    return {"SEARCH": search, "PAIR_ROWS": _pair_for(order).rows, **started}
+    return {
+        "SEARCH": _search(order <= 5, form),
+        "PAIR_ROWS": _pair_for(order).rows,
+        "START_ANEW": element(bound(start_anew, start) if method.past else start_without_past),
+    }
 
 
 @functools.cache
-def _linked_search(is_low: bool, form: Form) -> Any:
-    """Return the search for a right-hand side that is a callback. The kernels of all methods of one pair share it."""
-    arguments = FunctionType(form.rhs), int64, vector_type, float64, float64, float64, int64, vector_type
-    return linked(search, _names(is_low, form), int64(*arguments), f"{'rk5' if is_low else 'rk8'}_{form.name}")
+def _search(is_low: bool, form: Form) -> Any:
+    """Return the search for a right-hand side at an address. The kernels of all methods of one pair share it."""
+    arguments = int64, int64, vector_type, float64, float64, float64, int64, vector_type
+    names = {**_names(is_low, form), "RHS": form.at("rhs")}
+    return linked(search, names, int64(*arguments), f"{'rk5' if is_low else 'rk8'}_{form.name}")
 
 
 def _names(is_low: bool, form: Form) -> dict[str, Any]:
-    pair, accelerate = _pair_for(5 if is_low else 8), functions(form).accelerate
-    theirs, (look_within, write_time) = pair.functions(accelerate), searching(form)
+    pair = _pair_for(5 if is_low else 8)
+    theirs, (look_within, write_time) = pair.functions(), searching(form)
     has_extension = pair.dense_evaluations > 0
     names = {
         "PAIR_ROWS": pair.rows,
@@ -183,7 +160,6 @@ def _names(is_low: bool, form: Form) -> dict[str, Any]:
         "STEP_DENSE_COST": pair.evaluations + pair.dense_evaluations if has_extension else 1,
         "TRIAL": outlined(theirs["trial"].py_func),
         "DENSE": theirs["dense"],
-        "ACCELERATE": accelerate,
         "LOOK_WITHIN": look_within,
         "WRITE_TIME": write_time,
     }

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..compile.jit import bound, element
-from ..compile.source import Constants, after_sum, define
+from ..compile.source import Constants, after_sum, define, loop
 
 
 class Tableau:
@@ -39,60 +39,50 @@ class Tableau:
         self.b = [Fraction(x) for x in b]
         self.c, self.stages = c, len(b)
         constants = Constants()
-        text = self._scalar(constants) + self._vector(constants) + constants.source()
+        text = self._step("step", constants) + self._step("step_of_one", constants, many=False) + constants.source()
         defined = define(text, "tableau", {"__name__": __name__})
-        self.step_scalar, self.step_vector = element(defined["step_scalar"]), element(defined["step_vector"])
+        self.step, self.step_of_one = element(defined["step"]), element(defined["step_of_one"])
         self.constants = element(defined["constants"])
         self.rows, self.evaluations = 4 + self.stages, self.stages
-        self.brief_step_vector = self._brief()
+        self.brief_step = self._brief()
 
     def _times_matrix(self, row: Sequence[Fraction]) -> list[Fraction]:
         """Return the product of a row and A, exactly."""
         return [sum((row[k] * self.A[k][j] for k in range(self.stages)), Fraction(0)) for j in range(self.stages)]
 
-    def _state(self, c: float, row: Sequence[Fraction], constants: Constants, index: str = "") -> tuple[str, str]:
+    def _state(self, c: float, row: Sequence[Fraction], constants: Constants) -> tuple[str, str]:
         """Return the text of u and v after the fraction c of the step, with the weights `row` of the accelerations."""
 
         def accelerations(weights: Sequence[Fraction], power: int) -> list[tuple[str, str]]:
-            return [(constants(float(w), power), f"a{j}{index}") for j, w in enumerate(weights) if w]
+            return [(constants(float(w), power), f"a{j}[j]") for j, w in enumerate(weights) if w]
 
-        drift = constants(c, 1), f"v{index}"
+        drift = constants(c, 1), "v[j]"
         return (
-            after_sum(f"u{index}", [drift, *accelerations(self._times_matrix(row), 2)]),
-            after_sum(f"v{index}", accelerations(row, 1)),
+            after_sum("u[j]", [drift, *accelerations(self._times_matrix(row), 2)]),
+            after_sum("v[j]", accelerations(row, 1)),
         )
 
     def _brief(self) -> Any:
         """Return the step that starts another method: it has loops over the stages, so that it compiles quickly."""
         A = np.array([*self.A, self.b], dtype=np.float64)
         A_bar = np.array([self._times_matrix(row) for row in [*self.A, self.b]], dtype=np.float64)
-        return element(bound(brief_step_vector, {"C": np.array([*self.c, 1.0]), "A": A, "A_BAR": A_bar}))
+        return element(bound(brief_step, {"C": np.array([*self.c, 1.0]), "A": A, "A_BAR": A_bar}))
 
     def _time(self, i: int) -> str:
         return f"at.t + {float(self.c[i])!r} * at.h"
 
-    def _scalar(self, constants: Constants) -> str:
-        lines = ["def step_scalar(f, at, y, c):", "u, v = y", "a0 = f(at.t, u, v, at.p)"]
-        for i in range(1, self.stages):
-            u, v = self._state(self.c[i], self.A[i], constants)
-            lines.append(f"a{i} = f({self._time(i)}, {u}, {v}, at.p)")
-        u, v = self._state(1.0, self.b, constants)
-        return "\n    ".join([*lines, f"return ({u}, {v}), True"]) + "\n\n"
-
-    def _vector(self, constants: Constants) -> str:
+    def _step(self, name: str, constants: Constants, many: bool = True) -> str:
         accelerations = [f"a{i}" for i in range(self.stages)]
-        lines = ["def step_vector(f, at, y, c, n):", f"u, v, u_stage, v_stage, {', '.join(accelerations)} = y"]
+        lines = [f"def {name}(f, at, y, c, n):", f"u, v, u_stage, v_stage, {', '.join(accelerations)} = y"]
         lines.append("f(at.t, u, v, at.p, a0)")
         for i in range(1, self.stages):
-            u, v = self._state(self.c[i], self.A[i], constants, "[j]")
-            lines += ["for j in range(n):", f"    u_stage[j], v_stage[j] = {u}, {v}"]
-            lines.append(f"f({self._time(i)}, u_stage, v_stage, at.p, a{i})")
-        u, v = self._state(1.0, self.b, constants, "[j]")
-        lines += ["for j in range(n):", f"    u[j], v[j] = {u}, {v}", "return y, True"]
-        return "\n    ".join(lines) + "\n\n"
+            u, v = self._state(self.c[i], self.A[i], constants)
+            lines += [*loop({"u_stage": u, "v_stage": v}, many), f"f({self._time(i)}, u_stage, v_stage, at.p, a{i})"]
+        u, v = self._state(1.0, self.b, constants)
+        return "\n    ".join([*lines, *loop({"u": u, "v": v}, many), "return y, True"]) + "\n\n"
 
 
-def brief_step_vector(f, at, u, v, scratch, n):  # type: ignore[no-untyped-def]
+def brief_step(f, at, u, v, scratch, n):  # type: ignore[no-untyped-def]
     u_stage, v_stage, a = scratch[0], scratch[1], scratch[2:]
     for i in range(len(C)):
         for j in range(n):

@@ -51,7 +51,6 @@ from ..protocol import (
     Form,
     address_of,
     copy_rows,
-    function_at,
     matrix_type,
     rows,
     stack_rows,
@@ -59,10 +58,10 @@ from ..protocol import (
 )
 from .controller import exponent, growth, shrinkage
 from .dense import evaluate
-from .events import EPSILON, LATER, WORK, functions, searching
+from .events import EPSILON, LATER, WORK, quiet, searching
 from .fixed import STACKED_DEGREES
+from .follow import end_part, inline_functions, save, widen_all
 from .follow import functions as following
-from .follow import inline_functions, save
 from .formulas import METHODS
 from .pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
 from .within import within_functions
@@ -181,7 +180,7 @@ def variable(callbacks, state, settings, tally, span, look):
                 row += 1
             for j in range(n):
                 u[j], v[j] = u_there[j], v_there[j]
-            ACCELERATE(f, t_stop, u, v, p, y[A])
+            f(t_stop, u, v, p, y[A])
             RESTART(y, n)
             tally[EVALUATIONS] += 1
             tally[STEP_BEFORE], tally[ERROR] = s * step, 0.0
@@ -201,7 +200,7 @@ def variable(callbacks, state, settings, tally, span, look):
                 save(follow, row)
             row += 1
         if LOOKS > 0 and follows and span.first + taken >= tally[PART_END]:
-            END_PART(follow, tally, n, v)
+            end_part(follow, tally, n, v)
         t = t_stop
         if span.is_relative == 1:
             u_size, v_size = tally[U_SIZE], tally[V_SIZE]
@@ -305,7 +304,7 @@ def first_step(f, t, n, y, tally, span):
     h = min(h, length)
     for j in range(n):
         u_end[j], v_end[j] = u[j] + h * v[j], v[j] + h * a[j]
-    ACCELERATE(f, t + h, u_end, v_end, span.p, a_end)
+    f(t + h, u_end, v_end, span.p, a_end)
     tally[EVALUATIONS] += 1
     bend = 0.0
     for j in range(n):
@@ -343,7 +342,7 @@ def kernel(module: str, form: Form, n: int, *, looks: bool) -> Any:
 
 @functools.cache
 def _kernel(module: str, form: Form, n: int, looks: bool) -> Any:
-    rhs_at = function_at(form.rhs)
+    rhs_at = form.at("rhs")
     names = {"RHS": element(lambda callbacks: rhs_at(callbacks[0])), "N": n}
     return _compile(module, form, Tuple((int64,)), names, looks, f"{module}_{form.name}_{n}{'_look' * looks}")
 
@@ -353,16 +352,16 @@ def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: bool, qua
 
     The quantities are inlined at the ends of steps; see `eig3.kernels.loops.fixed.inline_kernel`.
     """
-    names = {"RHS": element(lambda callbacks: rhs), "N": n if n <= STACKED_DEGREES else 0}
+    of_rows = form.with_rows("rhs", rhs)
+    names = {"RHS": element(lambda callbacks: of_rows), "N": n if n <= STACKED_DEGREES else 0}
     if quantities:
-        names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities, of_rows=True)
+        names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
     return _compile(module, form, Tuple(()), names, looks, "")
 
 
 def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], looks: bool, label: str) -> Any:
     formulas = importlib.import_module(f"{METHODS}.{module}").variable
-    watching, seen = functions(form), following(form)
-    theirs = formulas.functions(watching.accelerate)
+    theirs = formulas.functions()
     names = {
         "LOOKS": int(looks),
         "ROWS": formulas.rows,
@@ -374,11 +373,9 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         "DENSE": theirs["dense"],
         "ADVANCE": theirs.get("advance", advance),
         "RESTART": theirs.get("restart", nothing_past),
-        "ACCELERATE": watching.accelerate,
-        "IS_QUIET": watching.is_quiet,
-        "EVALUATE": seen.evaluate_row,
-        "WIDEN": seen.widen_row,
-        "END_PART": seen.end_part_of_row,
+        "IS_QUIET": quiet(form),
+        "EVALUATE": following(form).evaluate,
+        "WIDEN": widen_all,
         **names,
     }
     if looks:

@@ -183,7 +183,7 @@ def root_of_slope(c, count, left, right, slope_left):
 @functools.cache
 def within_functions(form: Form) -> tuple[Any, Any]:
     """Return the elements `follow_within` and `follow_end` for one form of right-hand side."""
-    names: dict[str, Any] = {"EVALUATE_ONE": functions(form).evaluate_one_of_row}
+    names: dict[str, Any] = {"EVALUATE_ONE": functions(form).evaluate_one}
     names["SAMPLE"] = outlined(bound(sample, names))
     names["REFINE"] = outlined(bound(refine, names))
     signature = none(int64, float64, float64, float64, int64, vector_type)

@@ -18,15 +18,7 @@ def update(u, v, a, v_past, a_past, h):
 
 
 @element
-def step_scalar(f, at, y, c):
-    u, v, v_past, a_past = y
-    a = f(at.t, u, v, at.p)
-    u_next, v_next = update(u, v, a, v_past, a_past, at.h)
-    return (u_next, v_next, v, a), True
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     u, v, v_past, a_past, a = y
     f(at.t, u, v, at.p, a)
     for j in range(n):

@@ -17,15 +17,7 @@ def update(u, v, a, v1, a1, v2, a2, h):
 
 
 @element
-def step_scalar(f, at, y, c):
-    u, v, v1, a1, v2, a2 = y
-    a = f(at.t, u, v, at.p)
-    u_next, v_next = update(u, v, a, v1, a1, v2, a2, at.h)
-    return (u_next, v_next, v, a, v1, a1), True
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     u, v, v1, a1, v2, a2, a = y
     f(at.t, u, v, at.p, a)
     for j in range(n):

@@ -33,16 +33,7 @@ def move(u, v, a, kick, drift):
 
 
 @element
-def step_scalar(f, at, y, c):
-    u, v, a = y
-    for i in range(11):
-        u, v = move(u, v, a, KICKS[i] * at.h, DRIFTS[i] * at.h)
-        a = f(at.t + TIMES[i] * at.h, u, v, at.p)
-    return (u, v + KICKS[11] * at.h * a, a), True
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     u, v, a = y
     for i in range(11):
         kick, drift = KICKS[i] * at.h, DRIFTS[i] * at.h

@@ -28,15 +28,7 @@ def velocity(w, a, h):
 
 
 @element
-def step_scalar(f, at, y, c):
-    u, _, w, a = y
-    u, w = move(u, w, a, at.h)
-    a = f(at.t + at.h, u, w, at.p)
-    return (u, velocity(w, a, at.h), w, a), True
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     u, _, w, a = y
     for j in range(n):
         u[j], w[j] = move(u[j], w[j], a[j], at.h)

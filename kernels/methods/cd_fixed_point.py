@@ -11,7 +11,7 @@ from ..compile.jit import element
 from ..protocol import DEGREE, EVALUATIONS, ITERATIONS, RESIDUAL
 from .cd_newton import first_not_finite, is_solved, move, start
 
-__all__ = ["PAST", "ROWS", "constants", "start", "step_scalar", "step_vector"]
+__all__ = ["PAST", "ROWS", "constants", "start", "step"]
 
 PAST, ROWS = 1, 7
 
@@ -22,31 +22,7 @@ def constants(settings, h, work):
 
 
 @element
-def step_scalar(f, at, y, c):
-    u, v, w = y
-    tolerance, limit, tally = c
-    impulse = v - w
-    u, w = move(u, v, w, at.h)
-    v = w + impulse
-    last = math.nan
-    for _ in range(limit):
-        v_next = w + at.h / 2 * f(at.t + at.h, u, v, at.p)
-        change = abs(v_next - v)
-        v = v_next
-        tally[EVALUATIONS] += 1
-        tally[ITERATIONS] += 1
-        scale = abs(v) + abs(w)
-        if not math.isfinite(change + scale):
-            break
-        if is_solved(change, last, scale, abs(u), tolerance, at.h, 1):
-            return (u, v, w), True
-        last = change
-    tally[RESIDUAL] = last
-    return (u, v, w), False
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     u, v, w, u_next, v_next, w_next, a = y
     tolerance, limit, tally = c
     for j in range(n):
@@ -70,5 +46,5 @@ def step_vector(f, at, y, c, n):
         if is_solved(change, last, scale, size, tolerance, at.h, n):
             return (u_next, v_next, w_next, u, v, w, a), True
         last = change
-    tally[RESIDUAL], tally[DEGREE] = last, first_not_finite(v_next)
+    tally[RESIDUAL], tally[DEGREE] = last, first_not_finite(v_next, n)
     return y, False  # rows u, v and w still hold the last good state

@@ -26,7 +26,7 @@ from math import comb
 from types import SimpleNamespace
 
 from ..compile.jit import element
-from ..compile.source import Constants, after_sum, define
+from ..compile.source import Constants, after_sum, define, loop
 
 
 def sigma(count: int) -> list[Fraction]:
@@ -73,69 +73,42 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
     c = Constants()
     past = [f"a{i}" for i in range(p)]  # a_n, a_{n-1}, ...
 
-    def weighted(weights: Sequence[Fraction], power: int, index: str) -> list[tuple[str, str]]:
+    def weighted(weights: Sequence[Fraction], power: int) -> list[tuple[str, str]]:
         """Return the products of accelerations, the newest last."""
-        return [(c(float(w), power), f"{a}{index}") for w, a in reversed([*zip(weights, past, strict=True)]) if w]
+        return [(c(float(w), power), f"{a}[j]") for w, a in reversed([*zip(weights, past, strict=True)]) if w]
 
-    def move(index: str) -> tuple[str, str, str]:
-        u, V = f"u{index}", f"V{index}"
-        first = ordinates(sigma(p))
-        second = [x + y for x, y in zip(first, [*ordinates(kappa(p - 1)), Fraction(0)], strict=True)]
-        return (
-            after_sum(u, [(c(1.0, 1), V), *weighted(first, 2, index)]),
-            after_sum(V, weighted(first, 1, index)),
-            after_sum(V, weighted(second, 1, index)) if predicts else "",
-        )
-
-    def synchronised(V: str, index: str = "", sign: str = "+") -> str:
-        return after_sum(V, weighted(ordinates(omega(p)), 1, index), sign)
+    def synchronised(V: str, sign: str = "+") -> str:
+        return after_sum(V, weighted(ordinates(omega(p)), 1), sign)
 
     rows = ", ".join(past)
-    u, V, w = move("")
-    scalar = [
-        "def step_scalar(f, at, y, c):",
+    first = ordinates(sigma(p))
+    second = [x + y for x, y in zip(first, [*ordinates(kappa(p - 1)), Fraction(0)], strict=True)]
+    u, V = after_sum("u[j]", [(c(1.0, 1), "V[j]"), *weighted(first, 2)]), after_sum("V[j]", weighted(first, 1))
+    w = {"v": after_sum("V[j]", weighted(second, 1))} if predicts else {}
+    step = [
+        "def step(f, at, y, c, n):",
         f"u, v, V, {rows} = y",
-        f"u, V, v = {u}, {V}, {w or 'v'}",
-        f"{', '.join(past[1:])} = {', '.join(past[:-1])}",
-        "a0 = f(at.t + at.h, u, v, at.p)",
-        f"return (u, {synchronised('V')}, V, {rows}), True",
-    ]
-    u, V, w = move("[j]")
-    vector = [
-        "def step_vector(f, at, y, c, n):",
-        f"u, v, V, {rows} = y",
-        "for j in range(n):",
-        f"    u[j], V[j]{', v[j]' if w else ''} = {u}, {V}{f', {w}' if w else ''}",
+        *loop({"u": u, "V": V, **w}),
         f"f(at.t + at.h, u, v, at.p, {past[-1]})",
         f"return (u, v, V, {past[-1]}, {', '.join(past[:-1])}), True",
     ]
     complete = [
         "def complete(y, c, h, n):",
         f"u, v, V, {rows} = y[:{3 + p}]",
-        "for j in range(n):",
-        f"    v[j] = {synchronised('V[j]', '[j]')}",
+        *loop({"v": synchronised("V[j]")}),
     ]
-    start_scalar = [
-        "def start_step_scalar(f, at, y, c):",
-        f"u, v, V, {rows} = y",
-        "u, v, success = STARTER(f, at, u, v)",
-        f"{', '.join(past[1:])} = {', '.join(past[:-1])}",
-        "a0 = f(at.t + at.h, u, v, at.p)",
-        f"return (u, v, {synchronised('v', '', '-')}, {rows}), success",
-    ]
-    start_vector = [
-        "def start_step_vector(f, at, y, c, n):",
+    start_step = [
+        "def start_step(f, at, y, c, n):",
         "c, scratch = c",
         f"u, v, V, {rows} = y",
         "success = STARTER(f, at, u, v, scratch, n)",
         f"f(at.t + at.h, u, v, at.p, {past[-1]})",
         f"{rows} = {past[-1]}, {', '.join(past[:-1])}",
-        "for j in range(n):",
-        f"    V[j] = {synchronised('v[j]', '[j]', '-')}",
+        *loop({"V": synchronised("v[j]", "-")}),
         f"return (u, v, V, {rows}), success",
     ]
     start = ["def start(u, v, a, h):", f"return 0 * u, a{', 0 * u' * (p - 1)}"]
-    functions = [scalar, vector, complete, start_scalar, start_vector, start]
+    functions = [step, complete, start_step, start]
     text = "\n\n".join("\n    ".join(lines) for lines in functions) + "\n\n" + c.source()
     defined = define(text, f"EIG-{grade}", {"__name__": __name__})
 
@@ -147,7 +120,6 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
         START="rk8",
         START_STEPS=p - 1,
         start=defined["start"],
-        start_step_scalar=defined["start_step_scalar"],
-        start_step_vector=defined["start_step_vector"],
-        **{name: element(defined[name]) for name in ("constants", "complete", "step_scalar", "step_vector")},
+        start_step=defined["start_step"],
+        **{name: element(defined[name]) for name in ("constants", "complete", "step")},
     )

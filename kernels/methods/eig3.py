@@ -26,15 +26,7 @@ def update(u, v, a, a_past, c, h):
 
 
 @element
-def step_scalar(f, at, y, c):
-    u, v, a_past = y
-    a = f(at.t, u, v, at.p)
-    u, v = update(u, v, a, a_past, c, at.h)
-    return (u, v, a), True
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     u, v, a_past, a = y
     f(at.t, u, v, at.p, a)
     for j in range(n):

@@ -8,21 +8,13 @@ step needs v. With n degrees of freedom, a step then reads and writes fewer arra
 """
 
 from ..compile.jit import element
-from .cd import EVALUATIONS, PAST, ROWS, complete, move, start, velocity
+from .cd import EVALUATIONS, PAST, ROWS, complete, move, start
 
-__all__ = ["EVALUATIONS", "PAST", "ROWS", "complete", "start", "step_scalar", "step_vector"]
-
-
-@element
-def step_scalar(f, at, y, c):
-    u, v, w, a = y
-    a = f(at.t, u, v, at.p)
-    u, w = move(u, w, a, at.h)
-    return (u, velocity(w, a, at.h), w, a), True
+__all__ = ["EVALUATIONS", "PAST", "ROWS", "complete", "start", "step"]
 
 
 @element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     u, v, w, a = y
     f(at.t, u, v, at.p, a)
     for j in range(n):

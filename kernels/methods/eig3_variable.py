@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..compile.jit import bound, element, outlined
+from ..compile.jit import element, outlined
 from ..loops.dense import quintic
 
 
@@ -25,9 +25,9 @@ class _Formulas:
 
     rows, order, evaluations, dense_evaluations = 9, 3, 1, 0
 
-    def functions(self, accelerate: Any) -> dict[str, Any]:
-        found = {function.__name__: element(function) for function in (square, advance, restart)}
-        return {**found, "trial": element(bound(trial, {"accelerate": accelerate})), "dense": outlined(dense)}
+    def functions(self) -> dict[str, Any]:
+        found = {function.__name__: element(function) for function in (trial, square, advance, restart)}
+        return {**found, "dense": outlined(dense)}
 
 
 def trial(f, t, h, h_before, p, n, y):
@@ -36,7 +36,7 @@ def trial(f, t, h, h_before, p, n, y):
     for j in range(n):
         rise = alpha * (a[j] - a_before[j])
         u_end[j], v_end[j] = u[j] + h * (v[j] + h / 2 * (a[j] + rise)), v[j] + h * (a[j] + rise / 2)
-    accelerate(f, t + h, u_end, v_end, p, a_end)  # noqa: F821
+    f(t + h, u_end, v_end, p, a_end)
 
 
 def square(h, h_before, n, y, rtol, atol, u_least, v_least):

@@ -22,17 +22,7 @@ def update(u, v, a1, a2, h):
 
 
 @element
-def step_scalar(f, at, y, c):
-    t, h, p = at.t, at.h, at.p
-    u, v = y
-    a1 = f(t, u, v, p)
-    u2, v2 = stage(u, v, a1, h)
-    a2 = f(t + h, u2, v2, p)
-    return update(u, v, a1, a2, h), True
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     t, h, p = at.t, at.h, at.p
     u, v, u2, v2, a1, a2 = y
     f(t, u, v, p, a1)

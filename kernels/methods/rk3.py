@@ -28,19 +28,7 @@ def update(u, v, a1, a2, a3, h):
 
 
 @element
-def step_scalar(f, at, y, c):
-    t, h, p = at.t, at.h, at.p
-    u, v = y
-    a1 = f(t, u, v, p)
-    u2, v2 = stage2(u, v, a1, h)
-    a2 = f(t + h / 2, u2, v2, p)
-    u3, v3 = stage3(u, v, a1, a2, h)
-    a3 = f(t + h, u3, v3, p)
-    return update(u, v, a1, a2, a3, h), True
-
-
-@element
-def step_vector(f, at, y, c, n):
+def step(f, at, y, c, n):
     t, h, p = at.t, at.h, at.p
     u, v, u_stage, v_stage, a1, a2, a3 = y
     f(t, u, v, p, a1)

@@ -32,5 +32,5 @@ ERROR = (
 
 _tableau = Tableau(C, A, B)
 ROWS, EVALUATIONS = _tableau.rows, _tableau.evaluations
-constants, step_scalar, step_vector = _tableau.constants, _tableau.step_scalar, _tableau.step_vector
+constants, step, step_of_one = _tableau.constants, _tableau.step, _tableau.step_of_one
 variable = Pair(_tableau, 5, [ERROR])

@@ -265,6 +265,6 @@ EXTENSION = (
 
 _tableau = Tableau(C, A, B)
 ROWS, EVALUATIONS = _tableau.rows, _tableau.evaluations
-constants, step_scalar, step_vector = _tableau.constants, _tableau.step_scalar, _tableau.step_vector
-brief_step_vector = _tableau.brief_step_vector
+constants, step, step_of_one = _tableau.constants, _tableau.step, _tableau.step_of_one
+brief_step = _tableau.brief_step
 variable = Pair(_tableau, 8, [ERROR_5, ERROR_3], (EXTRA_C, EXTRA_A, EXTENSION))
