@@ -257,7 +257,11 @@ class Form:
     def with_rows(self, kind: str, function: Any) -> Any:
         """Return an element that calls a jitted function with rows."""
         call = self.calls.get(kind)
-        return element(lambda *arguments: call(*arguments, function)) if call else function
+        if call is None:
+            return function
+        if kind in ("invariant", "apply"):
+            return element(lambda t, u, v, p: call(t, u, v, p, function))
+        return element(lambda t, u, v, p, out: call(t, u, v, p, out, function))
 
 
 @element

@@ -210,10 +210,9 @@ class FixedRun:
         a = np.empty(n)
         if form is SCALAR:
             a = callback.call(t0, u0, v0, self.p)
-            self.state = np.zeros(2 + formulas.past)
         else:
             callback.call(t0, u0, v0, self.p, a)
-            self.state = aligned((formulas.state_rows(n), n))
+        self.state = aligned((formulas.state_rows(n), n))
         for k, values in enumerate((u0, v0, *formulas.start(u0, v0, a, h))):
             self.state[k] = values
         self.settings = np.array(running.settings, dtype=np.float64)
@@ -232,7 +231,8 @@ class FixedRun:
 
     def take(self, count):
         """Take steps, and return how the call ended."""
-        steps = Steps(self.h, self.t0, self.p, self.index, count, self.every, self.row, self.u, self.v)
+        u, v = (x.reshape(len(x), self.state.shape[1]) for x in (self.u, self.v))
+        steps = Steps(self.h, self.t0, self.p, self.index, count, self.every, self.row, u, v)
         taken, self.row, ended = self.kernel(self.rhs, self.state, self.settings, self.tally, steps, self.look)
         self.index += taken
         return ended

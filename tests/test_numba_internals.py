@@ -380,7 +380,7 @@ def test_a_function_at_an_address_that_is_called_by_another_function():
     def called_function_at(typingctx, address):
         return called(address), lambda context, builder, signature, args: args[0]
 
-    with probe("Numba takes no type of callables, whose calls call another function, from `numba.types.Callable`"):
+    with probe("Calls of a value of a subclass of `numba.types.Callable` do not call another function"):
         assert numba.njit(lambda address: called_function_at(address)(3.0, 0.5))(address_of(result)) == 6.5
 
 

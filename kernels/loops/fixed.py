@@ -158,8 +158,9 @@ def stack_step(f, at, y, c, n):
 def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: bool, takes_jacobian: bool = False) -> Any:
     """Compile the kernel of a method for callbacks given as addresses, or load it from the disk.
 
-    Without a look, two degrees of freedom have a kernel of their own: the compiler then removes the loops over them,
-    and a pendulum takes up to a quarter less time. One kernel serves all other numbers.
+    The scalar form has a kernel with its rows in registers. Without a look, two degrees of freedom have a kernel of
+    their own: the compiler then removes the loops over them, and a pendulum takes up to a quarter less time. One kernel
+    serves all other numbers.
 
     The kernel of a method outside this package is compiled in each process: its formulas may use other files, and a
     change of these would go unnoticed.
