@@ -149,6 +149,21 @@ def test_a_wrong_declaration_does_not_compile(ab4, tmp_path, monkeypatch, change
         del sys.modules["wrong_ab4"], eig3.METHODS["wrong"]
 
 
+def test_a_past_that_is_too_small_is_seen(ab4, tmp_path, monkeypatch):
+    (tmp_path / "short_ab4.py").write_text(AB4.replace('"ab4"', '"short"') + "\nPAST = 5\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    method = importlib.import_module("short_ab4").AB4()
+    try:
+        for rhs, u0 in ((oscillator, 1.0), (coupled, [1.0, 2.0, 3.0])):
+            stepper = eig3.Stepper(rhs, u0, np.zeros_like(u0), h=0.1, params=(1.0, 1.0, 1.0), method=method)
+            stepper.advance(5)
+            assert stepper.is_finite
+            stepper.advance(5)
+            assert not stepper.is_finite
+    finally:
+        del sys.modules["short_ab4"], eig3.METHODS["short"]
+
+
 LOSES_A_ROW = """
 import eig3, ab4
 try:

@@ -12,6 +12,7 @@ A state has rows of n values also for one degree of freedom, where they are regi
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
@@ -65,11 +66,18 @@ STACKED_DEGREES = 6
 
 
 def fixed(callbacks, state, settings, tally, steps, look):
-    """Take steps, and return their number, the next row to write and how it ended. If STACKED is 1, so are the rows."""
+    """Take steps, and return their number, the next row to write and how it ended.
+
+    If STACKED is 1, the rows are on the stack. If IS_CHECKED is 1, scratch begins as NaN: a method that hands more
+    values to the next step than it declares is seen.
+    """
     n = N if N > 0 else state.shape[1]
     f = RHS(callbacks)
     c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
     kept = ROWS_OF(state, OWN_ROWS)
+    for row in range(CARRIED, OWN_ROWS if IS_CHECKED else CARRIED):
+        for j in range(n):
+            state[row, j] = math.nan
     y = kept
     if STACKED > 0:
         y = STACK_ROWS(N, OWN_ROWS)

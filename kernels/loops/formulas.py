@@ -108,6 +108,8 @@ class Formulas:
             "ROWS_OF": cells if form is SCALAR else rows,
             "ROWS": self.rows,
             "OWN_ROWS": self.own_rows,
+            "CARRIED": 2 + self.past,
+            "IS_CHECKED": int(not self.is_own),
             "START_STEPS": self.start_steps,
             "COST": cost,
             "START_COST": cost,

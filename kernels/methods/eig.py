@@ -85,13 +85,16 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
     second = [x + y for x, y in zip(first, [*ordinates(kappa(p - 1)), Fraction(0)], strict=True)]
     u, V = after_sum("u[j]", [(c(1.0, 1), "V[j]"), *weighted(first, 2)]), after_sum("V[j]", weighted(first, 1))
     w = {"v": after_sum("V[j]", weighted(second, 1))} if predicts else {}
-    step = [
-        "def step(f, at, y, c, n):",
-        f"u, v, V, {rows} = y",
-        *loop({"u": u, "V": V, **w}),
-        f"f(at.t + at.h, u, v, at.p, {past[-1]})",
-        f"return (u, v, V, {past[-1]}, {', '.join(past[:-1])}), True",
-    ]
+
+    def step(name: str, many: bool) -> list[str]:
+        return [
+            f"def {name}(f, at, y, c, n):",
+            f"u, v, V, {rows} = y",
+            *loop({"u": u, "V": V, **w}, many),
+            f"f(at.t + at.h, u, v, at.p, {past[-1]})",
+            f"return (u, v, V, {past[-1]}, {', '.join(past[:-1])}), True",
+        ]
+
     complete = [
         "def complete(y, c, h, n):",
         f"u, v, V, {rows} = y[:{3 + p}]",
@@ -108,7 +111,7 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
         f"return (u, v, V, {rows}), success",
     ]
     start = ["def start(u, v, a, h):", f"return 0 * u, a{', 0 * u' * (p - 1)}"]
-    functions = [step, complete, start_step, start]
+    functions = [step("step", True), step("step_of_one", False), complete, start_step, start]
     text = "\n\n".join("\n    ".join(lines) for lines in functions) + "\n\n" + c.source()
     defined = define(text, f"EIG-{grade}", {"__name__": __name__})
 
@@ -121,5 +124,5 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
         START_STEPS=p - 1,
         start=defined["start"],
         start_step=defined["start_step"],
-        **{name: element(defined[name]) for name in ("constants", "complete", "step")},
+        **{name: element(defined[name]) for name in ("constants", "complete", "step", "step_of_one")},
     )
