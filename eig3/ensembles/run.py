@@ -205,7 +205,7 @@ class Run:
             if is_finite_at_start(self._callback, members.form, t0, u, v, p):
                 stepper = self._stepper(i)
                 for output in self._quantities[1].values():
-                    output.at_start(t0, *stepper.start, stepper.params, output.no_extremes())
+                    output.at_start(t0, *stepper.start, stepper.params, np.empty(output.width))
                 return
         try:
             self._stepper(0)

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.accelerations import accelerations
 from ..functions.callbacks import check_callback
+from ..functions.evaluation import accelerations
 from ..functions.extremes import Extremes
 from ..functions.guard import guarded
 from ..kernels.protocol import SCALAR, VECTOR

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.loops.accelerations import guarded_kernel
+from ..kernels.loops.evaluation import guarded_kernel
 from ..kernels.protocol import SCALAR, Form
 from .callbacks import Callback
 

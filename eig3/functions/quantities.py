@@ -8,14 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..kernels.compile.numba_internals import Jitted
-from ..kernels.loops.quantity import extent_kernel
 from ..kernels.protocol import Form
 from .callbacks import check_callback, takes
 from .checks import check_count, check_names
-from .extremes import Extremes
 from .guard import beyond, guarded
-
-_NOTHING = np.array([[np.inf], [-np.inf], [np.nan], [np.nan]])  # the extremes of no value
 
 
 class EnergyLessWork(NamedTuple):
@@ -135,75 +131,24 @@ class Quantity:
         self.width = k or 1
         self.kind = "invariant" if k is None else "output"
         self.callback = check_callback(function, self.kind, form, name)
-        self._kernel = extent_kernel(form, k is not None)
         try:
-            self._out = guarded(np.full(self.width, np.nan))
+            np.empty(self.width)
         except (MemoryError, ValueError):  # ValueError where no array can be so large
             raise MemoryError(
                 f"{name} has {self.width:.3g} values, which do not fit into memory; take a smaller k."
             ) from None
-        self._values = np.empty((0, self.width))
 
-    def fork(self) -> Quantity:
-        """Return the same quantity with arrays of its own."""
-        return Quantity(self.name, self.function, *self.shape, form=self.form)
-
-    def no_extremes(self) -> np.ndarray:
-        """Return an array for the extremes of values to come, which `evaluate` widens."""
-        return np.repeat(_NOTHING, self.width, axis=1)
-
-    def evaluate(self, t: np.ndarray, u: np.ndarray, v: np.ndarray, p: np.ndarray, extremes: np.ndarray) -> np.ndarray:
-        """Evaluate the function in rows of states, and widen its extremes.
-
-        Parameters
-        ----------
-        t : ndarray, shape (rows,)
-        u, v : ndarray, shape (rows,) or (rows, n)
-        p : ndarray
-        extremes : ndarray, shape (4, width)
-
-        Returns
-        -------
-        ndarray, shape (rows,) or (rows, k)
-            The values. The next call overwrites them.
-
-        Raises
-        ------
-        ValueError
-            If the function writes beyond its k values.
-        """
-        values = self._room(len(t))
-        self._kernel(self.callback.address, p, t, u, v, self._out, values, extremes)
-        self.check_within(self._out)
-        return values if self.shape else values[:, 0]
-
-    def _room(self, count: int) -> np.ndarray:
-        if len(self._values) < count:
-            self._values = np.empty((count, self.width))
-        return self._values[:count]
-
-    def at_start(self, t: float, u: Any, v: Any, p: np.ndarray, extremes: np.ndarray) -> Any:
-        """Evaluate the function in the first state, check that it writes its values, and widen its extremes.
+    def at_start(self, t: float, u: Any, v: Any, p: np.ndarray, values: np.ndarray) -> None:
+        """Evaluate the function in the first state, and check that it writes its values; `values` has room for them.
 
         Raises
         ------
         ValueError
             If the function does not write all of its k values, or writes beyond them.
         """
-        state = np.array([u]), np.array([v])
-        value = self.evaluate(np.array([t]), *state, p, extremes)[0].copy()
-        if self.shape:
-            self._check_written(t, u, v, p, value)
-        return value
-
-    def write_at_start(self, t: float, u: Any, v: Any, p: np.ndarray, values: np.ndarray) -> None:
-        """Let the function write its values in the first state.
-
-        Raises
-        ------
-        ValueError
-            As `at_start` does.
-        """
+        if not self.shape:
+            values[0] = self.callback.call(t, u, v, p)
+            return
         out = guarded(values)  # of this thread
         out.fill(np.nan)
         self.callback.call(t, u, v, p, out)
@@ -234,8 +179,3 @@ class Quantity:
         return ValueError(
             f"{self.name} writes beyond its {self.width} values; give the right number k in (function, k)."
         )
-
-
-def as_extremes(rows: np.ndarray, shape: tuple[int, ...]) -> Extremes:
-    """Return the rows of an array of extremes as a record, for a quantity whose values have this shape."""
-    return Extremes(*(row.copy() if shape else float(row[0]) for row in rows))

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_params, check_state
+from ..functions.evaluation import energies
 from ..functions.guard import guarded
-from ..functions.quantities import Quantity, as_extremes
 from ..methods import Method
 from ..problem import Problem
 from ..result.solution import Solution, Status
@@ -112,9 +113,9 @@ class Pilots:
         self._at_start = u0, v0
         most = min(_STATES, max(FEWEST, _VALUES // np.size(problem.u0)))
         self._states = FEWEST * 2 ** int(math.log2(most / FEWEST))
-        self._energy = None
+        self._energy: Callback | None = None
         if metric == "energy":
-            self._energy = Quantity("energy", problem.energy, form=self._form)
+            self._energy = check_callback(problem.energy, "invariant", self._form, "energy")
         self._look_from(problem.t_span[0], u0, v0, 1.0)
         self._first_acceleration = math.nan  # the largest at the start, known from the first run
 
@@ -395,12 +396,10 @@ class Pilots:
         """The largest relative change of the energy over states with this spacing."""
         assert self._energy is not None
         t0, params = self.window[0], check_params(self.problem.params)
-        extremes = self._energy.no_extremes()
-        start = self._energy.at_start(t0, self._u0, self._v0, params, extremes)
+        start = self._energy.call(t0, self._u0, self._v0, params)
         t = t0 + spacing * np.arange(first, first + len(u))
-        self._energy.evaluate(t, u, v, params, extremes)
-        low, high, *_ = as_extremes(extremes, self._energy.shape)
-        return max(start - low, high - start) / abs(self._start_energy)
+        changes = np.abs(energies(self._energy, params, t, u, v) - start)
+        return float(changes.max(initial=0.0)) / abs(self._start_energy)
 
     def _error(self, history: History) -> tuple[float, float]:
         """The error within the window, and the power of time with which it grows."""

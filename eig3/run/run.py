@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.accelerations import accelerations
 from ..functions.checks import check_cancel, check_flag
+from ..functions.evaluation import accelerations
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.guard import CELLS
-from ..kernels.loops.accelerations import guarded_kernel
+from ..kernels.loops.evaluation import guarded_kernel
 from ..kernels.protocol import AT_END, GOING, REJECTED, SCALAR, STEP_BEFORE, TIME, Steps
 from ..result.solution import Solution
 from ..stepping.stepper import Stepper

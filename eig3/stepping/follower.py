@@ -121,10 +121,7 @@ class Follower:
         self.out.fill(np.nan)
         for k, quantity in enumerate(self.followed.quantities):
             values = self.values(k)
-            if quantity.shape:
-                quantity.write_at_start(t, u, v, p, values)
-            else:
-                values[0] = quantity.callback.call(t, u, v, p)
+            quantity.at_start(t, u, v, p, values)
             self.start[self._columns(k)] = values
         self.before[:] = self.start
         self.widest[T_LOW] = self.widest[T_HIGH] = t

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..functions.accelerations import accelerations
 from ..functions.checks import check_index, reals
+from ..functions.evaluation import accelerations
 from ..functions.guard import evaluation, not_finite
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import (

@@ -1,5 +1,5 @@
 # ruff: noqa: F821
-"""The kernels that evaluate the right-hand side at rows of states, and at one state between guard cells."""
+"""The kernels that evaluate a function at rows of states, and the right-hand side at one state between guard cells."""
 
 import functools
 import math
@@ -8,19 +8,23 @@ from typing import Any
 from numba.types import Tuple, boolean, float64, int64, none
 
 from ..compile.jit import compile_kernel, element
-from ..protocol import SCALAR, VECTOR, Form, function_at, matrix_type, part_of_row, vector_type
+from ..protocol import VECTOR, Form, function_at, matrix_type, part_of_row, vector_type
 
 
-def scalar(address, p, t, u_rows, v_rows, a_rows):
-    f = RHS(address)
+def in_rows(address, p, t, u_rows, v_rows, values):
+    f = FUNCTION(address)
     for i in range(len(t)):
-        a_rows[i] = f(t[i], u_rows[i], v_rows[i], p)
+        EVALUATE(f, t[i], u_rows[i], v_rows[i], p, values[i])
 
 
-def vector(address, p, t, u_rows, v_rows, a_rows):
-    f = RHS(address)
-    for i in range(len(t)):
-        f(t[i], u_rows[i], v_rows[i], p, a_rows[i])
+@element
+def written(f, t, u, v, p, values):
+    f(t, u, v, p, values)
+
+
+@element
+def returned(f, t, u, v, p, values):
+    values[0] = f(t, u, v, p)
 
 
 def guarded(address, t, u, v, p, cells):
@@ -50,15 +54,15 @@ def largest(x):
 
 
 @functools.cache
-def acceleration_kernel(form: Form) -> Any:
+def rows_kernel(form: Form, kind: str) -> Any:
     """Compile the kernel, or load it from the disk.
 
-    It is called as ``kernel(address, p, t, u_rows, v_rows, a_rows)``, where `address` is the address of the compiled
-    right-hand side, and writes a_rows.
+    It is called as ``kernel(address, p, t, u_rows, v_rows, values)``, where `address` is the address of a function of
+    the kind "rhs" or "invariant". It writes a row of `values` for each of the times t; all rows are those of matrices.
     """
-    template = scalar if form is SCALAR else vector
-    signature = none(int64, vector_type, vector_type, form.state, form.state, form.state)
-    return compile_kernel(template, {"RHS": function_at(form.rhs)}, signature, f"accelerations_{form.name}")
+    names = {"FUNCTION": form.at(kind), "EVALUATE": written if kind == "rhs" else returned}
+    signature = none(int64, vector_type, vector_type, *[matrix_type] * 3)
+    return compile_kernel(in_rows, names, signature, f"{form.name}_{kind}")
 
 
 @functools.cache

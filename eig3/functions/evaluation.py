@@ -1,0 +1,51 @@
+"""A function of the state at many states, evaluated in compiled code."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..kernels.loops.evaluation import rows_kernel
+from ..kernels.protocol import SCALAR, VECTOR
+from .callbacks import Callback
+
+_CHUNK_VALUES = 2**18  # values in the states of one call, after which Python can answer Ctrl-C
+
+
+def accelerations(rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Evaluate f(t_i, u_i, v_i) at each row of u and v.
+
+    Parameters
+    ----------
+    rhs : Callback
+    params : ndarray
+        The parameters, from `guarded`.
+    t : ndarray, shape (m,)
+    u, v : ndarray, shape (m,) or (m, n)
+
+    Returns
+    -------
+    ndarray
+        Of the shape of u. An entry that rhs does not write is NaN.
+    """
+    a = np.full(u.shape, np.nan)
+    _evaluate(rhs, "rhs", params, t, u, v, a)
+    return a
+
+
+def energies(energy: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Evaluate an invariant at each row of u and v, as `accelerations` does; the result has the shape (m,)."""
+    values = np.empty(len(t))
+    _evaluate(energy, "invariant", params, t, u, v, values)
+    return values
+
+
+def _evaluate(
+    function: Callback, kind: str, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, values: np.ndarray
+) -> None:
+    kernel = rows_kernel(SCALAR if u.ndim == 1 else VECTOR, kind)
+    t, u, v = (np.ascontiguousarray(x, dtype=np.float64) for x in (t, u, v))
+    u, v, values = (x.reshape(len(t), x[:1].size) for x in (u, v, values))
+    rows = max(1, _CHUNK_VALUES // max(1, u.shape[1]))
+    for first in range(0, len(t), rows):
+        chunk = slice(first, first + rows)
+        kernel(function.address, params, t[chunk], u[chunk], v[chunk], values[chunk])
