@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
-from queue import Empty, SimpleQueue
+from queue import Empty, Queue
 from threading import Event
 from typing import Any
 
@@ -267,7 +267,9 @@ class Run:
         return solution
 
     def _march(self, interrupt: DeferredInterrupt, bar: Progress) -> None:
-        stop, done = Event(), SimpleQueue[Future]()  # to wait for thousands of futures takes long
+        # To wait for thousands of futures takes long. A `SimpleQueue` may wait for ever after a signal: what is left of
+        # its timeout can then be negative, which means without an end (CPython 3.11).
+        stop, done = Event(), Queue[Future]()
         with ThreadPoolExecutor(self.threads) as pool:
             running = {pool.submit(work.run, stop): len(work) for work in self.work}
             try:
