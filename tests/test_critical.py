@@ -356,8 +356,8 @@ def test_weak_gyroscopic_forces_excite_lagged_central_difference(n, size):
 
 # The EIG family, RK5, RK8 and BM6 -------------------------------------------------------------------------------------
 
-STEADY_GRADES = (3, 4, 5, 8, 9, 12, 13)
-FAMILY = [*(eig3.EIG(grade) for grade in range(3, 14)), eig3.RK5(), eig3.RK8()]
+STEADY_GRADES = (3, 5, 8, 13)
+FAMILY = [*(eig3.EIG(grade) for grade in (3, 5, 8, 11, 13)), eig3.RK5(), eig3.RK8()]
 
 
 @pytest.mark.parametrize("method", [*(eig3.EIG(grade) for grade in STEADY_GRADES), "rk8", "bm6"], ids=name_of)
@@ -406,7 +406,7 @@ def test_growth_of_rk2_is_named_too():
         critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), method="rk2")
 
 
-@pytest.mark.parametrize("grade", [5, 7, 9, 13])
+@pytest.mark.parametrize("grade", [5, 13])
 @pytest.mark.parametrize("n", [3, 20])
 def test_runs_of_the_family_on_both_sides_of_the_limit_of_coupled_modes(grade, n):
     """1 % above the limit, a root passes -1 by 0.1 to 1 %: round-off, which is 1e-16 h^2 of the motion, grows by more
@@ -428,7 +428,7 @@ def gyroscopic_radius(grade, k):
     return 1 / np.abs(((1 - x) * (1 - 1j * k * x * K) - 1j * k * x * S).roots()).min()
 
 
-@pytest.mark.parametrize("grade", [5, 7, 9, 13])
+@pytest.mark.parametrize("grade", [5, 13])
 def test_eig_of_a_gyroscope(grade):
     """Its growth in grade 7 is 2e-8 a step at the limit, which is within the round-off of coupled modes."""
     method = eig3.EIG(grade)

@@ -143,7 +143,7 @@ def test_a_blow_up_by_weak_growth_is_named(method, Omega):
     assert np.abs(again.u).max() == pytest.approx(math.exp(1e-5 * again.n_steps), rel=0.02)
 
 
-@pytest.mark.parametrize("grade", [6, 7, 10, 11])
+@pytest.mark.parametrize("grade", [6, 11])
 def test_a_growth_that_is_negligible_ends_no_run(grade):
     """The energy grows by twice the growth of the motion. The note has two digits."""
     Omega, method = 0.2, eig3.EIG(grade)
@@ -319,7 +319,7 @@ def undamped_vector(t, u, v, p, a):
         a[j] = -u[j]
 
 
-@pytest.mark.parametrize("grade", [7, 8, 9, 13])
+@pytest.mark.parametrize("grade", [5, 8, 13])
 def test_a_high_grade_with_a_force_that_reads_the_velocity_is_noted(grade):
     """With the limit of the closed form, 0.114 for grade 9; not with a force that ignores the velocity."""
     method = eig3.EIG(grade)

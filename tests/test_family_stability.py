@@ -23,6 +23,7 @@ from eig3.stability import (
 )
 
 GRADES = range(3, 14)
+DAMPED_GRADES = (3, 5, 8, 11, 13)  # the other grades have the same text and compile as long
 WEAK = (6, 7, 10, 11)
 DAMPINGS = (0.01, 0.1, 0.5, 1.0)
 EPS = 2.0**-52
@@ -94,8 +95,10 @@ def test_criterion_decides_between_inside_and_outside():
         assert all_within([Fraction(1), -root, Fraction(1, 4), -root / 4]) is inside  # (z - root)(z^2 + 1/4)
 
 
-@pytest.mark.parametrize("grade", GRADES)
-@pytest.mark.parametrize("xi", [0.0, *DAMPINGS])
+@pytest.mark.parametrize(
+    ("grade", "xi"),
+    [(grade, xi) for grade in GRADES for xi in (0.0, *DAMPINGS) if xi == 0 or grade in DAMPED_GRADES],
+)
 def test_theory_on_both_sides_of_every_limit(grade, xi):
     """Within 1e-6 of the limit; the roots of grade 3 are on the unit circle without damping, and grade 8 leaves it by
     a growth that is below the 1e-11 of `is_stable` for the first 1e-6 or so."""
@@ -114,7 +117,7 @@ def test_theory_on_both_sides_of_every_limit(grade, xi):
     assert not is_stable(eig3.EIG(grade), bound * (1 + 1e-5), xi)
 
 
-@pytest.mark.parametrize("grade", GRADES)
+@pytest.mark.parametrize("grade", DAMPED_GRADES)
 @pytest.mark.parametrize("xi", [0.0, 0.05])
 def test_principal_root_is_that_of_the_exact_polynomial(grade, xi):
     """Round-off of eigenvalues: a pair 2 Omega apart moves by the round-off of the coefficients, up to 1e3 eps, over
@@ -129,7 +132,7 @@ def test_principal_root_is_that_of_the_exact_polynomial(grade, xi):
         assert period_error(method, Omega, xi) == pytest.approx(exact / np.angle(z) - 1, abs=tolerance / Omega)
 
 
-@pytest.mark.parametrize("grade", GRADES)
+@pytest.mark.parametrize("grade", DAMPED_GRADES)
 def test_leading_terms_of_the_principal_root(grade):
     """Stoermer's series solves the equation exactly. The terms from sigma_p on are left out, so that
     ln z = x (1 - sigma_p x^p / 2 + (p sigma_p / 2 - sigma_(p+1)) x^(p+1) / 2 + ...) with x = i Omega."""
