@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import eig3
+from eig3.bench.report import own
 from eig3.functions.callbacks import check_callback
 from eig3.kernels.protocol import VECTOR
 
@@ -150,3 +151,11 @@ def python_handler():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def few_reported(monkeypatch):
+    """A report of a user's problem runs some methods of each kind: to compile more kernels would only take time."""
+    few = "eig3", "cd", "rk2", "rk4", "ab3", "rk5", "rk8", "bm6", "eig9"
+    monkeypatch.setattr(own, "_INLINED", 1)
+    monkeypatch.setattr(own, "plan", lambda *given, methods, **options: eig3.plan(*given, methods=few, **options))

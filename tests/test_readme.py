@@ -28,6 +28,7 @@ def shown(code, language, text):
     return re.sub("^# ", "", comments, flags=re.MULTILINE)
 
 
+@pytest.mark.usefixtures("few_reported")
 @pytest.mark.parametrize("readme", README_FILES)
 def test_examples_print_what_they_show(readme, symplectic_euler, tmp_path, monkeypatch):
     """The blocks of one file share a namespace, and a block that shows no output prints nothing."""

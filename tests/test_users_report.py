@@ -5,7 +5,6 @@ import pytest
 
 import eig3
 from eig3.bench.reach import reach
-from eig3.bench.report import own
 from eig3.bench.report.record import Record
 
 
@@ -27,13 +26,8 @@ def exact(t):
     return np.cos(2 * t), -2 * np.sin(2 * t)
 
 
-FEW = "eig3", "cd", "rk2", "rk4", "ab3", "rk5", "rk8", "bm6", "eig9"
-
-
-def test_a_users_problem_is_judged_by_its_exact_solution(tmp_path, monkeypatch):
-    # To compile more kernels would only take time.
-    monkeypatch.setattr(own, "_INLINED", 1)
-    monkeypatch.setattr(own, "plan", lambda *given, methods, **options: eig3.plan(*given, methods=FEW, **options))
+@pytest.mark.usefixtures("few_reported")
+def test_a_users_problem_is_judged_by_its_exact_solution(tmp_path):
     problem = oscillator(exact=exact, energy=energy)
     page = eig3.report(problem, tmp_path / "new", accuracies=(1e-3, 1e-6), rivals=("scipy dop853",), repeats=2)
     assert page == tmp_path / "new" / "report.html"

@@ -17,10 +17,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     from .. import critical_step, problems, scene, stability
     from ..kernels.compile.cache import clear, folder_of
-    from ..kernels.loops.fixed import scalar
+    from ..kernels.loops.fixed import fixed
 
     failures = []
-    for function in (scalar, problems.duffing, stability.limit, scene.Scene.add, critical_step):  # one in each folder
+    for function in (fixed, problems.duffing, stability.limit, scene.Scene.add, critical_step):  # one in each folder
         try:
             folder = folder_of(function)
             done = f": {clear(folder)} files deleted" if options.clear else ""
