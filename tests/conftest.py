@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.bench.report import own
 from eig3.functions.callbacks import check_callback
 from eig3.kernels.protocol import VECTOR
 
@@ -157,5 +156,9 @@ def python_handler():
 def few_reported(monkeypatch):
     """A report of a user's problem runs some methods of each kind: to compile more kernels would only take time."""
     few = "eig3", "cd", "rk2", "rk4", "ab3", "rk5", "rk8", "bm6", "eig9"
-    monkeypatch.setattr(own, "_INLINED", 1)
-    monkeypatch.setattr(own, "plan", lambda *given, methods, **options: eig3.plan(*given, methods=few, **options))
+    monkeypatch.setattr("eig3.bench.report.own._INLINED", 1)
+
+    def plan(*given, methods, **options):
+        return eig3.plan(*given, methods=few, **options)
+
+    monkeypatch.setattr("eig3.bench.report.own.plan", plan)
