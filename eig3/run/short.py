@@ -57,7 +57,7 @@ def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Calla
         "notes": partial(_notes, again),
     }
     u, v = (u[:, 0], v[:, 0]) if stepper.form is SCALAR else (u, v)
-    fields = {"u": u, "v": v, "h": stepper.h, "outputs": outputs}
+    fields: dict[str, Any] = {"u": u, "v": v, "h": stepper.h, "outputs": outputs}
     fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
     if stepper.look:
         later |= stepper.look.found()
