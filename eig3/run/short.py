@@ -124,6 +124,7 @@ def _last_row(stepper: Any, steps: Any, wanted: int, span: float) -> int | None:
         u, v = abs(state.item(0)), abs(state.item(1))
     else:
         t = stepper.t0 + (taken - 1) * stepper.h if wanted == GOING else float(tally[TIME] - tally[STEP_BEFORE])
+        # As `evaluation` does, without its Python call: a run makes few of them.
         room = np.empty((3, stepper.n + 2 * CELLS))
         u, v, a, _ = guarded_kernel()(stepper.system.callback.address, t, state[0], state[1], stepper.params, room)
         if a == math.inf:

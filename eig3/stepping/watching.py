@@ -123,16 +123,6 @@ class Watching:
         """Number of blocks of occurrences so far, for `forget_from`."""
         return len(self._found)
 
-    def states_from(self, n_found: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return t, u and v before and after each occurrence since there were `n_found` blocks of them."""
-        n = self._n
-        rows = np.concatenate([self.watch.log[:0], *self._found[n_found:]])
-        u, v = (np.concatenate([rows[:, i : i + n], rows[:, i + 2 * n : i + 3 * n]]) for i in (2, 2 + n))
-        t = np.concatenate([rows[:, 1]] * 2)
-        order = np.argsort(t, kind="stable")
-        u, v = (np.ascontiguousarray(x[order, 0] if self._is_scalar else x[order]) for x in (u, v))
-        return t[order], u, v
-
     def forget_from(self, n_found: int) -> None:
         """Forget the occurrences since there were `n_found` blocks of them."""
         del self._found[n_found:]

@@ -75,9 +75,10 @@ def fixed(callbacks, state, settings, tally, steps, look):
     f = RHS(callbacks)
     c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
     kept = ROWS_OF(state, OWN_ROWS)
-    for row in range(CARRIED, OWN_ROWS if IS_CHECKED else CARRIED):
-        for j in range(n):
-            state[row, j] = math.nan
+    if IS_CHECKED > 0:
+        for row in range(CARRIED, OWN_ROWS):
+            for j in range(n):
+                state[row, j] = math.nan
     y = kept
     if STACKED > 0:
         y = STACK_ROWS(N, OWN_ROWS)
