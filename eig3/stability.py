@@ -112,7 +112,7 @@ def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -
     steps = Steps(1.0, 0.0, params, formulas.start_steps, 1, 2**62, 0, nowhere, nowhere)
     settings = np.array(method.settings, dtype=np.float64)
     callbacks = check_callback(rhs, "rhs", VECTOR).address, None
-    take = kernel(formulas, method.order, VECTOR, 0, looks=False)  # the kernel that serves any number of them
+    take = kernel(formulas, method.order, VECTOR, 0, looks=0)  # the kernel that serves any number of them
     taken, _, _ = take(callbacks, whole, settings, np.zeros(4), steps, None)
     return whole[:rows] if taken else np.full_like(state, np.nan)
 

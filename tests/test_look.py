@@ -18,6 +18,7 @@ from eig3.kernels.protocol import (
     EVENT_VALUES,
     EVENTS,
     FAILED,
+    FOLLOWS,
     FULL,
     GOING,
     HIGH,
@@ -28,6 +29,7 @@ from eig3.kernels.protocol import (
     PART_END,
     PARTS,
     SCALAR,
+    SEARCHES,
     T_HIGH,
     T_LOW,
     TERMINAL,
@@ -187,6 +189,11 @@ def look_of(form, n, start, *, work_rows, quantities=(), events=(), times=(), ro
     return SimpleNamespace(look=look, follow=follow, watch=watch, tally=tally, saved=saved, callbacks=callbacks)
 
 
+def level(looked_for):
+    """What a kernel must look for."""
+    return SEARCHES if {"events", "times"} & looked_for.keys() else FOLLOWS if looked_for else 0
+
+
 def form_of(u0):
     return SCALAR if np.ndim(u0) == 0 else VECTOR
 
@@ -217,7 +224,7 @@ class FixedRun:
             self.state[k] = values
         self.settings = np.array(running.settings, dtype=np.float64)
         self.tally, self.look = np.zeros(4), None
-        looks = bool(looked_for)
+        looks = level(looked_for)
         if looks:
             made = look_of(form, n, start, work_rows=fixed.work_rows(order), rows=rows, **looked_for)
             vars(self).update(vars(made))
@@ -252,7 +259,7 @@ class VariableRun:
         else:
             callback.call(t0, u0, v0, self.p, a)
         self.state[U], self.state[V], self.state[A] = u0, v0, a
-        self.tally, self.look, looks = np.zeros(EVENTS), None, bool(looked_for)
+        self.tally, self.look, looks = np.zeros(EVENTS), None, level(looked_for)
         if looks:
             made = look_of(form, n, start, work_rows=variable.WORK, rows=rows, order=formulas.order, **looked_for)
             vars(self).update(vars(made))

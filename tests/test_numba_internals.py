@@ -356,32 +356,36 @@ def test_entries_of_a_tuple():
         assert numba.njit(lambda x: last((x, 2 * x, 3 * x)))(1.0) == 3.0
 
 
-def test_a_function_at_an_address():
-    kind = FunctionType(float64(float64))
-    result = result_of(numba.njit(double), float64)
-
+def at_an_address(kind):
     @intrinsic
     def function_at(typingctx, address):
-        def codegen(context, builder, signature, args):
-            return internals.function_over(context, builder, kind, args[0])
+        return kind(address), lambda context, builder, signature, args: args[0]
 
-        return kind(address), codegen
+    return function_at
 
-    with probe("The struct of numba.types.FunctionType has no `jit_addr` with the address that compiled code calls"):
-        assert numba.njit(lambda address: function_at(address)(3.0))(address_of(result)) == 6.0
+
+def test_a_function_at_an_address():
+    function_at = at_an_address(internals.CompiledFunction(float64(float64)))
+
+    def fail_at_zero(x):
+        if x == 0:
+            raise ValueError("zero")
+        return 2 * x
+
+    call = numba.njit(lambda address, x: function_at(address)(x))
+    with probe("A type whose call has a receiver, or `call_conv.call_function`, has changed"):
+        address = address_of(result_of(numba.njit(fail_at_zero), float64))
+        assert call(address, 3.0) == call(address, 3) == 6.0
+    with probe("An exception in a function at an address is lost"), pytest.raises(ValueError, match="zero"):
+        call(address, 0.0)
 
 
 def test_a_function_at_an_address_that_is_called_by_another_function():
-    kind = FunctionType(float64(float64))
     result = result_of(numba.njit(double), float64)
-    called = internals.Called(kind, numba.njit(lambda x, y, function: function(x) + y))
-
-    @intrinsic
-    def called_function_at(typingctx, address):
-        return called(address), lambda context, builder, signature, args: args[0]
-
+    with_another = numba.njit(lambda x, y, function: function(x) + y)
+    function_at = at_an_address(internals.CompiledFunction(float64(float64), with_another))
     with probe("Calls of a value of a subclass of `numba.types.Callable` do not call another function"):
-        assert numba.njit(lambda address: called_function_at(address)(3.0, 0.5))(address_of(result)) == 6.5
+        assert numba.njit(lambda address: function_at(address)(3.0, 0.5))(address_of(result)) == 6.5
 
 
 def test_cells():

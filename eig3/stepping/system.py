@@ -11,7 +11,7 @@ from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_flag
 from ..functions.events import Event, check_events
 from ..functions.quantities import Functions
-from ..kernels.protocol import Form
+from ..kernels.protocol import FOLLOWS, SEARCHES, Form
 from ..methods import Method
 from ..result.labels import Labels
 from .follower import Followed
@@ -76,8 +76,8 @@ class System:
         What a kernel needs of the events; see `eig3.kernels.protocol.Watch`.
     followed : Followed
         The quantities, compiled.
-    looks : bool
-        Whether runs look for something within their steps, or follow quantities.
+    looks : int
+        What kernels look for: 0, or one of `FOLLOWS` and `SEARCHES` of `eig3.kernels.protocol`.
     pace : dict
         Measured seconds per step, by `Kernel.pace_key`. Those of a system that looks are its own: quantities take time.
     ignores_velocity : bool
@@ -124,7 +124,7 @@ class System:
         self.followed = Followed(functions, form)
         for quantity in self.followed.quantities:
             self._checked.append(((quantity.function, quantity.kind, form, quantity.name), quantity.callback))
-        self.looks = has_times or bool(self.events) or bool(self.followed.quantities)
+        self.looks = SEARCHES if has_times or self.events else FOLLOWS if self.followed.quantities else 0
         self.pace = {} if self.looks else self.callback.pace
         self.ignores_velocity = method.ignores_velocity
         self.kernels: dict[Any, Kernel] = {}

@@ -21,14 +21,13 @@ from .interrupt import DeferredInterrupt
 from .notice import announced
 from .numba_internals import (
     WITHOUT_RUNTIME,
-    Called,
+    CompiledFunction,
     address_of,
     address_of_symbol,
     call_without_checks,
     compile_for,
     compile_results,
     define_symbol,
-    function_over,
     linked_jit,
 )
 
@@ -130,15 +129,11 @@ def function_at(signature: Any, call: Any = None) -> Any:
     An address is a plain integer. If a callback were passed as an object, each call of a kernel would take some ten
     microseconds more, because Numba would look up its address.
     """
-    kind = numba.types.FunctionType(signature)
-    given = Called(kind, call) if call else kind
+    kind = CompiledFunction(signature, call)
 
     @intrinsic
     def function(typingctx, address):
-        def codegen(context, builder, signature, args):
-            return args[0] if call else function_over(context, builder, kind, args[0])
-
-        return given(numba.int64), codegen
+        return kind(numba.int64), lambda context, builder, signature, args: args[0]
 
     return function
 

@@ -350,52 +350,58 @@ def address_of_symbol(context: Any, builder: Any, symbol: str) -> Any:
     return builder.ptrtoint(function, context.get_value_type(numba.types.int64))
 
 
-def function_over(context: Any, builder: Any, kind: Any, address: Any) -> Any:
-    """Return a value of the type `kind`, a `numba.types.FunctionType`: the compiled function at an address."""
-    value = cgutils.create_struct_proxy(kind)(context, builder)
-    value.jit_addr = builder.inttoptr(address, value.jit_addr.type)
-    return value._getvalue()
+class CompiledFunction(numba.types.Callable):
+    """The type of the address of a compiled function, which is called there.
 
-
-class Called(numba.types.Callable):
-    """The type of the address of a function that is called as ``call(..., function)``.
+    A call of a `numba.types.FunctionType` also has code for a function without an address, which asks Python for one:
+    kernels would take longer to compile, and a step of them longer to run.
 
     Parameters
     ----------
-    kind : numba.types.FunctionType
-        The type of the function.
-    call : jitted function
-        Types with a `call` of one name are the same.
+    signature : Numba signature
+    call : jitted function, optional
+        What is called instead, as ``call(..., function)``. Types with a `call` of one name are the same.
     """
 
-    def __init__(self, kind: Any, call: Jitted) -> None:
-        self.kind, self.call = kind, call
-        super().__init__(f"Called({kind.name}, {call.__name__})")
+    def __init__(self, signature: Any, call: Jitted | None = None) -> None:
+        self.signature, self.call = signature, call
+        super().__init__(f"CompiledFunction({signature}, {call and call.__name__})")
 
     def get_call_type(self, context: Any, args: Sequence[Any], kws: Mapping[str, Any]) -> Any:
-        found = context.resolve_value_type(self.call).get_call_type(context, (*args, self.kind), kws)
-        return signature_of(found.return_type, *found.args[:-1], recvr=self)
+        found = self.signature
+        if self.call:
+            inner = *args, CompiledFunction(self.signature)
+            call = context.resolve_value_type(self.call).get_call_type(context, inner, kws)
+            found = signature_of(call.return_type, *call.args[:-1])
+        return signature_of(found.return_type, *found.args, recvr=self)
 
     def get_call_signatures(self) -> tuple[Any, bool]:
         return (), True
 
     def get_impl_key(self, sig: Any) -> Any:
-        return Called
+        return CompiledFunction
 
 
-@register_model(Called)
+@register_model(CompiledFunction)
 class _Address(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Called) -> None:
+    def __init__(self, manager: Any, kind: CompiledFunction) -> None:
         super().__init__(manager, kind, ir.IntType(64))
 
 
-@lower_builtin(Called, Called, numba.types.VarArg(numba.types.Any))
+@lower_builtin(CompiledFunction, CompiledFunction, numba.types.VarArg(numba.types.Any))
 def _call_at(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    called = signature.args[0]
-    function = function_over(context, builder, called.kind, args[0])
-    call = context.typing_context.resolve_value_type(called.call)
-    inner = signature_of(signature.return_type, *signature.args[1:], called.kind)
-    return context.get_function(call, inner)(builder, [*args[1:], function])
+    kind, *types = signature.args
+    address, *given = args
+    if kind.call:
+        call = context.typing_context.resolve_value_type(kind.call)
+        inner = signature_of(signature.return_type, *types, CompiledFunction(kind.signature))
+        return context.get_function(call, inner)(builder, [*given, address])
+    code = context.call_conv.get_function_type(signature.return_type, types)
+    function = builder.inttoptr(address, code.as_pointer())
+    status, value = context.call_conv.call_function(builder, function, signature.return_type, types, given)
+    with cgutils.if_unlikely(builder, status.is_error):
+        context.call_conv.return_status_propagate(builder, status)
+    return value
 
 
 # The members of a family of functions: one function that takes the number of the member first, compiled once

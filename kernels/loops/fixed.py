@@ -2,9 +2,9 @@
 """The kernel of a fixed-step method, made from the formulas in the method's file.
 
 `fixed` is a template: the names in capitals stand for values that depend on the method and on the mode, and `jit.bound`
-inserts them. A kernel with a look is `searching`: it looks for events and for times at which the state
-is wanted, and follows quantities. Steps in which nothing is found run in the loops of `march.py`; the step after which
-these stop is searched, see `search.py`. A kernel without a look is `straight`: it is one march after those that start.
+inserts them. A kernel that looks for events, and for times at which the state is wanted, is `searching`. Steps in which
+nothing is found run in the loops of `march.py`; the step after which these stop is searched, see `search.py`. Other
+kernels are `straight`, and have no code for events.
 
 A state has rows of n values also for one degree of freedom, where they are registers.
 """
@@ -37,6 +37,7 @@ from ..protocol import (
     RESET,
     RESTING,
     SCALAR,
+    SEARCHES,
     STEPS,
     TIME,
     VECTOR,
@@ -54,7 +55,7 @@ from ..protocol import (
 from .events import WORK, quiet
 from .follow import end_part, functions, inline_functions, save, widen_all
 from .formulas import Formulas, nothing
-from .march import FOUND, copy_two, march, settle, write
+from .march import FOUND, THROUGH, copy_two, march, settle, write
 from .pair import U_END, V_END, A
 from .search import search_names, work_rows
 
@@ -92,15 +93,15 @@ def fixed(callbacks, state, settings, tally, steps, look):
 
 
 def straight(callbacks, f, c, y, n, scratch, tally, steps, look):
-    """Take the steps without a look."""
-    first, last, row = steps.first, steps.first + steps.count, steps.row
-    begin = first
-    if START_STEPS > 0:
-        begin = max(first, min(last, START_STEPS))
-        y, _, row, _ = MARCH(START_STEP, nothing, f, y, (c, scratch), n, steps, look, tally, None, first, begin, row)
-    y, end, row, ended = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, tally, None, begin, last, row)
-    tally[EVALUATIONS] += START_COST * (begin - first) + COST * (end - begin)
-    return y, end, row, FAILED if ended == FAILED else GOING
+    """Take the steps, and follow quantities."""
+    i, row, last, found = steps.first, steps.row, steps.first + steps.count, THROUGH
+    while i < last and found == THROUGH:
+        there, i, row, found = MARCHES(f, c, y, n, scratch, tally, steps, look, None, i, last, START_STEPS, row)
+        if STACKED == 0:
+            y = there
+        if LOOKS > 0:
+            end_part(look.follow, tally, i, n, y[1])
+    return y, i, row, FAILED if found == FAILED else GOING
 
 
 def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
@@ -111,16 +112,11 @@ def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
         if 2 * int(tally[LOGGED]) > len(watch.log):
             ended = FULL
             break
-        first, begun, end = i, int(tally[ANEW]) + START_STEPS, end_of_march(follow, tally, last)
         if tally[WITHIN] == 1:
             i, found = i + 1, FOUND
-        elif START_STEPS > 0 and i < begun:
-            with_scratch, end = (c, scratch), min(end, begun)
-            y, i, row, found = MARCH(START_STEP, nothing, f, y, with_scratch, n, steps, look, tally, pair, i, end, row)
-            tally[EVALUATIONS] += START_COST * (i - first)
         else:
-            y, i, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, tally, pair, i, end, row)
-            tally[EVALUATIONS] += COST * (i - first)
+            started = int(tally[ANEW]) + START_STEPS
+            y, i, row, found = MARCHES(f, c, y, n, scratch, tally, steps, look, pair, i, last, started, row)
         if found == FAILED:
             ended = FAILED
         elif found == FOUND:
@@ -145,15 +141,26 @@ def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
                     write(y[0], y[1], n, steps, row)
                     save(follow, row)
                     row += 1
-        if len(follow.table) > 0 and i >= tally[PART_END]:
-            end_part(follow, tally, n, y[1])
+        end_part(follow, tally, i, n, y[1])
     return y, i, row, ended
 
 
-@element
-def end_of_march(follow, tally, last):
-    """Return the step index at which the next march ends: that of a part of the run at most."""
-    return min(last, int(tally[PART_END])) if len(follow.table) > 0 else last
+def marches(f, c, y, n, scratch, tally, steps, look, pair, first, last, started, row):
+    """Advance the rows `y` from step `first` towards `last`, to the end of a part of the run or of the starter at most.
+
+    The starter takes the steps before step `started`. What is returned is that of a march.
+    """
+    end = last
+    if LOOKS > 0 and len(look.follow.table) > 0:
+        end = min(last, int(tally[PART_END]))
+    if START_STEPS > 0 and first < started:
+        with_scratch, end = (c, scratch), min(end, started)
+        y, i, row, found = MARCH(START_STEP, nothing, f, y, with_scratch, n, steps, look, tally, pair, first, end, row)
+        tally[EVALUATIONS] += START_COST * (i - first)
+    else:
+        y, i, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, tally, pair, first, end, row)
+        tally[EVALUATIONS] += COST * (i - first)
+    return y, i, row, found
 
 
 def stack_step(f, at, y, c, n):
@@ -164,7 +171,7 @@ def stack_step(f, at, y, c, n):
     return y, success
 
 
-def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: bool, takes_jacobian: bool = False) -> Any:
+def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: int, takes_jacobian: bool = False) -> Any:
     """Compile the kernel of a method for callbacks given as addresses, or load it from the disk.
 
     The scalar form has a kernel with its rows in registers. Without a look, two degrees of freedom have a kernel of
@@ -186,22 +193,22 @@ def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: bool, tak
     form : Form
     n : int
         Number of degrees of freedom.
-    looks : bool
-        Whether the argument `look` is a `Look`; if not, it is None.
+    looks : int
+        0 if the argument `look` is None, or one of `FOLLOWS` and `SEARCHES`, which say for what the kernel uses it.
     takes_jacobian : bool
         Whether the second callback is an address.
     """
     has_own = form is SCALAR or (n == 2 and not looks)
-    return _kernel(method, order if looks else 0, form, n if has_own else 0, looks, takes_jacobian)
+    return _kernel(method, order if looks == SEARCHES else 0, form, n if has_own else 0, looks, takes_jacobian)
 
 
 @functools.cache
-def _kernel(method: Formulas, order: int, form: Form, n: int, looks: bool, takes_jacobian: bool) -> Any:
-    parts = (method.label, form.name, str(n), *["look"] * looks, *["jacobian"] * takes_jacobian)
+def _kernel(method: Formulas, order: int, form: Form, n: int, looks: int, takes_jacobian: bool) -> Any:
+    parts = (method.label, form.name, str(n), f"look{looks}", *["jacobian"] * takes_jacobian)
     callbacks, shared = pointer_callbacks(form, takes_jacobian)
     seen = functions(form)
     names = {**shared, "N": n, "STACKED": int(form is SCALAR)}
-    names |= {"EVALUATE": seen.evaluate, "WIDEN": widen_all, "QUANTITY": seen.quantity}
+    names |= {"EVALUATE": seen.evaluate, "WIDEN": widen_all, "QUANTITY": seen.first, "MAY_BE_ONLY": 1}
     return _compile(method, order, form, callbacks, names, looks, "_".join(parts) if method.is_own else "")
 
 
@@ -213,7 +220,7 @@ def inline_kernel(
     rhs: Any,
     jacobian: Any,
     *,
-    looks: bool,
+    looks: int,
     quantities: tuple = (),
 ) -> Any:
     """Compile the kernel of a method with its callbacks inlined. It is called as ``kernel((), state, ...)``.
@@ -234,6 +241,9 @@ def inline_kernel(
     is_stacked = n <= STACKED_DEGREES
     names |= {"N": n if is_stacked else 0, "STACKED": int(is_stacked)}
     names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
+    is_only = [width for _, width in quantities] == [0]
+    only = form.with_rows("invariant", quantities[0][0]) if is_only else None
+    names |= {"QUANTITY": element(lambda follow: only), "MAY_BE_ONLY": int(is_only)}
     return _compile(method, order, form, callbacks, names, looks, "")
 
 
@@ -245,27 +255,28 @@ def wide_kernel(method: Formulas) -> Any:
     the method: these are compiled anew.
     """
     if not has_wide_vectors():
-        return kernel(method, 0, VECTOR, 0, looks=False)
+        return kernel(method, 0, VECTOR, 0, looks=0)
     callbacks, shared = pointer_callbacks(VECTOR, False)
     formulas = method.names(VECTOR)
     names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}}
     with wide_vectors():
         label = f"{method.label}_wide" if method.is_own else ""
-        return _compile(method, 0, VECTOR, callbacks, {**names, "N": 0, "STACKED": 0}, False, label)
+        return _compile(method, 0, VECTOR, callbacks, {**names, "N": 0, "STACKED": 0}, 0, label)
 
 
 def _compile(
-    method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], looks: bool, label: str
+    method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], looks: int, label: str
 ) -> Any:
     names["STACK_ROWS"] = stack_cells if form is SCALAR else stack_rows
-    names = {**method.names(form), **names, "LOOKS": int(looks), "INLINED": int(not callbacks)}
+    names = {**method.names(form), **names, "LOOKS": looks, "INLINED": int(not callbacks)}
     if names["STACKED"]:
         for name in {"STEP", "START_STEP"} & names.keys():
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
-    if looks:
+    if looks == SEARCHES:
         names |= {**search_names(method, order, form), "IS_QUIET": quiet(form)}
     names["MARCH"] = element(bound(march, names))
-    names["ADVANCE"] = element(bound(searching if looks else straight, names))
+    names["MARCHES"] = element(bound(marches, names))
+    names["ADVANCE"] = element(bound(searching if looks == SEARCHES else straight, names))
     records = STEPS, LOOK if looks else none
     signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)
     return compile_kernel(fixed, names, signature, label)

@@ -64,9 +64,11 @@ def widen_one(follow, k, width, part, t, v):
 
 
 @element
-def end_part(follow, tally, n, v):
-    """End the current part of the run, and begin the next one."""
+def end_part(follow, tally, i, n, v):
+    """End the current part of the run if step `i` is its last, and begin the next one."""
     part, end = int(tally[PART]), int(tally[PART_END])
+    if i < end or len(follow.table) == 0:
+        return
     for j in range(n):
         follow.forward[part % PARTS, j] = 1.0 if v[j] > 0 else 0.0
     part += 1
@@ -131,28 +133,31 @@ def save(follow, row):
 
 
 @element
-def only_quantity(at, follow):
-    """Return whether there is only one quantity, which returns its value; its function, place in `out` and column."""
+def only_quantity(follow):
+    """Return whether there is only one quantity, which returns its value, and its place in `out`."""
     if len(follow.table) != 1:
-        return False, at(0), 0, 0
-    is_short = follow.table[0, WIDTH] == 0 and follow.table[0, WORK] < 0
-    return is_short, at(follow.table[0, ADDRESS]), follow.table[0, OUT], follow.table[0, COLUMN]
+        return False, 0
+    return follow.table[0, WIDTH] == 0 and follow.table[0, WORK] < 0, follow.table[0, OUT]
 
 
-#: Widen the extremes by a value, as happens rarely.
-widen_rarely = outlined(widen_at_end.py_func)
+@outlined
+def widen_only(follow, part, e, t):
+    """Widen the extremes of an only quantity by a value."""
+    widen_at_end(follow, part, follow.table[0, COLUMN], e, t)
 
 
 @functools.cache  # so that kernels share the compiled elements
 def functions(form: Form) -> SimpleNamespace:
     """Return the elements `evaluate(follow, t, u, v, p)` and `evaluate_one(follow, k, t, u, v, p)` for one form.
 
-    ``quantity(address)`` is the function of a quantity that returns its value.
+    ``first(follow)`` is the function of the first quantity, if it returns its value.
     """
-    named = {"RETURNED": form.at("invariant"), "WRITTEN": form.at("output")}
+    returned_at = form.at("invariant")
+    named = {"RETURNED": returned_at, "WRITTEN": form.at("output")}
+    first = element(lambda follow: returned_at(follow.table[0, ADDRESS] if len(follow.table) > 0 else 0))
     one = element(bound(evaluate_one, named))
     every = element(bound(evaluate_all, {"EVALUATE_ONE": one}))
-    return SimpleNamespace(evaluate=every, evaluate_one=one, quantity=named["RETURNED"])
+    return SimpleNamespace(evaluate=every, evaluate_one=one, first=first)
 
 
 def inline_functions(form: Form, quantities: tuple) -> tuple[Any, Any]:

@@ -6,8 +6,8 @@ The time is computed as t0 + i h from the step index i. A sum of steps would acc
 the division of the run into chunks.
 
 The names in capitals are inserted by `fixed.py`. If LOOKS is 0, the loop is that of a run which looks for nothing: the
-compiler leaves out what depends on it. An only quantity that returns its value, such as an energy, has a path of its
-own: what it needs is read before the loop, and a step with an energy takes a third less time.
+compiler leaves out what depends on it; see `FOLLOWS`. An only quantity that returns its value, such as an energy, has a
+path of its own, with its extremes in registers: a step with an energy takes half the time.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import math
 import numba
 
 from ..compile.jit import element
-from ..protocol import FAILED, HIGH, LOW, NEXT, PART, PARTS, At, row_index
-from .follow import only_quantity, save, widen_rarely
+from ..protocol import FAILED, NEXT, PART, PARTS, SEARCHES, At, row_index
+from .follow import only_quantity, save, widen_only
 from .pair import U_END, V_END, U, V
 
 #: How a march ended, besides FAILED: after its last step, or with a step that must be searched.
@@ -37,31 +37,42 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
     """
     left = steps.every - first % steps.every
     if LOOKS > 0:
-        wanted, part = next_time(look.watch, tally), int(tally[PART]) % PARTS
-        searches, ends = wanted < math.inf or len(look.watch.events) > 0, look.follow.parts[part]
-        if INLINED == 0:
-            is_only, quantity, place, column = only_quantity(QUANTITY, look.follow)
-    for i in range(first, last):
-        if LOOKS > 0 and searches:
+        part = int(tally[PART]) % PARTS
+        is_only, place = only_quantity(look.follow)
+        quantity = QUANTITY(look.follow)
+        e, low, high, t_low, t_high = math.nan, math.inf, -math.inf, math.nan, math.nan
+    if LOOKS == SEARCHES:
+        wanted = next_time(look.watch, tally)
+    i, t, ended = first, steps.t0 + first * steps.h, THROUGH
+    while i < last:
+        if LOOKS == SEARCHES:
             copy_two(pair[U], pair[V], y[0], y[1], n)
-        y_next, success = step(f, At(i, steps.t0 + i * steps.h, steps.h, steps.p), y, c, n)
+        y_next, success = step(f, At(i, t, steps.h, steps.p), y, c, n)
         if not success:
-            return y, i, row, FAILED
-        y = y_next
+            ended = FAILED
+            break
+        if STACKED == 0:
+            y = y_next
+        i += 1
+        t = steps.t0 + i * steps.h
         if LOOKS > 0:
             complete(y, c, steps.h, n)
-            t, u, v = steps.t0 + (i + 1) * steps.h, y[0], y[1]
-            if searches:
+            if LOOKS == SEARCHES:
+                u, v = y[0], y[1]
                 if N > 1 and STACKED > 0:  # rows whose address a function gets cannot be registers
                     u, v = pair[U_END], pair[V_END]
                     copy_two(u, v, y[0], y[1], n)
                 if wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p):
-                    return y, i + 1, row, FOUND
-            if INLINED == 0 and is_only:
+                    ended = FOUND
+                    break
+            if MAY_BE_ONLY > 0 and is_only:
                 e = quantity(t, y[0], y[1], steps.p)
-                look.follow.out[place] = e
-                if not ends[LOW, column] <= e <= ends[HIGH, column]:
-                    widen_rarely(look.follow, part, column, e, t)
+                if e < low:
+                    low, t_low = e, t
+                if e > high:
+                    high, t_high = e, t
+                if e != e:
+                    widen_only(look.follow, part, e, t)
             else:
                 EVALUATE(look.follow, t, y[0], y[1], steps.p)
                 WIDEN(look.follow, part, t, y[1])
@@ -71,12 +82,19 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
                 complete(y, c, steps.h, n)
             write(y[0], y[1], n, steps, row)
             if LOOKS > 0:
+                if MAY_BE_ONLY > 0 and is_only:
+                    look.follow.out[place] = e
                 save(look.follow, row)
             row += 1
             left = steps.every
-    if LOOKS == 0 and last > first:  # otherwise the last step may be one of the starter, which has no need of it
+    if LOOKS > 0 and MAY_BE_ONLY > 0 and is_only:
+        look.follow.out[place] = e
+        if low <= high:
+            widen_only(look.follow, part, low, t_low)
+            widen_only(look.follow, part, high, t_high)
+    if LOOKS == 0 and ended == THROUGH and last > first:  # otherwise the last step may be one of the starter
         complete(y, c, steps.h, n)
-    return y, last, row, THROUGH
+    return y, i, row, ended
 
 
 @element

@@ -2,9 +2,8 @@
 """The kernel for steps of variable length, which follow from tolerances.
 
 `variable` is a template: the names in capitals stand for values that depend on the method, on the form of the
-right-hand side and on the mode. If LOOKS is 1, the kernel looks for events and for times at which the state is wanted,
-and follows quantities; if it is 0, the compiler leaves this out. A state has rows of n values also for one degree of
-freedom: they are registers then.
+right-hand side and on the mode. LOOKS says for what the kernel looks, see `FOLLOWS`: the compiler leaves out the rest.
+A state has rows of n values also for one degree of freedom: they are registers then.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ from ..protocol import (
     NEXT,
     NOT_A_NUMBER,
     PART,
-    PART_END,
     PARTS,
     PASSED,
     REJECTED,
     RESET,
     RESTING,
+    SEARCHES,
     SILENT_END,
     SILENT_STEP,
     SPAN,
@@ -112,7 +111,7 @@ def variable(callbacks, state, settings, tally, span, look):
         if has_rows and row + 2 > len(span.t_rows):
             ended = FULL
             break
-        if LOOKS > 0 and int(tally[LOGGED]) + len(watch.events) > len(watch.log):
+        if LOOKS == SEARCHES and int(tally[LOGGED]) + len(watch.events) > len(watch.log):
             ended = FULL
             break
         is_last = h >= remaining
@@ -144,7 +143,7 @@ def variable(callbacks, state, settings, tally, span, look):
                 tally[SILENT_STEP], tally[SILENT_END] = step, t_end
         was_rejected = False
         outcome, s, t_stop, is_known = PASSED, 1.0, t_end, False
-        if LOOKS > 0 and has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p):
+        if LOOKS == SEARCHES and has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p):
             DENSE(f, t, step, p, n, y, coefficients)
             is_known = True
             outcome, s, t_stop = SEARCH(
@@ -155,7 +154,7 @@ def variable(callbacks, state, settings, tally, span, look):
                 break
         tally[ERROR], tally[STEP_BEFORE] = max(error, _LEAST_ERROR), step
         if LOOKS > 0:
-            if has_times:
+            if LOOKS == SEARCHES and has_times:
                 while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
                     if not is_known:
                         DENSE(f, t, step, p, n, y, coefficients)
@@ -173,7 +172,7 @@ def variable(callbacks, state, settings, tally, span, look):
                 EVALUATE(follow, t_stop, u_end, v_end, p)
                 if t_stop > t:
                     FOLLOW_WITHIN(place, t_stop, s * step, s, n, p)
-        if LOOKS > 0 and outcome != PASSED:
+        if LOOKS == SEARCHES and outcome != PASSED:
             if has_rows and span.every == 1 and s > 0:  # the state at the start is a row already
                 write_row(span, row, t_stop, s * step, n, u_end, v_end)
                 save(follow, row)
@@ -199,8 +198,8 @@ def variable(callbacks, state, settings, tally, span, look):
             if LOOKS > 0:
                 save(follow, row)
             row += 1
-        if LOOKS > 0 and follows and span.first + taken >= tally[PART_END]:
-            end_part(follow, tally, n, v)
+        if LOOKS > 0:
+            end_part(follow, tally, span.first + taken, n, v)
         t = t_stop
         if span.is_relative == 1:
             u_size, v_size = tally[U_SIZE], tally[V_SIZE]
@@ -319,7 +318,7 @@ def first_step(f, t, n, y, tally, span):
     return min(h, length)
 
 
-def kernel(module: str, form: Form, n: int, *, looks: bool) -> Any:
+def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
     """Compile the kernel of a method for a right-hand side given as an address, or load it from the disk.
 
     One and two degrees of freedom have kernels of their own. The kernel is called as ``kernel((rhs,), state, settings,
@@ -334,20 +333,20 @@ def kernel(module: str, form: Form, n: int, *, looks: bool) -> Any:
     form : Form
     n : int
         Number of degrees of freedom.
-    looks : bool
-        Whether the argument `look` is a `LookWithin`; if not, it is None.
+    looks : int
+        0 if the argument `look` is None, or one of `FOLLOWS` and `SEARCHES`, which say for what the kernel uses it.
     """
     return _kernel(module, form, n if n <= 2 else 0, looks)
 
 
 @functools.cache
-def _kernel(module: str, form: Form, n: int, looks: bool) -> Any:
+def _kernel(module: str, form: Form, n: int, looks: int) -> Any:
     rhs_at = form.at("rhs")
     names = {"RHS": element(lambda callbacks: rhs_at(callbacks[0])), "N": n}
-    return _compile(module, form, Tuple((int64,)), names, looks, f"{module}_{form.name}_{n}{'_look' * looks}")
+    return _compile(module, form, Tuple((int64,)), names, looks, f"{module}_{form.name}_{n}_look{looks}")
 
 
-def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: bool, quantities: tuple = ()) -> Any:
+def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: int, quantities: tuple = ()) -> Any:
     """Compile the kernel of a method with one right-hand side inlined. It is called as ``kernel((), state, ...)``.
 
     The quantities are inlined at the ends of steps; see `eig3.kernels.loops.fixed.inline_kernel`.
@@ -359,11 +358,11 @@ def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: bool, qua
     return _compile(module, form, Tuple(()), names, looks, "")
 
 
-def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], looks: bool, label: str) -> Any:
+def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], looks: int, label: str) -> Any:
     formulas = importlib.import_module(f"{METHODS}.{module}").variable
     theirs = formulas.functions()
     names = {
-        "LOOKS": int(looks),
+        "LOOKS": looks,
         "ROWS": formulas.rows,
         "ORDER": formulas.order,
         "COST": formulas.evaluations,
@@ -378,8 +377,9 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         "WIDEN": widen_all,
         **names,
     }
-    if looks:
+    if looks == SEARCHES:
         names["SEARCH"], names["WRITE_TIME"] = searching(form)
+    if looks:
         names["FOLLOW_WITHIN"], names["FOLLOW_END"] = within_functions(form)
     names["FIRST_STEP"] = outlined(bound(first_step, names))
     records = SPAN, LOOK_WITHIN if looks else none
