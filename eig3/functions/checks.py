@@ -16,6 +16,7 @@ from ..methods import METHODS, Method, named, nearest, shown
 _NEVER_REACHED = 2**62
 _PLAIN = float, int
 _FLOAT64 = np.dtype(np.float64)
+_NO_PARAMS = np.empty(0)
 
 
 def check_state(u0: Any, v0: Any) -> tuple[Any, Any, Form]:
@@ -24,7 +25,8 @@ def check_state(u0: Any, v0: Any) -> tuple[Any, Any, Form]:
         return u0, v0, SCALAR
     is_array = type(u0) is np.ndarray and type(v0) is np.ndarray
     are_rows = is_array and u0.dtype == v0.dtype == _FLOAT64 and u0.ndim == v0.ndim == 1 and 0 < u0.size == v0.size
-    if are_rows and math.isfinite(np.add.reduce(u0)) and math.isfinite(np.add.reduce(v0)):
+    # Bytes are searched in a third of the time that np.all takes for few values.
+    if are_rows and 0 not in np.isfinite(u0).tobytes() and 0 not in np.isfinite(v0).tobytes():
         return u0.copy(), v0.copy(), VECTOR
     u, v = reals(u0, "u0"), reals(v0, "v0")
     if u.ndim > 1:
@@ -40,9 +42,11 @@ def check_state(u0: Any, v0: Any) -> tuple[Any, Any, Form]:
 
 
 def check_params(params: ArrayLike) -> np.ndarray:
-    """Return the parameters as a 1-D array of float64, which is `params` itself if it is one."""
+    """Return the parameters as a 1-D array of float64, which may be `params` itself: it must not be changed."""
     if type(params) is np.ndarray and params.dtype == _FLOAT64 and params.ndim == 1:
         return params
+    if type(params) is tuple and not params:
+        return _NO_PARAMS
     p = reals(params, "params")
     p = p if p.ndim else p.reshape(1)
     if p.ndim > 1:

@@ -91,10 +91,12 @@ def check_workspace(method: Method, n: int) -> None:
 
 
 def aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of zeros that starts at a cache line.
+    """Return an array of zeros, which starts at a cache line if its rows fill one.
 
     If the vectors of a loop cross cache lines, a loop over data in the cache takes half as long again.
     """
+    if shape[-1] < _CACHE_LINE // 8:
+        return np.zeros(shape)
     size = math.prod(shape)
     buffer = np.zeros(size + _CACHE_LINE // 8)
     start = -buffer.__array_interface__["data"][0] % _CACHE_LINE // 8

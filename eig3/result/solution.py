@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import enum
 import functools
 import warnings
@@ -158,26 +159,13 @@ class Solution:
 
     @classmethod
     def _of(cls, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:
-        """Return a solution with some fields, and functions that find others when they are read."""
+        """Return a solution with some fields, and functions that find others when they are read; the rest is empty."""
         solution = object.__new__(cls)
-        state = vars(solution)
-        state |= {
-            "drift": {},
-            "extremes": {},
-            "integrals": {},
-            "events": {},
-            "notes": (),
-            "n_rejected": 0,
-            "steps": None,
-        }
-        state |= {"labels": None, "_explanation": "", "_between": None, "_extend": None, "_resume": None}
-        state |= {"_a": None, "_a_jumps": None, "_knots": None, "_whole": None, **fields, "_later": later}
-        for name in later:
-            state.pop(name, None)
+        solution.__dict__ = {**fields, "_later": later}
         return solution
 
     def __getattr__(self, name: str) -> Any:
-        find = (vars(self).get("_later") or {}).get(name)
+        find = (self._later or {}).get(name) or _EMPTY.get(name)
         if find is None:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         vars(self)[name] = value = find()
@@ -185,9 +173,7 @@ class Solution:
 
     def _fields(self) -> dict[str, Any]:
         """All fields, with those that were not read yet."""
-        for name in self._later or ():
-            getattr(self, name)
-        return vars(self)
+        return {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
 
     def explain(self) -> str:
         """Find out why a run diverged.
@@ -530,6 +516,10 @@ class Solution:
         lines += [f"  {self.message}"] * (not self.success)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)
+
+
+#: The functions that make the value of a field which nobody gave.
+_EMPTY = {each.name: each.default_factory for each in dataclasses.fields(Solution) if callable(each.default_factory)}
 
 
 def _steps_to(saved: np.ndarray, h: float, steps: np.ndarray | None, t: np.ndarray) -> np.ndarray:
