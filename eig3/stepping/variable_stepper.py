@@ -186,5 +186,5 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
     return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NO_SETTINGS, (module, n, system.inline))
 
 
-def _inline(module: str, form: Any, n: int, looks: bool, rhs: Any, jacobian: None, quantities: tuple) -> Any:
+def _inline(module: str, form: Any, n: int, looks: int, rhs: Any, jacobian: None, quantities: tuple) -> Any:
     return variable.inline_kernel(module, form, n, rhs, looks=looks, quantities=quantities)
