@@ -192,7 +192,7 @@ def compile_seconds(case: Case, method: str) -> float:
     """The time to compile the right-hand side for the lanes of a method."""
     problem, values = case.problem, case.members(2)
     members = check_members(problem.rhs, problem.t_span, values["u0"], problem.v0, values["params"], case.h)
-    layout: Any = layout_of(members, problem.stepper(h=case.h, method=method).running, threads=1)
+    layout: Any = layout_of(members, problem.stepper(h=case.h, method=method).running, 0, threads=1)
     begin = time.perf_counter()
     compile_rhs(problem.rhs.py_func, layout)
     return time.perf_counter() - begin

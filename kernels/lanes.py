@@ -12,6 +12,7 @@ otherwise its loops are already prepared for any n.
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Callable, Mapping
@@ -20,11 +21,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numba
-import numpy as np
 from numba.extending import intrinsic
-from numba.types import float64, int64
+from numba.types import float64, int64, none
 
-from .compile.jit import KERNEL_OPTIONS, bound, compiled, element
+from .compile.jit import KERNEL_OPTIONS, bound, compiled, element, function_at
 from .compile.numba_internals import (
     address_of,
     addresses_of_arrays,
@@ -35,7 +35,21 @@ from .compile.numba_internals import (
     parts_of,
     wide_vectors,
 )
-from .protocol import SCALAR, VECTOR, Form, matrix_type, vector_type
+from .protocol import (
+    ADDRESS,
+    COLUMN,
+    HIGH,
+    LOW,
+    OUT,
+    SCALAR,
+    T_HIGH,
+    T_LOW,
+    VECTOR,
+    WIDTH,
+    Form,
+    part_of_row,
+    vector_type,
+)
 
 #: Functions of the C library that have no vector instruction.
 _NAMES = (
@@ -48,6 +62,10 @@ _OF_LIBM = re.compile(rf"call [^\n]*@(?:llvm\.)?{_NAMES}[.(]")
 _OF_LIBM_IN_LANES = re.compile(rf"@llvm\.{_NAMES}\.v\d+f64")
 
 _CELLS, _GUARD_ROWS = 64, 4  # of NaN after the parameters: shared ones, and those in lanes
+
+#: The signature of a quantity that is compiled for a block, and the function that takes it from its address.
+_QUANTITY = none(float64, *[vector_type] * 8)
+quantity_at = function_at(_QUANTITY)
 
 #: Rows of the parameters that follow those of rhs if each trajectory has its own step: h and t0.
 OWN_STEP_ROWS = 2
@@ -75,10 +93,7 @@ def scalar_own_step(t, u, v, p, a):
 
 def vector_own_step(t, u, v, p, a):
     h, t0, velocities, lanes = STEPS(p, 0), BEGINS(p, 0), VELOCITIES(p, 0), a.size // N
-    # In a loop of their own: LLVM does not vectorise a loop that writes to the array in which it reads p.
-    for j in range(N):
-        for lane in range(lanes):
-            velocities[j * lanes + lane] = v[j * lanes + lane] / h[lane]
+    rescale(v, h, velocities)
     for lane in range(lanes):
         time = t0[lane] + t * h[lane]
         FUNCTION(time, GIVEN(u, lane), GIVEN(velocities, lane), PARAMS(p, lane), WRITTEN(a, lane))
@@ -87,55 +102,85 @@ def vector_own_step(t, u, v, p, a):
             a[j * lanes + lane] *= h[lane] * h[lane]
 
 
-def returned(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high):
-    """Evaluate a function that returns its only value, in the states from step index `first` on."""
-    row = 0
-    for i in range(len(u_rows)):
-        u, v = u_rows[i], v_rows[i]
-        for lane in range(h.size):
-            out[lane] = FUNCTION(t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
-        widen(out, float(first + i), low, high, at_low, at_high)
-        row = keep(out, first + i, every, values, row)
+def returned(t, u, v, p, out, low, high, t_low, t_high):
+    """Evaluate a function that returns its only value, and widen its extremes."""
+    velocities = v
+    if HAS_OWN_STEP > 0:
+        velocities = VELOCITIES(p, 0)
+        rescale(v, STEPS(p, 0), velocities)
+    for lane in range(LANES):
+        out[lane] = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
+    widen(out, t, low, high, t_low, t_high)
 
 
-def written(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high):
+def written(t, u, v, p, out, low, high, t_low, t_high):
     """Do the same for a function that writes its values."""
-    row = 0
-    for i in range(len(u_rows)):
-        u, v = u_rows[i], v_rows[i]
-        for j in range(out.size):
-            out[j] = np.nan  # a value that the function does not write stays NaN
+    velocities = v
+    if HAS_OWN_STEP > 0:
+        velocities = VELOCITIES(p, 0)
+        rescale(v, STEPS(p, 0), velocities)
+    for j in range(out.size):
+        out[j] = math.nan  # a value that the function does not write stays NaN
+    for lane in range(LANES):
+        FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane), VALUES(out, lane))
+    widen(out, t, low, high, t_low, t_high)
+
+
+def time_of_own_step(t, p, lane):
+    return BEGINS(p, 0)[lane] + t * STEPS(p, 0)[lane]
+
+
+@element
+def time_of_shared_step(t, p, lane):
+    return t
+
+
+@element
+def rescale(v, h, velocities):
+    """Write v / h. LLVM does not vectorise a loop that also writes to the array in which it reads p."""
+    for first in range(0, v.size, h.size):
         for lane in range(h.size):
-            FUNCTION(t0 + (first + i) * h[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane), VALUES(out, lane))
-        widen(out, float(first + i), low, high, at_low, at_high)
-        row = keep(out, first + i, every, values, row)
+            velocities[first + lane] = v[first + lane] / h[lane]
 
 
 @element
-def widen(values, index, low, high, at_low, at_high):
-    """Widen extremes, and note the step index at which they occur."""
-    are_within = True
+def widen(values, t, low, high, t_low, t_high):
+    """Widen extremes, and note the times at which they occur. In most steps, there is nothing to note for one of them.
+
+    Every comparison with NaN is false. So a NaN, once it is stored, stays, with its time.
+    """
+    is_low, is_high = False, False
     for j in range(values.size):
-        are_within &= low[j] <= values[j] <= high[j]
-    if are_within:  # as in most steps
-        return
-    for j in range(values.size):
-        e = values[j]
-        # Every comparison with NaN is false. So a NaN, once it is stored, stays, with its index.
-        is_first_nan = e != e and low[j] == low[j]
-        is_low, is_high = e < low[j] or is_first_nan, e > high[j] or is_first_nan
-        low[j], at_low[j] = e if is_low else low[j], index if is_low else at_low[j]
-        high[j], at_high[j] = e if is_high else high[j], index if is_high else at_high[j]
+        is_low |= not values[j] >= low[j]
+        is_high |= not values[j] <= high[j]
+    if is_low:
+        for j in range(values.size):
+            e, least, at = values[j], low[j], t_low[j]  # loads under a condition would be slow
+            is_new = (e < least) | ((e != e) & (least == least))
+            low[j], t_low[j] = e if is_new else least, t if is_new else at
+    if is_high:
+        for j in range(values.size):
+            e, most, at = values[j], high[j], t_high[j]
+            is_new = (e > most) | ((e != e) & (most == most))
+            high[j], t_high[j] = e if is_new else most, t if is_new else at
 
 
 @element
-def keep(values, index, every, rows, row):
-    """Copy the values of every `every`-th step to the next row, and return the row after it."""
-    if index % every != 0 or row == len(rows):
-        return row
-    for j in range(values.size):
-        rows[row, j] = values[j]
-    return row + 1
+def evaluate_lanes(follow, t, u, v, p):
+    """Evaluate the quantities in the lanes of a block, and widen their extremes."""
+    for k in range(len(follow.table)):
+        place, column, width = follow.table[k, OUT], follow.table[k, COLUMN], follow.table[k, WIDTH]
+        quantity_at(follow.table[k, ADDRESS])(
+            t,
+            u,
+            v,
+            p,
+            follow.out[place : place + width],
+            part_of_row(follow.extremes, LOW, column, width),
+            part_of_row(follow.extremes, HIGH, column, width),
+            part_of_row(follow.extremes, T_LOW, column, width),
+            part_of_row(follow.extremes, T_HIGH, column, width),
+        )
 
 
 @dataclass(frozen=True)
@@ -183,8 +228,9 @@ class Layout:
         """Return the values of the names in capitals in the templates, except FUNCTION."""
         n, lanes, own = self.n, self.lanes, self.begin_of_steps
         given = _view(n, lanes, readonly=True)
-        return {
+        names: dict[str, Any] = {
             "N": n,
+            "LANES": lanes,
             "GIVEN": given,
             "WRITTEN": _view(n, lanes),
             "STATE": _value if self.form is SCALAR else given,
@@ -192,7 +238,12 @@ class Layout:
             "STEPS": _shared(lanes, own),
             "BEGINS": _shared(lanes, own + lanes),
             "VELOCITIES": _shared(n * lanes, own + OWN_STEP_ROWS * lanes, readonly=False),
+            "TIME": time_of_shared_step,
+            "HAS_OWN_STEP": int(self.has_own_step),
         }
+        if self.has_own_step:
+            names["TIME"] = element(bound(time_of_own_step, names))
+        return names
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,15 +280,11 @@ def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) ->
 def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...], is_checked: bool = False) -> Lanes:
     """Compile the evaluation of an invariant or an output, whose value has the shape () or (k,).
 
-    It is called as ``f(first, h, t0, p, u_rows, v_rows, every, out, values, low, high, at_low, at_high)``. The arrays
-    `out` and the last four have k rows of lanes. They take the last values, and the extremes so far with the step
-    indices at which they occurred. `values` has a row for each state whose step index is a multiple of `every`, or no
-    rows if the values are not wanted.
+    It is called as ``f(t, u, v, p, out, low, high, t_low, t_high)``, with the values of a kernel. The last five arrays
+    have k rows of lanes: they take the values, the extremes so far, and the times at which these occurred.
     """
-    arguments = int64, vector_type, float64, vector_type, *[matrix_type] * 2, int64, vector_type, matrix_type
-    arguments += (vector_type,) * 4
     names = {"VALUES": _view(shape[0], layout.lanes)} if shape else {}
-    return _compile(written if shape else returned, function, layout, arguments, is_checked, names)
+    return _compile(written if shape else returned, function, layout, _QUANTITY.args, is_checked, names)
 
 
 def _compile(

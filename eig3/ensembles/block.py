@@ -17,7 +17,6 @@ from ..stepping.stepper import Cancel
 from .growth import sizes_with_half_the_step
 from .lane_state import LaneState
 from .shared import Shared
-from .track import Track
 
 _SCRATCH_VALUES = 2**16  # values in an array of states that are not saved: 512 kB, so that it stays in the cache
 _CHECKED_STEPS = 1000  # between two looks whether rhs writes every entry of a
@@ -43,7 +42,6 @@ class Block:
         self.seconds = 0.0  # in the kernel
         self._state: Any = None
         self._runs = np.zeros(shared.layout.lanes, dtype=bool)  # the lanes whose member has not ended
-        self._tracks: dict[str, Track] = {}  # the invariants and the outputs
         self._checked = 0  # the step index at which rhs was last seen to write every entry
 
     def __len__(self) -> int:
@@ -68,7 +66,7 @@ class Block:
         """Free the memory of the states: many blocks may wait for the others."""
         if self._state:
             self.seconds = self._state.seconds
-        self._state, self._tracks = None, {}
+        self._state = None
 
     def _begin(self) -> None:
         shared, lanes = self.shared, np.arange(self.shared.layout.lanes)
@@ -79,11 +77,8 @@ class Block:
         self._state = state = LaneState(shared, self._members)
         self._runs = runs
         self._set_natural()
-        outputs, every = shared.histories.outputs, shared.histories.every
-        for name, both in shared.quantities.items():
-            self._tracks[name] = Track(*both, every if name in outputs else None, state)
         u, v = state.values
-        self._save(0, u[None], v[None], {name: self._tracks[name].latest[None] for name in outputs})
+        self._save(0, u[None], v[None], {name: state.tracks.start[name][None] for name in shared.histories.outputs})
         self._end_broken(state.first_acceleration)
 
     def _set_natural(self) -> None:
@@ -101,11 +96,6 @@ class Block:
         self._end(broken)
 
     @property
-    def _every(self) -> int:
-        """The kernel writes the states whose step index is a multiple of this."""
-        return 1 if self.shared.quantities else self.shared.histories.every
-
-    @property
     def _most_states(self) -> int:
         width = max([self.shared.layout.n, *(quantity.width for quantity, _ in self.shared.quantities.values())])
         return max(1, _SCRATCH_VALUES // (width * self.shared.layout.lanes))
@@ -115,14 +105,14 @@ class Block:
         index = self._state.index
         half = self._half[self._runs & (self._half > index)]
         nearest = min([self._ends[self._runs].min(), *half])
-        return min(int(nearest), index + min(self.shared.pace.steps, self._most_states * self._every))
+        return min(int(nearest), index + min(self.shared.pace.steps, self._most_states * self.shared.histories.every))
 
     def _advance(self) -> None:
         """Take a chunk of steps. If a member fails on the way, stay, and let it end at its last finite state."""
         state, target, before = self._state, self._target(), self._state.save()
         begin = time.perf_counter()
         try:
-            u, v = state.advance(target, self._every, self._stop)
+            states = state.advance(target, self.shared.histories.every, self._stop)
             reached = state.index
             failed = self._runs & ~state.is_finite
             if failed.any():
@@ -130,7 +120,7 @@ class Block:
                 self._find_ends(np.flatnonzero(failed), reached)
                 state.restore(before)
             else:
-                self._observe(before[0], u, v)
+                self._observe(before[0], *states)
                 if reached - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
                     self.shared.pace.note(reached - before[0], time.perf_counter() - begin)
         except Exception:
@@ -144,7 +134,7 @@ class Block:
         self._ends[lanes] = target - 1
         while lanes.size and state.index < target and not self._stop.is_set():
             first = state.index
-            u, v = state.advance(min(target, first + self._most_states), 1, self._stop)
+            u, v, _ = state.advance(min(target, first + self._most_states), 1, self._stop)
             finite = np.isfinite(u[..., lanes]) & np.isfinite(v[..., lanes])  # shape (states, n, lanes)
             good = finite.all(axis=1)
             for place in np.flatnonzero(~good.all(axis=0)):
@@ -155,14 +145,12 @@ class Block:
                 self._failed[lane] = f"{what}; solution.explain() looks for the reason."
             lanes = lanes[good.all(axis=0)]
 
-    def _observe(self, first: int, u: np.ndarray, v: np.ndarray) -> None:
-        """Process the states of a chunk: the invariants and outputs, and the states to save."""
-        shared, state, kept = self.shared, self._state, self.shared.histories.every
+    def _observe(self, first: int, u: np.ndarray, v: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
+        """Process a chunk, with the states to save and the outputs in them."""
+        shared, state = self.shared, self._state
         if shared.layout.form is VECTOR and (state.index - self._checked >= _CHECKED_STEPS or self._is_end()):
             self._check_written()
-        values = {name: track.see(state, first + 1, u, v) for name, track in self._tracks.items()}
-        rows = slice(-(first + 1) % kept, None, kept) if self._every < kept else slice(None)
-        self._save(first // kept + 1, u[rows], v[rows], {name: values[name] for name in shared.histories.outputs})
+        self._save(first // shared.histories.every + 1, u, v, outputs)
         half = self._half == state.index
         if half.any():
             u_size, v_size = state.sizes
@@ -200,10 +188,10 @@ class Block:
             return
         histories, members, state = self.shared.histories, self._members, self._state
         u, v = state.values
-        outputs = {name: self._tracks[name].latest[:, ended] for name in histories.outputs}
+        outputs = {name: state.tracks.latest(name)[:, ended] for name in histories.outputs}
         histories.end(members[ended], state.index, u[:, ended], v[:, ended], outputs, state.n_rhs)
-        for name, track in self._tracks.items():
-            histories.bound(name, members[ended], track.start[:, ended], track.extremes[..., ended])
+        for name, start in state.tracks.start.items():
+            histories.bound(name, members[ended], start[:, ended], state.extremes(name)[..., ended])
         for lane in np.flatnonzero(ended).tolist():
             if lane in self._failed:
                 histories.judge(int(members[lane]), failure, self._failed[lane])

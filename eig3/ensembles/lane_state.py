@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..functions.guard import written_beyond
-from ..kernels.lanes import Lanes, Layout
-from ..kernels.protocol import EVALUATIONS, Steps
+from ..kernels.lanes import Layout
+from ..kernels.protocol import EVALUATIONS, EVENTS, PART_END, T_LOW, Look, Steps, Watch
 from ..result.memory import aligned
 from ..stepping.slices import Slices
-from ..stepping.stepper import Cancel
+from ..stepping.stepper import NEVER, Cancel
 from .members import Members
 from .shared import Shared
+from .tracks import Tracks
 
 _GUARD_ROWS = 4  # of NaN on each side of u, v and a in the first evaluation
+_NONE = np.empty((0, 0))
+_NO_WATCH = Watch(np.empty((0, 4), dtype=np.int64), _NONE, np.empty(0), np.empty(0), _NONE, _NONE, _NONE, _NONE)
 
 
 class LaneState:
@@ -37,6 +38,8 @@ class LaneState:
         Number of steps taken.
     first_acceleration : ndarray, shape (n, lanes)
         The accelerations at the start.
+    tracks : Tracks
+        The invariants and outputs.
     seconds : float
         Time in the kernel, s.
     """
@@ -49,7 +52,8 @@ class LaneState:
         self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
         self._rhs, self._kernel = shared.rhs, shared.kernel
         self._slices = Slices(shared.pace.seconds)
-        self._settings, self._tally = np.array(shared.method.settings, dtype=np.float64), np.zeros(4)
+        self._settings, self._tally = np.array(shared.method.settings, dtype=np.float64), np.zeros(EVENTS)
+        self._tally[PART_END] = NEVER
         self._p = self._params(layout, everyone, members)
         u, v = (np.ascontiguousarray(x[members].T) for x in (everyone.u0, everyone.v0))
         v *= self._unit
@@ -57,9 +61,13 @@ class LaneState:
         self.first_acceleration = a / self._unit**2
         self._state = aligned((formulas.state_rows(u.size), u.size))
         self._rows = self._state.reshape(-1, *u.shape)
-        self._kept = np.empty((2, 0, u.size))
         for row, values in zip(self._rows, (u, v, *formulas.start(u, v, a, self._clock[0])), strict=False):
             row[:] = values
+        self.tracks = Tracks(shared.quantities, layout)
+        self.tracks.begin(self._clock[1], u.ravel(), v.ravel(), self._p)
+        self._look = Look(_NO_WATCH, self.tracks.record) if shared.quantities else None
+        self._saves = {name: (shared.quantities[name][0].width, layout.lanes) for name in shared.histories.outputs}
+        self._reserve(0)
 
     def _params(self, layout: Layout, everyone: Members, members: np.ndarray) -> np.ndarray:
         """Return the array p of the kernel."""
@@ -117,44 +125,53 @@ class LaneState:
         """Number of evaluations of rhs for each member, including the one at the start."""
         return 1 + int(self._tally[EVALUATIONS])
 
-    def advance(self, target: int, every: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray]:
+    def advance(self, target: int, every: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Go on to a step index, or less far if `stop` is set.
 
         Returns
         -------
         u, v : ndarray, shape (states, n, lanes)
             The states whose step index is a multiple of `every`. The next call overwrites them.
+        outputs : dict of str to ndarray, shape (states, k, lanes)
+            The values of the outputs in these states. The next call overwrites them too.
+
+        Raises
+        ------
+        ValueError
+            If a quantity has written beyond its values.
         """
         first, (h, t0) = self.index, self._clock
-        u, v = self._scratch(target // every - first // every)
+        if target // every - first // every > len(self._u):
+            self._reserve(target // every - first // every)
+        u, v = (x.reshape(-1, self._state.shape[1]) for x in (self._u, self._v))
         while self.index < target:
             steps, *begun = self._slices.begin(target - self.index)
             written = self.index // every - first // every
             given = Steps(h, t0, self._p, self.index, steps, every, written, u, v)
-            self._kernel((self._rhs.address, None), self._state, self._settings, self._tally, given, None)
+            self._kernel((self._rhs.address, None), self._state, self._settings, self._tally, given, self._look)
             self.seconds += self._slices.end(steps, *begun)
             self.index += steps
             if stop.is_set():
                 break
+        self.tracks.check()
         states = self.index // every - first // every
-        u, v = (x[:states].reshape(states, *self._rows.shape[1:]) for x in (u, v))
         if self.layout.has_own_step:
-            v /= self._unit
-        return u, v
+            self._v[:states] /= self._unit
+        return self._u[:states], self._v[:states], {name: rows[:states] for name, rows in self._outputs.items()}
 
-    def _scratch(self, states: int) -> np.ndarray:
-        """Return two arrays for states, which the next call returns again."""
-        if self._kept.shape[1] < states:
-            self._kept = np.empty((2, states, self._state.shape[1]))
-        return self._kept[:, :states]
+    def _reserve(self, states: int) -> None:
+        """Make room for states to save, and for the outputs in them."""
+        self._u, self._v = np.empty((2, states, *self._rows.shape[1:]))
+        self._outputs = {name: np.empty((states, *shape)) for name, shape in self._saves.items()}
+        self.tracks.save_in(self._outputs)
 
-    def save(self) -> tuple[int, np.ndarray, np.ndarray]:
+    def save(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Return a copy of the states, for `restore`."""
-        return self.index, self._state.copy(), self._tally.copy()
+        return self.index, self._state.copy(), self._tally.copy(), self.tracks.numbers.copy()
 
-    def restore(self, saved: tuple[int, np.ndarray, np.ndarray]) -> None:
+    def restore(self, saved: tuple[int, np.ndarray, np.ndarray, np.ndarray]) -> None:
         """Go back to states that `save` has returned."""
-        self.index, self._state[:], self._tally[:] = saved
+        self.index, self._state[:], self._tally[:], self.tracks.numbers[:] = saved
 
     def repeat(self, model: int, lanes: np.ndarray) -> None:
         """Copy a lane to the lanes of a mask."""
@@ -164,10 +181,11 @@ class LaneState:
         p = self._p[layout.begin_of_steps if layout.shares_params else 0 :].reshape(-1, layout.lanes)
         p[:, lanes] = p[:, model, None]
 
-    def evaluate(self, quantity: Lanes, first: int, u: np.ndarray, v: np.ndarray, *others: Any) -> None:
-        """Evaluate a quantity in the states from step index `first` on, as `compile_quantity` describes it."""
-        flat = len(u), self._state.shape[1]
-        quantity.call(first, self.h, self.t0, self._p, u.reshape(flat), v.reshape(flat), *others)
+    def extremes(self, name: str) -> np.ndarray:
+        """The minimum and the maximum of a quantity so far, and the step indices where they occurred: (4, k, lanes)."""
+        (h, t0), found = self._clock, self.tracks.extremes(name).copy()
+        found[T_LOW:] = np.rint((found[T_LOW:] - t0) / h)
+        return found
 
     def unwritten(self) -> np.ndarray:
         """Return a mask of shape (n, lanes): the entries of a that rhs did not write in the last step."""

@@ -21,6 +21,7 @@ from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
 from ..kernels.lanes import compile_quantity, compile_rhs
 from ..kernels.loops.fixed import wide_kernel
+from ..kernels.protocol import FOLLOWS
 from ..methods import Method
 from ..run.progress import Progress, check_progress
 from ..stepping.stepper import Stepper
@@ -231,15 +232,15 @@ class Run:
     def _shared(self) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
         method = self.method.for_force(self._callback.reads_velocity, self.members.n)
-        layout = layout_of(self.members, method, self.threads)
+        followed = self._quantities[0] | self._quantities[1]
+        layout = layout_of(self.members, method, sum(q.width for q in followed.values()), self.threads)
         if layout is None:
             return None
-        invariants, outputs = self._quantities
         try:
             rhs = lanes_of(self.rhs, self._callback, layout, compile_rhs)
             quantities = {
                 name: (q, lanes_of(q.function, q.callback, layout, compile_quantity, q.shape))
-                for name, q in (invariants | outputs).items()
+                for name, q in followed.items()
             }
         except Exception as error:
             self.notes.append(
@@ -249,7 +250,7 @@ class Run:
             return None
         if rhs.obstacle:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
-        kernel = wide_kernel(method.formulas)
+        kernel = wide_kernel(method.formulas, FOLLOWS if quantities else 0)
         return Shared(self.members, layout, method, kernel, rhs, quantities, self.histories, self._alone)
 
     def march(self, progress: bool = False) -> EnsembleSolution:

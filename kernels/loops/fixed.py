@@ -21,7 +21,8 @@ from numba.types import Tuple, UniTuple, int64, none
 
 from ..compile.jit import bound, compile_kernel, compiled, element
 from ..compile.numba_internals import address_of as address_of_code
-from ..compile.numba_internals import has_wide_vectors, wide_vectors
+from ..compile.numba_internals import wide_vectors
+from ..lanes import evaluate_lanes
 from ..protocol import (
     ANEW,
     EVALUATIONS,
@@ -241,27 +242,26 @@ def inline_kernel(
     is_stacked = n <= STACKED_DEGREES
     names |= {"N": n if is_stacked else 0, "STACKED": int(is_stacked)}
     names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
-    is_only = [width for _, width in quantities] == [0]
-    only = form.with_rows("invariant", quantities[0][0]) if is_only else None
-    names |= {"QUANTITY": element(lambda follow: only), "MAY_BE_ONLY": int(is_only)}
+    names["MAY_BE_ONLY"] = int([width for _, width in quantities] == [0])
+    if names["MAY_BE_ONLY"]:
+        only = form.with_rows("invariant", quantities[0][0])
+        names["QUANTITY"] = element(lambda follow: only)
     return _compile(method, order, form, callbacks, names, looks, "")
 
 
 @functools.cache
-def wide_kernel(method: Formulas) -> Any:
+def wide_kernel(method: Formulas, looks: int) -> Any:
     """Return the kernel of the vector form for a block of trajectories, see `eig3.kernels.lanes`.
 
-    It is `kernel` without a look, but with the widest vectors that the processor has. The loops are in the elements of
-    the method: these are compiled anew.
+    It is `kernel`, with `looks` 0 or `FOLLOWS`, but with the widest vectors that the processor has. The loops are in
+    the elements of the method: these are compiled anew.
     """
-    if not has_wide_vectors():
-        return kernel(method, 0, VECTOR, 0, looks=0)
     callbacks, shared = pointer_callbacks(VECTOR, False)
     formulas = method.names(VECTOR)
-    names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}}
+    names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}, "N": 0, "STACKED": 0}
+    names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing, "MAY_BE_ONLY": 0}
     with wide_vectors():
-        label = f"{method.label}_wide" if method.is_own else ""
-        return _compile(method, 0, VECTOR, callbacks, {**names, "N": 0, "STACKED": 0}, 0, label)
+        return _compile(method, 0, VECTOR, callbacks, names, looks, f"{method.label}_wide_{looks}" * method.is_own)
 
 
 def _compile(

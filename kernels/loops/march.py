@@ -38,6 +38,7 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
     left = steps.every - first % steps.every
     if LOOKS > 0:
         part = int(tally[PART]) % PARTS
+    if LOOKS > 0 and MAY_BE_ONLY > 0:
         is_only, place = only_quantity(look.follow)
         quantity = QUANTITY(look.follow)
         e, low, high, t_low, t_high = math.nan, math.inf, -math.inf, math.nan, math.nan
