@@ -15,11 +15,10 @@ from typing import Any
 
 from numba.types import Tuple, UniTuple, int64, none
 
-from ..compile.jit import bound, compile_kernel, element, outlined
+from ..compile.jit import compile_kernel, element
 from ..protocol import (
     AT_END,
     BEFORE_END,
-    BY_SPAN,
     ERROR,
     EVALUATIONS,
     FULL,
@@ -55,10 +54,11 @@ from ..protocol import (
     stack_rows,
     vector_type,
 )
+from .beginning import RESOLUTION, beginning, least_size
 from .controller import exponent, growth, shrinkage
 from .dense import evaluate
-from .events import EPSILON, LATER, WORK, quiet, searching
-from .fixed import STACKED_DEGREES
+from .events import LATER, WORK, quiet, searching
+from .fixed import STACKED_DEGREES, inline_callbacks
 from .follow import end_part, inline_functions, save, widen_all
 from .follow import functions as following
 from .formulas import METHODS
@@ -67,14 +67,7 @@ from .within import within_functions
 
 __all__ = ["WORK", "inline_kernel", "kernel", "least_size"]
 
-TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
-
-_RESOLUTION = 8 * EPSILON  # least step, relative to the time
-_FIRST = 1e-6  # the part of the span, or of a unit of time, that counts as short where nothing moves yet
-_BLUR = 4.0  # times the resolution of t: at what time a motion begins is not known better
 _SILENCE = 0.02  # longest step while nothing acts, as a part of the time since the start
-_LEAST_SIZE = 1e-3  # of a degree of freedom, relative to the largest size of all
-_ROUND_OFF = 1e5 * EPSILON  # least tolerance, relative to the largest size: forces are differences of large values
 _LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
 
 
@@ -82,7 +75,11 @@ def variable(callbacks, state, settings, tally, span, look):
     """Take steps, and return their number, the next row to write, and how it ended."""
     n = N if N > 0 else state.shape[1]
     f, p = RHS(callbacks), span.p
-    kept = rows(state, ROWS)
+    kept, of_span = rows(state, ROWS), address_of(span)
+    if span.first == 0:
+        RESTART(kept, n)
+    if span.first == 0 or tally[STEP] == 0:
+        BEGIN(ADDRESS(callbacks), of_span, tally, ORDER, state)
     y = kept
     if N > 0:
         y = stack_rows(N, ROWS)
@@ -96,13 +93,6 @@ def variable(callbacks, state, settings, tally, span, look):
     share = least_size(span.rtol)
     t, h, was_rejected = tally[TIME], tally[STEP], False
     taken, row, ended = 0, span.row, GOING
-    if span.first == 0:
-        RESTART(y, n)
-        if span.is_relative == 1:
-            set_sizes(tally, y, n, span.atol)
-    if h == 0:
-        h = FIRST_STEP(f, t, n, y, tally, span)
-        tally[STEP_BEFORE] = h
     while taken < span.count:
         remaining = span.t_end - t
         if remaining <= 0:
@@ -119,14 +109,16 @@ def variable(callbacks, state, settings, tally, span, look):
             ended = BEFORE_END
             break
         step = remaining if is_last else h
-        if not (is_last or (step > 0 and step >= _RESOLUTION * abs(t + step))):  # also for NaN
+        if not (is_last or (step > 0 and step >= RESOLUTION * abs(t + step))):  # also for NaN
             ended = TOO_SMALL
             break
         TRIAL(f, t, step, tally[STEP_BEFORE], p, n, y)
         tally[EVALUATIONS] += COST
         u_least, v_least, v_blur = share * tally[U_SIZE], share * tally[V_SIZE], 0.0
         if span.is_relative == 1 and (u_least == 0 or v_least == 0):
-            u_least, v_least, v_blur = sizes_at_rest(tally, t + step, n, y, span)
+            if N > 0:
+                copy_rows(kept, y, N)
+            u_least, v_least, v_blur = SIZES_AT_REST(of_span, tally, t + step, state)
         square = SQUARE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, u_least, v_least)
         if not square <= 1.0:
             tally[REJECTED] += 1
@@ -219,53 +211,10 @@ def variable(callbacks, state, settings, tally, span, look):
 
 
 @element
-def least_size(rtol):
-    """Return the least size of a degree of freedom, as a part of the largest size of all."""
-    return min(1.0, max(_LEAST_SIZE, _ROUND_OFF / rtol))
-
-
-@element
 def write_row(span, row, t, h, n, u, v):
     span.t_rows[row], span.h_rows[row] = t, h
     for j in range(n):
         span.u_rows[row, j], span.v_rows[row, j] = u[j], v[j]
-
-
-@element
-def set_sizes(tally, y, n, atol):
-    """Write the sizes of u and v at the start. Velocities that are all zero get the size sqrt(u a) of vibrations."""
-    a_size = 0.0
-    for j in range(n):
-        if atol[0, j] < math.inf:
-            y[U_MOST][j], y[V_MOST][j] = abs(y[U][j]), abs(y[V][j])
-            tally[U_SIZE], tally[V_SIZE] = max(tally[U_SIZE], abs(y[U][j])), max(tally[V_SIZE], abs(y[V][j]))
-            a_size = max(a_size, abs(y[A][j]))
-    if tally[V_SIZE] == 0:
-        tally[V_SIZE] = math.sqrt(tally[U_SIZE] * a_size)
-        for j in range(n):
-            if atol[0, j] < math.inf:
-                y[V_MOST][j] = math.sqrt(abs(y[U][j]) * abs(y[A][j]))
-
-
-@element
-def sizes_at_rest(tally, t, n, y, span):
-    """Return the least sizes of u and v in a step to t before which nothing has moved, and the least one to keep of v.
-
-    They are those after a short time. Because t is rounded, so is the time since the motion began, and the force with
-    it: the short time is at least so long that these errors are within rtol, and v has no size of its own before.
-    """
-    u_size, v_size, a_size = tally[U_SIZE], tally[V_SIZE], 0.0
-    for j in range(n):
-        if span.atol[0, j] < math.inf:
-            a_size = max(a_size, abs(y[A][j]), abs(y[A_END][j]))
-    length = span.t_end - span.t0
-    if length < 1.0:
-        tally[BY_SPAN] = 1.0
-    blur = _BLUR * _RESOLUTION * abs(t) / span.rtol
-    least, v_blur = max(_FIRST * min(length, 1.0), blur), 0.0
-    if v_size == 0:
-        v_size, v_blur = least * a_size, blur * a_size
-    return u_size if u_size > 0 else least * v_size, v_size, v_blur
 
 
 @element
@@ -275,47 +224,6 @@ def is_silent(n, y):
     for j in range(n):
         a_size = max(a_size, abs(y[A][j]), abs(y[A_END][j]))
     return a_size == 0
-
-
-def first_step(f, t, n, y, tally, span):
-    """Return a first step: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, II.4.
-
-    The unit of time does not matter, except for a motion that starts at rest at zero, in a span of more than a unit:
-    the first step must not depend on the end of the span, from which a run may go on. Where it does, the run says so.
-    """
-    u, v, a, u_end, v_end, a_end = y[:6]
-    length = span.t_end - t
-    least = _FIRST * min(length, 1.0)
-    u_size, v_size = tally[U_SIZE], tally[V_SIZE]
-    if span.is_relative == 1 and (u_size == 0 or v_size == 0):
-        u_size, v_size, _ = sizes_at_rest(tally, t, n, y, span)
-    size, slope = 0.0, 0.0
-    for j in range(n):
-        u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), u_size) + TINY
-        v_scale = span.atol[1, j] + span.rtol * max(abs(v[j]), v_size) + TINY
-        size += (u[j] / u_scale) ** 2 + (v[j] / v_scale) ** 2
-        slope += (v[j] / u_scale) ** 2 + (a[j] / v_scale) ** 2
-    size, slope = math.sqrt(size / (2 * n)), math.sqrt(slope / (2 * n))
-    is_short = size < 1e-5 or slope * length < 1e-5
-    h = least if is_short else 0.01 * size / slope
-    if h >= length or (is_short and (length < 1.0 or size >= 1e-5)):
-        tally[BY_SPAN] = 1.0
-    h = min(h, length)
-    for j in range(n):
-        u_end[j], v_end[j] = u[j] + h * v[j], v[j] + h * a[j]
-    f(t + h, u_end, v_end, span.p, a_end)
-    tally[EVALUATIONS] += 1
-    bend = 0.0
-    for j in range(n):
-        u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), u_size) + TINY
-        v_scale = span.atol[1, j] + span.rtol * max(abs(v[j]), v_size) + TINY
-        bend += ((v_end[j] - v[j]) / u_scale) ** 2 + ((a_end[j] - a[j]) / v_scale) ** 2
-    change = h * max(slope, math.sqrt(bend / (2 * n)))
-    better = h * (0.01 / change) ** (1 / ORDER) if change > 1e-15 else max(least, h * 1e-3)
-    h = min(100 * h, better if better > 0 else h, span.h_max)
-    if h >= length:
-        tally[BY_SPAN] = 1.0
-    return min(h, length)
 
 
 def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
@@ -342,7 +250,8 @@ def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
 @functools.cache
 def _kernel(module: str, form: Form, n: int, looks: int) -> Any:
     rhs_at = form.at("rhs")
-    names = {"RHS": element(lambda callbacks: rhs_at(callbacks[0])), "N": n}
+    names = {"RHS": element(lambda callbacks: rhs_at(callbacks[0])), "ADDRESS": element(lambda callbacks: callbacks[0])}
+    names["N"] = n
     return _compile(module, form, Tuple((int64,)), names, looks, f"{module}_{form.name}_{n}_look{looks}")
 
 
@@ -351,16 +260,17 @@ def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: int, quan
 
     The quantities are inlined at the ends of steps; see `eig3.kernels.loops.fixed.inline_kernel`.
     """
-    of_rows = form.with_rows("rhs", rhs)
-    names = {"RHS": element(lambda callbacks: of_rows), "N": n if n <= STACKED_DEGREES else 0}
+    callbacks, names = inline_callbacks(form, rhs, None)
+    names["N"] = n if n <= STACKED_DEGREES else 0
     if quantities:
         names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
-    return _compile(module, form, Tuple(()), names, looks, "")
+    return _compile(module, form, callbacks, names, looks, "")
 
 
 def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], looks: int, label: str) -> Any:
     formulas = importlib.import_module(f"{METHODS}.{module}").variable
     theirs = formulas.functions()
+    begin, sizes_at_rest = beginning(form)
     names = {
         "LOOKS": looks,
         "ROWS": formulas.rows,
@@ -370,6 +280,8 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         "TRIAL": theirs["trial"],
         "SQUARE": theirs["square"],
         "DENSE": theirs["dense"],
+        "BEGIN": begin,
+        "SIZES_AT_REST": sizes_at_rest,
         "ADVANCE": theirs.get("advance", advance),
         "RESTART": theirs.get("restart", nothing_past),
         "IS_QUIET": quiet(form),
@@ -381,7 +293,6 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         names["SEARCH"], names["WRITE_TIME"] = searching(form)
     if looks:
         names["FOLLOW_WITHIN"], names["FOLLOW_END"] = within_functions(form)
-    names["FIRST_STEP"] = outlined(bound(first_step, names))
     records = SPAN, LOOK_WITHIN if looks else none
     signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)
     return compile_kernel(variable, names, signature, label)
