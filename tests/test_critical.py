@@ -357,7 +357,7 @@ def test_weak_gyroscopic_forces_excite_lagged_central_difference(n, size):
 # The EIG family, RK5, RK8 and BM6 -------------------------------------------------------------------------------------
 
 STEADY_GRADES = (3, 5, 8, 13)
-FAMILY = [*(eig3.EIG(grade) for grade in (3, 5, 8, 11, 13)), eig3.RK5(), eig3.RK8()]
+FAMILY = [*(eig3.EIG(grade) for grade in (3, 5, 8, 13)), eig3.RK5(), eig3.RK8()]
 
 
 @pytest.mark.parametrize("method", [*(eig3.EIG(grade) for grade in STEADY_GRADES), "rk8", "bm6"], ids=name_of)
@@ -379,7 +379,7 @@ def test_damped_limits_of_the_family(method):
         assert found.limit == pytest.approx(limit(method, xi) / 7, rel=1e-5)
 
 
-@pytest.mark.parametrize(("grade", "rate"), [(6, "3 Omega^6/80"), (7, "7 Omega^8/96"), (10, "0.03157 Omega^10")])
+@pytest.mark.parametrize(("grade", "rate"), [(6, "3 Omega^6/80"), (10, "0.03157 Omega^10")])
 def test_a_weakly_growing_grade_names_its_rate_and_a_practical_step(grade, rate):
     method = eig3.EIG(grade)
     with pytest.raises(NoCriticalStepError) as caught:

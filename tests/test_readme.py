@@ -28,8 +28,11 @@ def shown(code, language, text):
     return re.sub("^# ", "", comments, flags=re.MULTILINE)
 
 
+MARKS = {"bench/README.md": pytest.mark.system}  # its examples are benchmarks
+
+
 @pytest.mark.usefixtures("few_reported")
-@pytest.mark.parametrize("readme", README_FILES)
+@pytest.mark.parametrize("readme", [pytest.param(name, marks=MARKS.get(name, ())) for name in README_FILES])
 def test_examples_print_what_they_show(readme, symplectic_euler, tmp_path, monkeypatch):
     """The blocks of one file share a namespace, and a block that shows no output prints nothing."""
     monkeypatch.chdir(tmp_path)

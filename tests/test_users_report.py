@@ -1,4 +1,4 @@
-"""`eig3.report` of a user's own problem. The other tests of reports run as a second command: see test_report.py."""
+"""`eig3.report` of a user's own problem."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,8 @@ import pytest
 import eig3
 from eig3.bench.reach import reach
 from eig3.bench.report.record import Record
+
+pytestmark = pytest.mark.system
 
 
 @eig3.jit
