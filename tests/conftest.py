@@ -155,7 +155,7 @@ def python_handler():
 @pytest.fixture
 def few_reported(monkeypatch):
     """A report of a user's problem runs some methods of each kind: to compile more kernels would only take time."""
-    few = "eig3", "cd", "rk2", "rk4", "ab3", "rk5", "rk8", "bm6", "eig9"
+    few = "eig3", "cd", "rk4", "rk8", "bm6", "eig9"
     monkeypatch.setattr("eig3.bench.report.own._INLINED", 1)
 
     def plan(*given, methods, **options):

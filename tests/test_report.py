@@ -449,6 +449,7 @@ def test_a_slow_rival_has_no_ratio_of_zero():
     assert re.search(r"\| ratio of the times +\| +0\.0001 \|", precision.render(result))
 
 
+@pytest.mark.usefixtures("few_reported")
 def test_a_users_problem_with_the_name_of_another_is_not_taken_for_it(tmp_path, monkeypatch):
     """And where the time is short, something is measured all the same."""
     monkeypatch.setattr(own, "_INLINED", 0)

@@ -52,7 +52,7 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
         if not success:
             ended = FAILED
             break
-        if STACKED == 0:
+        if STACKED == 0:  # a step on the stack returns `y`, but LLVM would take it for one of two addresses
             y = y_next
         i += 1
         t = steps.t0 + i * steps.h
