@@ -98,7 +98,7 @@ def straight(callbacks, f, c, y, n, scratch, tally, steps, look):
     i, row, last, found = steps.first, steps.row, steps.first + steps.count, THROUGH
     while i < last and found == THROUGH:
         there, i, row, found = MARCHES(f, c, y, n, scratch, tally, steps, look, None, i, last, START_STEPS, row)
-        if STACKED == 0:
+        if STACKED == 0:  # see `march`
             y = there
         if LOOKS > 0:
             end_part(look.follow, tally, i, n, y[1])
@@ -117,7 +117,9 @@ def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
             i, found = i + 1, FOUND
         else:
             started = int(tally[ANEW]) + START_STEPS
-            y, i, row, found = MARCHES(f, c, y, n, scratch, tally, steps, look, pair, i, last, started, row)
+            there, i, row, found = MARCHES(f, c, y, n, scratch, tally, steps, look, pair, i, last, started, row)
+            if STACKED == 0:
+                y = there
         if found == FAILED:
             ended = FAILED
         elif found == FOUND:
