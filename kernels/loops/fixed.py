@@ -3,8 +3,8 @@
 
 `fixed` is a template: the names in capitals stand for values that depend on the method and on the mode, and `jit.bound`
 inserts them. A kernel that looks for events, and for times at which the state is wanted, is `searching`. Steps in which
-nothing is found run in the loops of `march.py`; the step after which these stop is searched, see `search.py`. Other
-kernels are `straight`, and have no code for events.
+nothing is found run in the loops of `march.py`; the step after which these stop is searched, see `search.py`. One that
+follows quantities is `following`, and one that looks for nothing is `straight`: they have no code for events.
 
 A state has rows of n values also for one degree of freedom, where they are registers.
 """
@@ -27,6 +27,7 @@ from ..protocol import (
     ANEW,
     EVALUATIONS,
     FAILED,
+    FOLLOWS,
     FULL,
     GOING,
     LOGGED,
@@ -94,14 +95,25 @@ def fixed(callbacks, state, settings, tally, steps, look):
 
 
 def straight(callbacks, f, c, y, n, scratch, tally, steps, look):
+    """Take the steps of a run that looks for nothing. A loop over marches would slow down methods that move rows."""
+    first, last, row = steps.first, steps.first + steps.count, steps.row
+    begin = first
+    if START_STEPS > 0:
+        begin = max(first, min(last, START_STEPS))
+        y, _, row, _ = MARCH(START_STEP, nothing, f, y, (c, scratch), n, steps, look, tally, None, first, begin, row)
+    y, end, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, tally, None, begin, last, row)
+    tally[EVALUATIONS] += START_COST * (begin - first) + COST * (end - begin)
+    return y, end, row, FAILED if found == FAILED else GOING
+
+
+def following(callbacks, f, c, y, n, scratch, tally, steps, look):
     """Take the steps, and follow quantities."""
     i, row, last, found = steps.first, steps.row, steps.first + steps.count, THROUGH
     while i < last and found == THROUGH:
         there, i, row, found = MARCHES(f, c, y, n, scratch, tally, steps, look, None, i, last, START_STEPS, row)
         if STACKED == 0:  # see `march`
             y = there
-        if LOOKS > 0:
-            end_part(look.follow, tally, i, n, y[1])
+        end_part(look.follow, tally, i, n, y[1])
     return y, i, row, FAILED if found == FAILED else GOING
 
 
@@ -153,9 +165,7 @@ def marches(f, c, y, n, scratch, tally, steps, look, pair, first, last, started,
 
     The starter takes the steps before step `started`. What is returned is that of a march.
     """
-    end = last
-    if LOOKS > 0 and len(look.follow.table) > 0:
-        end = min(last, int(tally[PART_END]))
+    end = min(last, int(tally[PART_END])) if len(look.follow.table) > 0 else last
     if START_STEPS > 0 and first < started:
         with_scratch, end = (c, scratch), min(end, started)
         y, i, row, found = MARCH(START_STEP, nothing, f, y, with_scratch, n, steps, look, tally, pair, first, end, row)
@@ -278,7 +288,8 @@ def _compile(
         names |= {**search_names(method, order, form), "IS_QUIET": quiet(form)}
     names["MARCH"] = element(bound(march, names))
     names["MARCHES"] = element(bound(marches, names))
-    names["ADVANCE"] = element(bound(searching if looks == SEARCHES else straight, names))
+    advance = {0: straight, FOLLOWS: following, SEARCHES: searching}[looks]
+    names["ADVANCE"] = element(bound(advance, names))
     records = STEPS, LOOK if looks else none
     signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)
     return compile_kernel(fixed, names, signature, label)
