@@ -194,7 +194,7 @@ class At(NamedTuple):
 
 class Work(NamedTuple):
     """Arguments of a method that solves equations: the tally, for n degrees of freedom an n x n matrix, and the
-    jacobian or None. (If the jacobian were first, Numba would warn that tuples of functions are experimental.)"""
+    jacobian or None."""
 
     tally: Any
     matrix: Any

@@ -18,7 +18,7 @@ from .growth import sizes_with_half_the_step
 from .lane_state import LaneState
 from .shared import Shared
 
-_SCRATCH_VALUES = 2**16  # values in an array of states that are not saved: 512 kB, so that it stays in the cache
+_SCRATCH_VALUES = 2**16  # values in an array of the states of a chunk: 512 kB, so that it stays in the cache
 _CHECKED_STEPS = 1000  # between two looks whether rhs writes every entry of a
 _SAME = 2.0  # sizes with h and with h/2 within this factor are a property of the system, not of the step
 _OTHER = 1e3  # sizes that differ by this factor are a result of the step

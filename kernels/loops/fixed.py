@@ -21,7 +21,7 @@ from numba.types import Tuple, UniTuple, int64, none
 
 from ..compile.jit import bound, compile_kernel, compiled, element
 from ..compile.numba_internals import address_of as address_of_code
-from ..compile.numba_internals import wide_vectors
+from ..compile.numba_internals import has_wide_vectors, wide_vectors
 from ..lanes import evaluate_lanes
 from ..protocol import (
     ANEW,
@@ -268,6 +268,8 @@ def wide_kernel(method: Formulas, looks: int) -> Any:
     It is `kernel`, with `looks` 0 or `FOLLOWS`, but with the widest vectors that the processor has. The loops are in
     the elements of the method: these are compiled anew.
     """
+    if looks == 0 and not has_wide_vectors():
+        return kernel(method, 0, VECTOR, 0, looks=0)
     callbacks, shared = pointer_callbacks(VECTOR, False)
     formulas = method.names(VECTOR)
     names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}, "N": 0, "STACKED": 0}
@@ -280,7 +282,7 @@ def _compile(
     method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], looks: int, label: str
 ) -> Any:
     names["STACK_ROWS"] = stack_cells if form is SCALAR else stack_rows
-    names = {**method.names(form), **names, "LOOKS": looks, "INLINED": int(not callbacks)}
+    names = {**method.names(form), **names, "LOOKS": looks}
     if names["STACKED"]:
         for name in {"STEP", "START_STEP"} & names.keys():
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
