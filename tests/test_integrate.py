@@ -175,12 +175,6 @@ def test_a_pickled_solution_keeps_an_explanation_once_found():
     assert pickle.loads(pickle.dumps(run)).explain() == run.explain()
 
 
-def test_the_old_name_of_n_iterations_warns():
-    run = oscillate(method="cd")
-    with pytest.warns(DeprecationWarning, match="n_iterations"):
-        assert run.n_newton == run.n_iterations > 0
-
-
 @eig3.jit
 def raises_between_seconds(t, u, v, p):
     if abs(t - round(t)) > 1e-9:

@@ -268,7 +268,7 @@ class VariableRun:
             quantities = tuple((q, w) for q, w, _ in looked_for.get("quantities", ()))
             kernel, callbacks = variable.inline_kernel(module, form, n, rhs, looks=looks, quantities=quantities), ()
         else:
-            kernel, callbacks = variable.kernel(module, form, n, looks=looks), (callback.address,)
+            kernel, callbacks = variable.kernel(module, form, n, looks=looks), (callback.address, None)
         self.t, self.h = np.empty((2, rows))
         self.u, self.v = np.empty((2, rows, n))
         self.index = self.row = may_shorten = 0

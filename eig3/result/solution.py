@@ -193,12 +193,6 @@ class Solution:
         return self._explanation or self.message
 
     @property
-    def n_newton(self) -> int:
-        """The old name of `n_iterations`. It gives a DeprecationWarning."""
-        warnings.warn("n_newton was renamed: use n_iterations.", DeprecationWarning, stacklevel=2)
-        return self.n_iterations
-
-    @property
     def success(self) -> bool:
         """Whether the run did what it should: its status is COMPLETED or TERMINATED."""
         return self.status in (Status.COMPLETED, Status.TERMINATED)

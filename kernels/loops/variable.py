@@ -13,7 +13,7 @@ import importlib
 import math
 from typing import Any
 
-from numba.types import Tuple, UniTuple, int64, none
+from numba.types import UniTuple, int64, none
 
 from ..compile.jit import compile_kernel, element
 from ..protocol import (
@@ -58,7 +58,7 @@ from .beginning import RESOLUTION, beginning, least_size
 from .controller import exponent, growth, shrinkage
 from .dense import evaluate
 from .events import LATER, WORK, quiet, searching
-from .fixed import STACKED_DEGREES, inline_callbacks
+from .fixed import STACKED_DEGREES, inline_callbacks, pointer_callbacks
 from .follow import end_part, inline_functions, save, widen_all
 from .follow import functions as following
 from .formulas import METHODS
@@ -229,9 +229,9 @@ def is_silent(n, y):
 def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
     """Compile the kernel of a method for a right-hand side given as an address, or load it from the disk.
 
-    One and two degrees of freedom have kernels of their own. The kernel is called as ``kernel((rhs,), state, settings,
-    tally, span, look)``, where `settings` is not used. It returns the number of steps that it took, the next row to
-    write, and how it ended.
+    One and two degrees of freedom have kernels of their own. The kernel is called as ``kernel((rhs, None), state,
+    settings, tally, span, look)``, where `settings` is not used. It returns the number of steps that it took, the next
+    row to write, and how it ended.
 
     Parameters
     ----------
@@ -249,10 +249,8 @@ def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
 
 @functools.cache
 def _kernel(module: str, form: Form, n: int, looks: int) -> Any:
-    rhs_at = form.at("rhs")
-    names = {"RHS": element(lambda callbacks: rhs_at(callbacks[0])), "ADDRESS": element(lambda callbacks: callbacks[0])}
-    names["N"] = n
-    return _compile(module, form, Tuple((int64,)), names, looks, f"{module}_{form.name}_{n}_look{looks}")
+    callbacks, names = pointer_callbacks(form, takes_jacobian=False)
+    return _compile(module, form, callbacks, {**names, "N": n}, looks, f"{module}_{form.name}_{n}_look{looks}")
 
 
 def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: int, quantities: tuple = ()) -> Any:
