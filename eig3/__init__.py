@@ -10,7 +10,7 @@ from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import jit
 from .functions.events import Event, Occurrences
 from .functions.extremes import Extremes
-from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, CentralDifference, Method
+from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, RKN12, CentralDifference, Method
 from .planning.planner import Plan, plan
 from .problem import Problem
 from .result.solution import Solution, Status
@@ -32,6 +32,7 @@ __all__ = [
     "RK4",
     "RK5",
     "RK8",
+    "RKN12",
     "CentralDifference",
     "CriticalStep",
     "EnsembleSolution",

@@ -359,6 +359,19 @@ class RK8(Method):
 
 
 @dataclass(frozen=True)
+class RKN12(Method):
+    """RKN12, Dormand, El-Mikkawy and Prince's method of order 12, with 17 evaluations per step, for f(t, u)."""
+
+    name: ClassVar[str] = "rkn12"
+    label: ClassVar[str] = "RKN12"
+    kernel: ClassVar[str] = "eig3.kernels.methods.rkn12"
+    variable: ClassVar[str] = "rkn12"
+    order: ClassVar[int] = 12
+    evaluations: ClassVar[int] = 17
+    ignores_velocity: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
 class BM6(Method):
     """BM6, Blanes and Moan's symplectic method of order 6, with eleven evaluations per step, for f(t, u)."""
 

@@ -9,6 +9,7 @@ import eig3
 from eig3.functions.callbacks import check_callback
 from eig3.functions.guard import guarded
 from eig3.kernels.loops import fixed, variable
+from eig3.kernels.loops.formulas import variable_formulas
 from eig3.kernels.loops.pair import A, U, V
 from eig3.kernels.protocol import (
     AT_END,
@@ -126,12 +127,12 @@ def pair(t, u, v, p, a):
     a[0], a[1] = -u[0], -4 * u[1]
 
 
-def look_of(form, n, start, *, work_rows, quantities=(), events=(), times=(), rows=0, order=None, log=64):
+def look_of(form, n, start, *, work_rows, quantities=(), events=(), times=(), rows=0, formulas=None, log=64):
     """Make a look from jitted functions, as it is at the start (t0, u0, v0, p) of a run.
 
     A quantity is a triple of a function, its number of values or 0, and the degree of freedom of the work or -1. An
     event is a quadruple of g, apply or None, the direction, and whether it is terminal. For each quantity, `saved` has
-    an array of `rows` rows. With an `order`, the look is for a kernel with tolerances.
+    an array of `rows` rows. With `formulas`, the look is for a kernel with tolerances.
     """
     t0, u0, v0, p = start
     callbacks = [check_callback(q, "output" if w else "invariant", form, "quantity") for q, w, _ in quantities]
@@ -182,10 +183,10 @@ def look_of(form, n, start, *, work_rows, quantities=(), events=(), times=(), ro
     of_events = tally[EVENTS:].reshape(-1, EVENT_VALUES)
     of_events[:, 0], of_events[:, 1] = [g.call(t0, u0, v0, p) for g in gs], -np.inf
     tally[TIME], tally[PART_END] = t0, 1
-    if order is None:
+    if formulas is None:
         look = Look(watch, follow)
     else:
-        look = LookWithin(watch, follow, within_steps(values, n, order, np.zeros(len(quantities))))
+        look = LookWithin(watch, follow, within_steps(values, n, formulas, np.zeros(len(quantities))))
     return SimpleNamespace(look=look, follow=follow, watch=watch, tally=tally, saved=saved, callbacks=callbacks)
 
 
@@ -226,7 +227,7 @@ class FixedRun:
         self.tally, self.look = np.zeros(4), None
         looks = level(looked_for)
         if looks:
-            made = look_of(form, n, start, work_rows=fixed.work_rows(order), rows=rows, **looked_for)
+            made = look_of(form, n, start, work_rows=fixed.work_rows(formulas, order), rows=rows, **looked_for)
             vars(self).update(vars(made))
         if inline:
             quantities = tuple((q, w) for q, w, _ in looked_for.get("quantities", ()))
@@ -251,7 +252,7 @@ class VariableRun:
     def __init__(self, module, rhs, start, t_end, rtol, every=1, rows=0, inline=False, **looked_for):
         t0, u0, v0, self.p = start
         form, n = form_of(u0), np.size(u0)
-        formulas = variable.importlib.import_module(f"eig3.kernels.methods.{module}").variable
+        formulas = variable_formulas(module)
         callback = check_callback(rhs, "rhs", form)
         self.state, a = aligned((formulas.rows, n)), np.empty(n)
         if form is SCALAR:
@@ -261,7 +262,7 @@ class VariableRun:
         self.state[U], self.state[V], self.state[A] = u0, v0, a
         self.tally, self.look, looks = np.zeros(EVENTS), None, level(looked_for)
         if looks:
-            made = look_of(form, n, start, work_rows=variable.WORK, rows=rows, order=formulas.order, **looked_for)
+            made = look_of(form, n, start, work_rows=formulas.work_rows, rows=rows, formulas=formulas, **looked_for)
             vars(self).update(vars(made))
         self.tally[TIME], self.tally[ERROR] = t0, 1.0
         if inline:

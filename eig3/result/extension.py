@@ -1,16 +1,17 @@
-"""The states between those of a run by RK8 with tolerances, from the continuous extension of its steps."""
+"""The states between those of a run with tolerances, from the continuous extension of its steps."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..functions.callbacks import Callback
-from ..kernels.loops.extension import WORK, extension_kernel
+from ..kernels.loops.extension import extension_kernel
+from ..kernels.loops.formulas import variable_formulas
 from ..kernels.protocol import SCALAR, VECTOR
 
 
 def states_between(
-    rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, times: np.ndarray
+    rhs: Callback, params: np.ndarray, pair: str, t: np.ndarray, u: np.ndarray, v: np.ndarray, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return u and v at some times, from a history with the states after all steps.
 
@@ -19,6 +20,8 @@ def states_between(
     rhs : Callback
     params : ndarray
         The parameters, from `guarded`.
+    pair : str
+        The file of methods with the formulas of the steps.
     t : ndarray, shape (m,)
         Two equal times are those of the states before and after a jump.
     u, v : ndarray, shape (m,) or (m, n)
@@ -38,9 +41,10 @@ def states_between(
         rows = [np.ascontiguousarray(x, dtype=np.float64).reshape(len(t), -1) for x in (u, v)]
         n = rows[0].shape[1]
         out = np.empty((2, len(inside), n))
-        kernel = extension_kernel(SCALAR if u.ndim == 1 else VECTOR)
+        kernel, formulas = extension_kernel(pair, SCALAR if u.ndim == 1 else VECTOR), variable_formulas(pair)
+        work = np.empty((formulas.rows + 2 * formulas.terms, n))
         t = np.ascontiguousarray(t)
-        kernel(rhs.address, params, t, *rows, left[inside], times[inside], *out, np.empty((WORK, n)))
+        kernel(rhs.address, params, t, *rows, left[inside], times[inside], *out, work)
         for x, values in zip(found, out, strict=True):
             x[inside] = values.reshape(x[inside].shape)
     return found

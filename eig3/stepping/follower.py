@@ -128,7 +128,7 @@ class Follower:
         for lowest, highest in (self.widest[: HIGH + 1], self.steps, self.parts[0]):
             lowest[:] = highest[:] = self.start
 
-    def look_within(self, order: int, rtol: float) -> None:
+    def look_within(self, formulas: Any, rtol: float) -> None:
         """Let the extremes be those within steps of variable length too.
 
         An invariant that is nearly constant takes few evaluations: smaller relative changes than rtol within a step
@@ -136,8 +136,8 @@ class Follower:
         """
         floors = np.zeros(len(self.followed.quantities))
         floors[: len(self.followed.invariants)] = rtol
-        self._order, self._rtol = order, rtol
-        self.within = within_steps(self.before, self._n, order, floors)
+        self._formulas, self._rtol = formulas, rtol
+        self.within = within_steps(self.before, self._n, formulas, floors)
 
     def check(self) -> None:
         """Raise a ValueError if a function has written beyond its values."""
@@ -160,7 +160,7 @@ class Follower:
         """Return an independent copy, which saves no values."""
         other = Follower(self.followed, self._n, self.numbers.copy())
         if self.within is not None:
-            other.look_within(self._order, self._rtol)
+            other.look_within(self._formulas, self._rtol)
         return other
 
     def restore(self, numbers: Any) -> None:

@@ -51,9 +51,9 @@ class Look:
         self.watching.begin(tally, t0, u, v, params)
         self.follower.begin(t0, u, v, params)
 
-    def follow_within(self, order: int, rtol: float) -> None:
+    def follow_within(self, formulas: Any, rtol: float) -> None:
         """Find the extremes of quantities within steps of variable length too."""
-        self.follower.look_within(order, rtol)
+        self.follower.look_within(formulas, rtol)
         self.renew()
 
     def save_wanted(self, rows: Mapping[str, np.ndarray], n: int) -> None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..functions.checks import check_index, reals
+from ..functions.checks import check_index, reals, velocity_refused
 from ..functions.evaluation import accelerations
 from ..functions.guard import evaluation, not_finite
 from ..kernels.compile.interrupt import DeferredInterrupt
@@ -133,9 +133,19 @@ class March:
         self.tally = np.zeros(EVENTS + EVENT_VALUES * len(system.event_table))
         self.tally[TIME] = t0
         self._use(system.kernels.get(n) or self._compiled(system.method))
+        if system.ignores_velocity:
+            self._check_velocity(a)
         if self.look:
             self.look.begin(self.tally, t0, u, v, params)
         return a
+
+    def _check_velocity(self, a: Any) -> None:
+        """Refuse a method that ignores the velocity if another velocity changes the acceleration at the start."""
+        u, v = self.start
+        with np.errstate(over="ignore"):
+            other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, by at least the size of u
+        if np.any(self.acceleration(self.t0, u, other) != a):
+            raise velocity_refused(self.method)
 
     def _work_rows(self) -> int:
         """Return the number of rows of scratch for events and wanted times."""

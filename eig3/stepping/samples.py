@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 
-from ..kernels.loops.dense import COEFFICIENTS
 from ..kernels.protocol import Within
 
 
-def within_steps(before: np.ndarray, n: int, order: int, floors: np.ndarray) -> Within:
+def within_steps(before: np.ndarray, n: int, formulas: Any, floors: np.ndarray) -> Within:
     """Return the points within a step, and scratch for the values there, as `eig3.kernels.loops.within` takes them.
 
     Parameters
@@ -19,14 +19,14 @@ def within_steps(before: np.ndarray, n: int, order: int, floors: np.ndarray) -> 
         The values of all quantities at the start of the next step.
     n : int
         The number of degrees of freedom.
-    order : int
-        That of the method. The polynomial through the values has this degree, or the next even one: a smooth quantity
-        then differs from it by a term of the order of the error of the step.
+    formulas : Pair
+        Those of the method. The polynomial through the values has the degree of its order, or the next even one: a
+        smooth quantity then differs from it by a term of the order of the error of the step.
     floors : ndarray, shape (k,)
         For each quantity: changes within a step of at most this part of a value are not looked at.
     """
-    degree = order + order % 2
-    shapes = (degree + 2, len(before)), (degree + 2,), (degree + 1,), (2, n), (COEFFICIENTS, n)
+    degree = formulas.order + formulas.order % 2
+    shapes = (degree + 2, len(before)), (degree + 2,), (degree + 1,), (2, n), (2 * formulas.terms, n)
     return Within(*_fit(degree), floors, before, *(np.empty(shape) for shape in shapes))
 
 

@@ -18,7 +18,6 @@ from ..functions.checks import (
     check_params,
     check_state,
     check_time,
-    velocity_refused,
 )
 from ..functions.guard import guarded
 from ..functions.inlining import inlined
@@ -113,8 +112,6 @@ class Stepper(March):
         self = object.__new__(cls)
         self.h = h
         a = self._begin(system, t0, u, v, params, times)
-        if system.ignores_velocity:
-            self._check_velocity(a)
         if self.first_sizes[2] < _SMALL:
             past = self.kernel.formulas.start(u, v, a, h)
         else:
@@ -126,7 +123,7 @@ class Stepper(March):
         return self
 
     def _work_rows(self) -> int:
-        return fixed.work_rows(self.system.method.order)
+        return fixed.work_rows(self.system.method.formulas, self.system.method.order)
 
     def _compiled(self, method: Method) -> Kernel:
         system, n = self.system, self.n
@@ -290,14 +287,6 @@ class Stepper(March):
         if rows.shape[1:] != shape or len(rows) < count:
             raise ValueError(f"u_rows and v_rows must have at least the shape {(count, *shape)}, not {rows.shape}.")
         return rows
-
-    def _check_velocity(self, a: Any) -> None:
-        """Refuse velocity="none" if another velocity changes the acceleration at the start."""
-        u, v = self.start
-        with np.errstate(over="ignore"):
-            other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, by at least the size of u
-        if np.any(self.acceleration(self.t0, u, other) != a):
-            raise velocity_refused(self.method)
 
 
 _NONE = np.empty(0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from functools import partial
 from typing import Any
 
@@ -11,9 +10,9 @@ import numpy as np
 from ..functions.inlining import inlined
 from ..kernels.loops import variable
 from ..kernels.loops.fixed import STACKED_DEGREES
-from ..kernels.loops.formulas import METHODS
+from ..kernels.loops.formulas import variable_formulas
 from ..kernels.loops.pair import U_MOST, A, U, V
-from ..kernels.loops.variable import WORK, least_size
+from ..kernels.loops.variable import least_size
 from ..kernels.protocol import (
     BY_SPAN,
     ERROR,
@@ -77,11 +76,11 @@ class VariableStepper(March):
         self.state[U], self.state[V], self.state[A] = u, v, a
         self.tally[ERROR], self.tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
         if self.look:
-            self.look.follow_within(self.kernel.formulas.order, tolerances.rtol)
+            self.look.follow_within(self.kernel.formulas, tolerances.rtol)
         self.may_shorten = False
 
     def _work_rows(self) -> int:
-        return WORK
+        return variable_formulas(self.system.method.variable).work_rows
 
     def _compiled(self, method: Method) -> Kernel:
         system, n = self.system, self.n
@@ -131,13 +130,13 @@ class VariableStepper(March):
 
     @property
     def states_between(self) -> Any:
-        """A function that returns u and v at some times, from a history with the states after all steps of RK8.
+        """A function that returns u and v at some times, from a history with the states after all steps.
 
-        It is None for other methods.
+        It is None for a pair without a continuous extension.
         """
-        return (
-            None if self.system.method.variable != "rk8" else partial(states_between, self.system.callback, self.params)
-        )
+        if not self.kernel.formulas.dense_evaluations:
+            return None
+        return partial(states_between, self.system.callback, self.params, self.system.method.variable)
 
     def steps(self, count: int, every: int, row: int, rows: Any) -> Span:
         tolerances = self.tolerances
@@ -174,7 +173,7 @@ class VariableStepper(March):
 
 def _kernel(system: System, module: str, n: int) -> Kernel:
     """Compile the kernel of a method for n degrees of freedom, or load it."""
-    formulas = importlib.import_module(f"{METHODS}.{module}").variable
+    formulas = variable_formulas(module)
     form, looks = system.form, system.looks
     if system.inline:
         literal = n if n <= STACKED_DEGREES else 0

@@ -35,10 +35,7 @@ from ..protocol import (
     vector_type,
 )
 from . import follow
-from .dense import COEFFICIENTS, evaluate
-
-#: The rows of `Watch.work` that every kernel needs: u and v within a step, and the dense output.
-WORK = 2 + COEFFICIENTS
+from .dense import evaluate
 
 LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 

@@ -1,5 +1,5 @@
 # ruff: noqa: F821
-"""The kernel for states between the ends of the steps of RK8, from its continuous extension.
+"""The kernel for states between the ends of the steps of a pair, from its continuous extension.
 
 A run does not keep the stages of its steps: each step that is needed is taken again.
 """
@@ -10,13 +10,10 @@ from typing import Any
 from numba.types import Array, int64, none
 
 from ..compile.jit import compile_kernel
-from ..methods.rk8 import variable
 from ..protocol import Form, matrix_type, rows, vector_type
-from .dense import COEFFICIENTS, evaluate
+from .dense import evaluate
+from .formulas import variable_formulas
 from .pair import U_END, V_END, A, U, V
-
-#: Number of rows of the argument `work`.
-WORK = variable.rows + COEFFICIENTS
 
 
 def between(address, p, t, u_rows, v_rows, left, times, u, v, work):
@@ -39,10 +36,14 @@ def between(address, p, t, u_rows, v_rows, left, times, u, v, work):
 
 
 @functools.cache
-def extension_kernel(form: Form) -> Any:
-    """Compile the kernel, or load it from the disk. It is called as `between`; all states are rows of n values."""
-    theirs = variable.functions()
-    names = {"RHS": form.at("rhs"), "ROWS": variable.rows, "TRIAL": theirs["trial"], "DENSE": theirs["dense"]}
+def extension_kernel(pair: str, form: Form) -> Any:
+    """Compile the kernel of a pair, or load it from the disk.
+
+    It is called as `between`. All states are rows of n values. `work` has the rows of a step, and of its dense output.
+    """
+    formulas = variable_formulas(pair)
+    theirs = formulas.functions()
+    names = {"RHS": form.at("rhs"), "ROWS": formulas.rows, "TRIAL": theirs["trial"], "DENSE": theirs["dense"]}
     states = (matrix_type,) * 2
     signature = none(int64, vector_type, vector_type, *states, Array(int64, 1, "C"), vector_type, *states, matrix_type)
-    return compile_kernel(between, names, signature, f"extension_{form.name}")
+    return compile_kernel(between, names, signature, f"extension_{pair}_{form.name}")

@@ -54,7 +54,7 @@ from ..protocol import (
     stack_rows,
     vector_type,
 )
-from .events import WORK, quiet
+from .events import quiet
 from .follow import end_part, functions, inline_functions, save, widen_all
 from .formulas import Formulas, nothing
 from .march import FOUND, THROUGH, copy_two, march, settle, write

@@ -152,6 +152,11 @@ def formulas(name: str, arguments: tuple = ()) -> Formulas:
     return _formulas(module, arguments, getattr(module, "step", None))
 
 
+def variable_formulas(name: str) -> Any:
+    """Return the formulas for steps of variable length in the file of this name in `eig3.kernels.methods`."""
+    return importlib.import_module(f"{METHODS}.{name}").variable
+
+
 @functools.cache
 def _formulas(module: ModuleType, arguments: tuple, step: Any) -> Formulas:
     return Formulas(module, arguments)

@@ -20,13 +20,12 @@ from typing import Any
 
 from ..compile.jit import element, outlined
 from ..compile.source import after_sum, define
-from .dense import TERMS, quintic
-from .tableau import Tableau
+from .dense import QUINTIC_TERMS, quintic
+from .tableau import Row, Tableau, product
 
 #: The rows of a step of variable length: the state at its start and at its end, and the sizes of u and v of each degree
 #: of freedom so far. Other rows follow.
 U, V, A, U_END, V_END, A_END, U_MOST, V_MOST = range(8)
-_STAGE = ("u_stage", "v_stage")
 
 
 class Pair:
@@ -40,24 +39,39 @@ class Pair:
     errors : sequence of sequences of float
         The weights of the estimate. If there are two of them, of orders 5 and 3, they are combined as in DOP853.
     extension : tuple of sequences, optional
-        The continuous extension: times and rows of further stages, and weights of all stages in the last four terms of
-        its polynomial. Without an extension, it is the polynomial of degree 5 through u, v and a at both ends.
+        The continuous extension: times and rows of further stages, and weights of all stages in the last terms of its
+        polynomial. Without an extension, it is the polynomial of degree 5 through u, v and a at both ends.
+
+    Attributes
+    ----------
+    rows : int
+        Number of rows of a step.
+    terms : int
+        Number of coefficients of the dense output of u, and of that of v.
+    work_rows : int
+        Number of rows of `Watch.work` that a search needs: u and v within a step, and the dense output.
+    evaluations, dense_evaluations : int
+        Evaluations of the right-hand side in a step, and in its dense output.
     """
+
+    known_terms = 4  # the terms of the extension that follow from the states at both ends
 
     def __init__(
         self, tableau: Tableau, order: int, errors: Sequence[Sequence[float]], extension: tuple | None = None
     ) -> None:
         self.order = order
-        self._stages = tableau.stages
-        extra_c, extra_A, self._weights = extension or ((), (), ())
+        self._tableau, self._stages = tableau, tableau.stages
+        extra_c, extra_A, self.weights = extension or ((), (), ())
+        self.terms = self.known_terms + len(self.weights) if extension else QUINTIC_TERMS
+        self.work_rows = 2 + 2 * self.terms
         self._c = [*map(float, tableau.c), 1.0, *extra_c]
         width = self._stages + 1 + len(extra_c)
         matrix = [*tableau.A, tableau.b, *([Fraction(x) for x in row] for row in extra_A)]
-        self._A = [[*row, *[Fraction(0)] * (width - len(row))] for row in matrix]
+        self.A = [[*row, *[Fraction(0)] * (width - len(row))] for row in matrix]
         self._accelerations = ["a0", *(f"a{i}" for i in range(1, self._stages)), "a_end"]
         self._accelerations += [f"a{i}" for i in range(self._stages + 1, width)]
         others = [name for name in self._accelerations if name not in ("a0", "a_end")]
-        self._rows = ["u", "v", "a0", "u_end", "v_end", "a_end", "u_most", "v_most", *_STAGE, *others]
+        self._rows = ["u", "v", "a0", "u_end", "v_end", "a_end", "u_most", "v_most", *tableau.state, *others]
         self.rows = len(self._rows)
         self.evaluations, self.dense_evaluations = self._stages, len(extra_c)
         self._text = "\n".join([self._trial(), self._error(errors), self._dense()])
@@ -73,37 +87,36 @@ class Pair:
     def _unpacked(self) -> str:
         return f"    {', '.join(self._rows)} = y"
 
-    def _weighted(self, weights: Sequence[Fraction]) -> list[tuple[str, str]]:
+    def weighted(self, weights: Sequence[float]) -> list[tuple[str, str]]:
+        """Return the weights that are not zero, with the text of their accelerations."""
         return [(repr(float(w)), f"{a}[j]") for w, a in zip(weights, self._accelerations, strict=False) if w]
 
-    def _times_matrix(self, row: Sequence[Fraction]) -> list[Fraction]:
-        return [sum((x * a[j] for x, a in zip(row, self._A, strict=False)), Fraction(0)) for j in range(len(self._A))]
-
-    def _state(self, i: int) -> tuple[str, str]:
-        """Return the text of u and v at the stage i."""
-        row = self._A[i]
-        squares = self._weighted(self._times_matrix(row))
-        position = f" + h * {_total(squares)}" if squares else ""
-        *others, (factor, last) = self._weighted(row)
-        before = f"(v[j] + h * {_total(others)})" if others else "v[j]"
-        return (
-            f"u[j] + h * ({self._c[i]!r} * v[j]{position})",
-            f"{before} + (h * {factor}) * {last}",  # one multiply-add for v has to wait for the last acceleration
-        )
+    def _state(self, i: int, weights: Sequence[Row]) -> list[str]:
+        """Return the text of u, and of v, at the time of the stage i."""
+        squares, *rows = (self.weighted(row) for row in weights)
+        position = f" + h * {total(squares)}" if squares else ""
+        texts = [f"u[j] + h * ({self._c[i]!r} * v[j]{position})"]
+        for *others, (factor, last) in rows:
+            before = f"(v[j] + h * {total(others)})" if others else "v[j]"
+            texts.append(
+                f"{before} + (h * {factor}) * {last}"
+            )  # one multiply-add has to wait for the last acceleration
+        return texts
 
     def _stage(self, i: int) -> list[str]:
-        u, v = self._state(i)
+        tableau = self._tableau
+        entries = ", ".join(f"{row}[j]" for row in tableau.state)
         return [
             "    for j in range(n):",
-            f"        u_stage[j], v_stage[j] = {u}, {v}",
-            f"    f(t + {self._c[i]!r} * h, u_stage, v_stage, p, {self._accelerations[i]})",
+            f"        {entries} = {', '.join(self._state(i, tableau.stage(self.A[i], self.A)))}",
+            f"    f(t + {self._c[i]!r} * h, u_stage, {tableau.velocity}, p, {self._accelerations[i]})",
         ]
 
     def _trial(self) -> str:
         lines = ["def trial(f, t, h, h_before, p, n, y):", self._unpacked()]
         for i in range(1, self._stages):
             lines += self._stage(i)
-        u, v = self._state(self._stages)
+        u, v = self._state(self._stages, self._tableau.end(self.A[self._stages], self.A))
         lines += ["    for j in range(n):", f"        u_end[j], v_end[j] = {u}, {v}"]
         return "\n".join([*lines, "    f(t + h, u_end, v_end, p, a_end)", ""])
 
@@ -116,10 +129,10 @@ class Pair:
             "        v_scale = 1 / (atol[1, j] + rtol * max(abs(v[j]), abs(v_end[j]), v_most[j], v_least) + 1e-300)",
         ]
         for k, weights in enumerate(errors):
-            exact = [Fraction(x) for x in weights]
+            of_u, of_v = (self.weighted(row) for row in self._tableau.end([Fraction(x) for x in weights], self.A))
             lines += [
-                f"        u_part = h * {_total(self._weighted(self._times_matrix(exact)))} * u_scale",
-                f"        v_part = {_total(self._weighted(exact))} * v_scale",
+                f"        u_part = h * {total(of_u)} * u_scale",
+                f"        v_part = {total(of_v)} * v_scale",
                 f"        most{k} = max(most{k}, u_part * u_part, v_part * v_part)",
                 "        total += u_part + v_part",
             ]
@@ -133,33 +146,45 @@ class Pair:
 
     def _dense(self) -> str:
         lines = ["def dense(f, t, h, p, n, y, coefficients):", self._unpacked()]
-        if not self._weights:
+        if not self.weights:
             return "\n".join([*lines, "    quintic(h, n, u, v, a0, u_end, v_end, a_end, coefficients)", ""])
-        for i in range(self._stages + 1, len(self._A)):
+        for i in range(self._stages + 1, len(self.A)):
             lines += self._stage(i)
-        lines += [
-            "    for j in range(n):",
-            "        rise = u_end[j] - u[j]",
-            "        u0, u1, u2 = rise, h * v[j] - rise, 2 * rise - h * (v[j] + v_end[j])",
-            "        rise = v_end[j] - v[j]",
-            "        v0, v1, v2 = rise, h * a0[j] - rise, 2 * rise - h * (a0[j] + a_end[j])",
-        ]
-        for k, weights in enumerate(self._weights, start=3):
+        return "\n".join([*lines, "    for j in range(n):", *self._polynomials(), ""])
+
+    def _polynomials(self) -> list[str]:
+        """Return the lines that write the coefficients for the degree of freedom j.
+
+        The terms of the extension are products of the factors s, 1 - s, s, 1 - s, ...
+        """
+        lines = [*self._rise("u", "v"), *self._rise("v", "a0", "a_end")]
+        for k, weights in enumerate(self.weights, start=3):
             exact = [Fraction(x) for x in weights]
-            squares = _total(self._weighted(self._times_matrix(exact)))
+            squares = total(self.weighted(product(exact, self.A)))
             lines += [
                 f"        u{k} = h * ({float(sum(exact))!r} * v[j] + h * {squares})",
-                f"        v{k} = h * {_total(self._weighted(exact))}",
+                f"        v{k} = h * {total(self.weighted(exact))}",
             ]
-        for letter, place in (("u", 0), ("v", TERMS)):
-            lines.append(f"        coefficients[{place}, j] = {letter}[j]")
-            for power in range(1, TERMS):
-                terms = [(repr(float(x)), f"{letter}{i}") for i in range(TERMS - 1) if (x := _alternating(i, power))]
-                lines.append(f"        coefficients[{place + power}, j] = {_total(terms)}")
-        return "\n".join([*lines, ""])
+        return [*lines, *self._powers("u", 0), *self._powers("v", self.terms)]
+
+    def _rise(self, x: str, slope: str, slope_end: str = "v_end") -> list[str]:
+        """Return the lines of the first terms of u or v, which follow from the values and slopes at both ends."""
+        return [
+            f"        rise = {x}_end[j] - {x}[j]",
+            f"        {x}0, {x}1, {x}2 = rise, h * {slope}[j] - rise, 2 * rise - h * ({slope}[j] + {slope_end}[j])",
+        ]
+
+    def _powers(self, x: str, place: int) -> list[str]:
+        """Return the lines that write the coefficients of the powers of s, from the row `place` on."""
+        lines = [f"        coefficients[{place}, j] = {x}[j]"]
+        for power in range(1, self.terms):
+            factors = ((_alternating(i, power), f"{x}{i}") for i in range(self.terms - 1))
+            terms = [(repr(float(c)), value) for c, value in factors if c]
+            lines.append(f"        coefficients[{place + power}, j] = {total(terms)}")
+        return lines
 
 
-def _total(terms: Sequence[tuple[str, str]]) -> str:
+def total(terms: Sequence[tuple[str, str]]) -> str:
     """Return the text of the sum of products, of which the last is added last."""
     (factor, value), rest = terms[0], terms[1:]
     return f"({after_sum(f'{factor} * {value}', rest)})" if rest else f"({factor} * {value})"

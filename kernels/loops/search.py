@@ -9,7 +9,6 @@ right-hand side and on the order of the method.
 from __future__ import annotations
 
 import functools
-import importlib
 from typing import Any
 
 from numba.types import float64, int64
@@ -33,8 +32,8 @@ from ..protocol import (
     vector_type,
 )
 from .dense import quintic
-from .events import LATER, WORK, searching
-from .formulas import METHODS, Formulas
+from .events import LATER, searching
+from .formulas import Formulas, variable_formulas
 from .march import copy_two
 from .pair import A_END, U_END, V_END, A, U, V
 
@@ -49,7 +48,7 @@ def search(address, place, tally, t0, t, t_grid, n, p):
     f, watch = RHS(address), look_at(place).watch
     y = rows(watch.work[WORK:], PAIR_ROWS)
     u, v, a, u_end, v_end = y[U], y[V], y[A], y[U_END], y[V_END]
-    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
+    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:WORK]
     t_end, reach, result = t_grid, 0.0, PASSED
     if tally[WITHIN] == 0:
         f(t, u, v, p, a)
@@ -102,7 +101,7 @@ def quintic_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
 
 
 def extension_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
-    """Write the dense output of a step of RK8 from the same state. The state at the end of the step is kept."""
+    """Write the dense output of a step of the pair from the same state. The state at the end of the step is kept."""
     copy_two(u_there, v_there, y[U_END], y[V_END], n)
     TRIAL(f, t, h, h, p, n, y)
     DENSE(f, t, h, p, n, y, coefficients)
@@ -122,39 +121,45 @@ def start_without_past(f, t, y, h, p, n, a):
     pass
 
 
-def work_rows(order: int) -> int:
+def work_rows(method: Formulas, order: int) -> int:
     """Return the number of rows of `Watch.work` for a method of this order."""
-    return WORK + _pair_for(order).rows
+    pair = variable_formulas(_pair_for(method, order))
+    return pair.work_rows + pair.rows
 
 
-def _pair_for(order: int) -> Any:
-    """Return the formulas for the steps from a reset to the end of a step."""
-    return importlib.import_module(f"{METHODS}.{'rk5' if order <= 5 else 'rk8'}").variable
+def _pair_for(method: Formulas, order: int) -> str:
+    """Return the name of the pair whose steps lead from a reset to the end of a step: the method's own, if any."""
+    if method.is_own and hasattr(method.defined, "variable"):
+        return method.module.__name__.rpartition(".")[2]
+    return "rk5" if order <= 5 else "rk8"
 
 
 def search_names(method: Formulas, order: int, form: Form) -> dict[str, Any]:
     """Return the values of the names in capitals in the template of a kernel that searches its steps."""
     start = {"START": element(method.start), "PAST": method.past}
+    name = _pair_for(method, order)
+    pair = variable_formulas(name)
     return {
-        "SEARCH": _search(order <= 5, form),
-        "PAIR_ROWS": _pair_for(order).rows,
+        "SEARCH": _search(name, form),
+        "WORK": pair.work_rows,
+        "PAIR_ROWS": pair.rows,
         "START_ANEW": element(bound(start_anew, start) if method.past else start_without_past),
     }
 
 
 @functools.cache
-def _search(is_low: bool, form: Form) -> Any:
+def _search(pair: str, form: Form) -> Any:
     """Return the search for a right-hand side at an address. The kernels of all methods of one pair share it."""
     arguments = int64, int64, vector_type, float64, float64, float64, int64, vector_type
-    names = {**_names(is_low, form), "RHS": form.at("rhs")}
-    return linked(search, names, int64(*arguments), f"{'rk5' if is_low else 'rk8'}_{form.name}")
+    names = {**_names(variable_formulas(pair), form), "RHS": form.at("rhs")}
+    return linked(search, names, int64(*arguments), f"{pair}_{form.name}")
 
 
-def _names(is_low: bool, form: Form) -> dict[str, Any]:
-    pair = _pair_for(5 if is_low else 8)
+def _names(pair: Any, form: Form) -> dict[str, Any]:
     theirs, (look_within, write_time) = pair.functions(), searching(form)
     has_extension = pair.dense_evaluations > 0
     names = {
+        "WORK": pair.work_rows,
         "PAIR_ROWS": pair.rows,
         "PAIR_COST": 1 + pair.evaluations + pair.dense_evaluations,
         "STEP_DENSE_COST": pair.evaluations + pair.dense_evaluations if has_extension else 1,

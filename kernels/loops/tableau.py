@@ -20,6 +20,13 @@ import numpy as np
 from ..compile.jit import bound, element
 from ..compile.source import Constants, after_sum, define, loop
 
+Row = Sequence[Fraction]
+
+
+def product(row: Row, A: Sequence[Row]) -> list[Fraction]:
+    """Return the product of a row and a square matrix, exactly."""
+    return [sum((x * a[j] for x, a in zip(row, A, strict=False)), Fraction(0)) for j in range(len(A))]
+
 
 class Tableau:
     """The formulas of one method: the names that a method's file contains.
@@ -34,6 +41,10 @@ class Tableau:
         The weights of the stages.
     """
 
+    #: The rows that a stage writes, and the row that it hands to the right-hand side as v.
+    state: tuple[str, ...] = ("u_stage", "v_stage")
+    velocity = "v_stage"
+
     def __init__(self, c: Sequence[float], A: Sequence[Sequence[float]], b: Sequence[float]) -> None:
         self.A = [[Fraction(x) for x in row] + [Fraction(0)] * (len(b) - len(row)) for row in [(), *A]]
         self.b = [Fraction(x) for x in b]
@@ -43,29 +54,30 @@ class Tableau:
         defined = define(text, "tableau", {"__name__": __name__})
         self.step, self.step_of_one = element(defined["step"]), element(defined["step_of_one"])
         self.constants = element(defined["constants"])
-        self.rows, self.evaluations = 4 + self.stages, self.stages
+        self.rows, self.evaluations = 2 + len(self.state) + self.stages, self.stages
         self.brief_step = self._brief()
 
-    def _times_matrix(self, row: Sequence[Fraction]) -> list[Fraction]:
-        """Return the product of a row and A, exactly."""
-        return [sum((row[k] * self.A[k][j] for k in range(self.stages)), Fraction(0)) for j in range(self.stages)]
+    def stage(self, row: Row, A: Sequence[Row]) -> list[Row]:
+        """Return the weights of the accelerations in the rows `state` of a stage, from its row of the matrix A."""
+        return [product(row, A), row]
 
-    def _state(self, c: float, row: Sequence[Fraction], constants: Constants) -> tuple[str, str]:
-        """Return the text of u and v after the fraction c of the step, with the weights `row` of the accelerations."""
+    def end(self, row: Row, A: Sequence[Row]) -> list[Row]:
+        """Return the weights of the accelerations in u and v at the end of a step, from those in v."""
+        return [product(row, A), row]
 
-        def accelerations(weights: Sequence[Fraction], power: int) -> list[tuple[str, str]]:
-            return [(constants(float(w), power), f"a{j}[j]") for j, w in enumerate(weights) if w]
-
-        drift = constants(c, 1), "v[j]"
-        return (
-            after_sum("u[j]", [drift, *accelerations(self._times_matrix(row), 2)]),
-            after_sum("v[j]", accelerations(row, 1)),
-        )
+    def _state(self, c: float, weights: Sequence[Row], constants: Constants) -> list[str]:
+        """Return the text of u, and of v, after the fraction c of the step."""
+        sums = [
+            [(constants(float(w), power), f"a{j}[j]") for j, w in enumerate(row) if w]
+            for row, power in zip(weights, (2, 1), strict=False)
+        ]
+        sums[0].insert(0, (constants(c, 1), "v[j]"))
+        return [after_sum(start, terms) for start, terms in zip(("u[j]", "v[j]"), sums, strict=False)]
 
     def _brief(self) -> Any:
         """Return the step that starts another method: it has loops over the stages, so that it compiles quickly."""
         A = np.array([*self.A, self.b], dtype=np.float64)
-        A_bar = np.array([self._times_matrix(row) for row in [*self.A, self.b]], dtype=np.float64)
+        A_bar = np.array([product(row, self.A) for row in [*self.A, self.b]], dtype=np.float64)
         return element(bound(brief_step, {"C": np.array([*self.c, 1.0]), "A": A, "A_BAR": A_bar}))
 
     def _time(self, i: int) -> str:
@@ -73,13 +85,13 @@ class Tableau:
 
     def _step(self, name: str, constants: Constants, many: bool = True) -> str:
         accelerations = [f"a{i}" for i in range(self.stages)]
-        lines = [f"def {name}(f, at, y, c, n):", f"u, v, u_stage, v_stage, {', '.join(accelerations)} = y"]
+        lines = [f"def {name}(f, at, y, c, n):", f"{', '.join(['u', 'v', *self.state, *accelerations])} = y"]
         lines.append("f(at.t, u, v, at.p, a0)")
         for i in range(1, self.stages):
-            u, v = self._state(self.c[i], self.A[i], constants)
-            lines += [*loop({"u_stage": u, "v_stage": v}, many), f"f({self._time(i)}, u_stage, v_stage, at.p, a{i})"]
-        u, v = self._state(1.0, self.b, constants)
-        return "\n    ".join([*lines, *loop({"u": u, "v": v}, many), "return y, True"]) + "\n\n"
+            stage = dict(zip(self.state, self._state(self.c[i], self.stage(self.A[i], self.A), constants), strict=True))
+            lines += [*loop(stage, many), f"f({self._time(i)}, u_stage, {self.velocity}, at.p, a{i})"]
+        end = dict(zip(("u", "v"), self._state(1.0, self.end(self.b, self.A), constants), strict=True))
+        return "\n    ".join([*lines, *loop(end, many), "return y, True"]) + "\n\n"
 
 
 def brief_step(f, at, u, v, scratch, n):  # type: ignore[no-untyped-def]

@@ -9,7 +9,6 @@ A state has rows of n values also for one degree of freedom: they are registers 
 from __future__ import annotations
 
 import functools
-import importlib
 import math
 from typing import Any
 
@@ -57,15 +56,15 @@ from ..protocol import (
 from .beginning import RESOLUTION, beginning, least_size
 from .controller import exponent, growth, shrinkage
 from .dense import evaluate
-from .events import LATER, WORK, quiet, searching
+from .events import LATER, quiet, searching
 from .fixed import STACKED_DEGREES, inline_callbacks, pointer_callbacks
 from .follow import end_part, inline_functions, save, widen_all
 from .follow import functions as following
-from .formulas import METHODS
+from .formulas import variable_formulas
 from .pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
 from .within import within_functions
 
-__all__ = ["WORK", "inline_kernel", "kernel", "least_size"]
+__all__ = ["inline_kernel", "kernel", "least_size"]
 
 _SILENCE = 0.02  # longest step while nothing acts, as a part of the time since the start
 _LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
@@ -266,7 +265,7 @@ def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: int, quan
 
 
 def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], looks: int, label: str) -> Any:
-    formulas = importlib.import_module(f"{METHODS}.{module}").variable
+    formulas = variable_formulas(module)
     theirs = formulas.functions()
     begin, sizes_at_rest = beginning(form)
     names = {

@@ -17,13 +17,14 @@ from __future__ import annotations
 from typing import Any
 
 from ..compile.jit import element, outlined
-from ..loops.dense import quintic
+from ..loops.dense import QUINTIC_TERMS, quintic
 
 
 class _Formulas:
     """The formulas, with the names of `eig3.kernels.loops.pair.Pair`."""
 
     rows, order, evaluations, dense_evaluations = 9, 3, 1, 0
+    terms, work_rows = QUINTIC_TERMS, 2 + 2 * QUINTIC_TERMS
 
     def functions(self) -> dict[str, Any]:
         found = {function.__name__: element(function) for function in (trial, square, advance, restart)}
