@@ -17,7 +17,14 @@ from eig3.options import method_name
 
 def test_names_are_those_of_the_design():
     of_the_article = ["eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3"]
-    assert list(eig3.METHODS) == [*of_the_article, "rk5", "rk8", "rkn12", "bm6", *(f"eig{grade}" for grade in range(4, 14))]
+    assert list(eig3.METHODS) == [
+        *of_the_article,
+        "rk5",
+        "rk8",
+        "rkn12",
+        "bm6",
+        *(f"eig{grade}" for grade in range(4, 14)),
+    ]
 
 
 def test_a_variant_does_not_take_the_name_of_its_base():

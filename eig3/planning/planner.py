@@ -16,8 +16,9 @@ from .search import NO_TIME, SCOUT, Search, guide
 from .tolerance_search import VARIABLE, ToleranceSearch
 
 EXTRAPOLATED = "extrapolated from longer steps"  # the note of a prediction that is rougher than the others
+_HIGH = tuple(f"eig{grade}" for grade in (8, 9, 10, 11, 12, 13, 7, 6))
 #: The order in which the methods of the library are tried: a good method found early shortens the runs of the others.
-_FIRST = ("eig5", "eig4", "eig3", "cd", "bm6", "rk8", *(f"eig{k}" for k in (8, 9, 10, 11, 12, 13, 7, 6)), "rk5", "rk4")
+_FIRST = ("eig5", "eig4", "eig3", "cd", "bm6", "rk8", "rkn12", *_HIGH, "rk5", "rk4")
 _WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders have no limit, but grow at every step
 #: Aim for this fraction of the accuracy. The error of the trajectory is measured at some states, the energy's at more.
 _AIM = {"trajectory": 0.75, "energy": 0.9}
@@ -197,8 +198,8 @@ def plan(
         The error is max |u - u(t)| / max |u| over all degrees of freedom for "trajectory", and max |E - E0| / |E0| for
         "energy". For "trajectory", all degrees of freedom should have the same unit or be scaled.
     methods : sequence of str or Method, optional
-        The methods to compare. Each of them gets a prediction, and RK5 and RK8 a second one with tolerances. If None,
-        all methods of the library are compared, and those that cannot be the fastest are ruled out.
+        The methods to compare. Each of them gets a prediction, and RK5, RK8 and RKN12 a second one with tolerances. If
+        None, all methods of the library are compared, and those that cannot be the fastest are ruled out.
 
     Returns
     -------
@@ -238,8 +239,8 @@ def plan(
                 "occurs, and leave it out, with problem.with_(t_span=..., events={})."
             )
     records = [check_method(method) for method in (_in_order_of_trial() if methods is None else methods)]
-    if methods is None and problem.uses_velocity:
-        records = [method for method in records if not method.ignores_velocity]
+    if methods is None:
+        records = _for(problem, records)
     if not records:
         raise ValueError("methods must name at least one method.")
     pilots = Pilots(problem, metric, _AIM[metric] * accuracy)
@@ -263,6 +264,11 @@ def plan(
 
 def _in_order_of_trial() -> list[str]:
     return sorted(LIBRARY, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+
+
+def _for(problem: Problem, methods: Sequence[Method]) -> list[Method]:
+    """The methods that are valid for the problem."""
+    return [method for method in methods if not (method.ignores_velocity and problem.uses_velocity)]
 
 
 def _choose(first: Search, records: list[Method]) -> list[Prediction]:
@@ -304,7 +310,7 @@ def _in_order(first: Search, records: list[Method]) -> list[AnySearch]:
     """
     pilots = first.pilots
     fixed: list[AnySearch] = [first if method == first.method else Search(pilots, method) for method in records]
-    variable: list[AnySearch] = [ToleranceSearch(pilots, method) for method in VARIABLE]
+    variable: list[AnySearch] = [ToleranceSearch(pilots, method) for method in _for(pilots.problem, VARIABLE)]
     if not first.is_limited:
         return variable + fixed
     return sorted(fixed, key=lambda search: search.method != SCOUT) + variable

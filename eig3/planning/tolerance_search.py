@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from ..methods import RK5, RK8, Method
+from ..methods import RK5, RK8, RKN12, Method
 from ..stepping.tolerances import LEAST_RTOL
 from .pilots import Pilots, Run
 from .search import NO_TIME, Timed
 
-VARIABLE: tuple[Method, ...] = (RK8(), RK5())  # the methods that are tried with tolerances
+VARIABLE: tuple[Method, ...] = (RK8(), RKN12(), RK5())  # the methods that are tried with tolerances
 _MOST_RUNS = 8
 _GOAL = 0.8  # the next run aims at this fraction of the aim: the error is not a smooth function of rtol
 _ENOUGH = 0.5  # an error of at least this fraction of the aim ends the search

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import takes
+from ..functions.callbacks import check_callback, takes
 from ..functions.checks import (
     check_count,
     check_flag,
@@ -33,7 +33,7 @@ from ..result.storage import Place
 from ..stepping.march import NEVER, Cancel
 from ..stepping.stepper import Stepper
 from ..stepping.system import System, remembered
-from ..stepping.tolerances import Limits, Tolerances, check_limits, method_for
+from ..stepping.tolerances import Limits, Tolerances, check_limits, check_variable, usual_method
 from ..stepping.variable_stepper import VariableStepper
 from ..stepping.watching import check_times
 from . import short
@@ -110,7 +110,10 @@ class Prepared:
             raise ValueError("give h for a fixed step, or rtol for tolerances: one of the two is needed.")
         else:
             self._limits: Limits = check_limits(rtol, h_max, first_step, max_steps)
-            record = method_for(method, self._limits.rtol)
+            if method is None:
+                record = usual_method(self._limits.rtol, check_callback(rhs, "rhs", form).reads_velocity)
+            else:
+                record = check_variable(method)
         self._h, self._t_eval = h, t_eval
         self._save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
         functions: Functions = check_functions(invariants, outputs)

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, check_method, reals, shown
-from ..methods import METHODS, RK5, RK8, Method
+from ..methods import METHODS, RK5, RK8, RKN12, Method
 
 LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off decides about the steps
 _RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
+_RKN12_FROM = 1e-6  # up to this, RKN12 takes the time of RK8 or less, and has a tenth to a thousandth of its error
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +97,15 @@ def _absolute(atol: ArrayLike | None, n: int, n_integrals: int) -> np.ndarray:
     return np.ascontiguousarray(np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1))
 
 
-def method_for(method: str | Method | None, rtol: float) -> Method:
-    """Return the record of a method that has steps of variable length; for None, the one that suits the tolerance."""
-    if method is None:
-        return RK8() if rtol < _RK8_FROM else RK5()
+def usual_method(rtol: float, reads_velocity: bool) -> Method:
+    """Return the method that suits a tolerance, and a right-hand side that reads the velocity or does not."""
+    if rtol <= _RKN12_FROM and not reads_velocity:
+        return RKN12()
+    return RK8() if rtol < _RK8_FROM else RK5()
+
+
+def check_variable(method: str | Method) -> Method:
+    """Return the record of a method that has steps of variable length."""
     record = check_method(method, has_tolerances=True)
     if record.variable:
         return record

@@ -1,8 +1,16 @@
-"""The control of the step by the error of the last two steps, the PI controller of Gustafsson.
+"""The control of the step by the error of the last two steps, after Gustafsson: the smaller step of two controllers.
 
-    h_{n+1} = 0.9 h_n error_n^(-0.7/k) error_{n-1}^(0.4/k)
+    PI:          h_{n+1} / h_n = 0.9 error_n^(-0.7/k) error_{n-1}^(0.4/k)
+    predictive:  h_{n+1} / h_n = 0.9 (h_n / h_{n-1}) (error_{n-1} / error_n^2)^(1/k)
 
-k is the order of the estimate of the error plus 1. The logarithm and the power of 2 are approximate, to 1 %: this is
+k is the order of the estimate of the error plus 1. The first keeps the steps of a vibration even. The second assumes
+that error / h^k goes on growing as in the last step: few steps before a close passage are then rejected. Where the
+error falls, steps as long as the second allows would often be rejected.
+
+K. Gustafsson, Control-theoretic techniques for stepsize selection in implicit Runge-Kutta methods, ACM Transactions on
+Mathematical Software 20 (1994), 496-517.
+
+The logarithm and the power of 2 are approximate, to 1 %: this is
 enough for a step, and the next step of a small system would have to wait for those of the C library.
 """
 
@@ -13,6 +21,7 @@ from ..compile.jit import element
 _ONE_BITS, _FRACTION_BITS = 1023 << 52, (1 << 52) - 1
 _SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
 _LEAST_SQUARE = 1e-20  # a smaller square of the error counts as this
+LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
 
 
 @element
@@ -38,9 +47,15 @@ def exponent(square):
 
 
 @element
-def growth(now, before, order):
-    """Return the factor of the step from the logarithms of the error of this step and of the step before."""
-    return min(MOST, max(LEAST, _SAFETY * exp2((0.4 * before - 0.7 * now) / order)))
+def growth(now, before, ratio, order):
+    """Return the factor of the step from the logarithms of the errors of this step and of the step before.
+
+    `ratio` is the logarithm of the ratio of the two steps. The predictive controller needs errors above round-off.
+    """
+    power = 0.4 * before - 0.7 * now
+    if now > LEAST_ERROR:
+        power = min(power, order * ratio + before - 2 * now)
+    return min(MOST, max(LEAST, _SAFETY * exp2(power / order)))
 
 
 @element

@@ -54,7 +54,7 @@ from ..protocol import (
     vector_type,
 )
 from .beginning import RESOLUTION, beginning, least_size
-from .controller import exponent, growth, shrinkage
+from .controller import LEAST_ERROR, exponent, growth, log2, shrinkage
 from .dense import evaluate
 from .events import LATER, quiet, searching
 from .fixed import STACKED_DEGREES, inline_callbacks, pointer_callbacks
@@ -67,7 +67,6 @@ from .within import within_functions
 __all__ = ["inline_kernel", "kernel", "least_size"]
 
 _SILENCE = 0.02  # longest step while nothing acts, as a part of the time since the start
-_LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
 
 
 def variable(callbacks, state, settings, tally, span, look):
@@ -126,7 +125,7 @@ def variable(callbacks, state, settings, tally, span, look):
             continue
         taken += 1
         t_end, error = span.t_end if is_last else t + step, exponent(square)
-        grown = growth(error, tally[ERROR], ORDER)
+        grown = growth(error, tally[ERROR], log2(step / tally[STEP_BEFORE]), ORDER)
         h = min(step * (min(grown, 1.0) if was_rejected else grown), span.h_max)
         if square == 0 and span.reads_time == 1 and is_silent(n, y):
             h = min(h, max(step, _SILENCE * (t_end - span.t0)))
@@ -143,7 +142,7 @@ def variable(callbacks, state, settings, tally, span, look):
             if outcome in (NOT_A_NUMBER, RESTING):
                 taken, ended = taken - 1, outcome
                 break
-        tally[ERROR], tally[STEP_BEFORE] = max(error, _LEAST_ERROR), step
+        tally[ERROR], tally[STEP_BEFORE] = max(error, LEAST_ERROR), step
         if LOOKS > 0:
             if LOOKS == SEARCHES and has_times:
                 while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
