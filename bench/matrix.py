@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import text
+from .modes import MODES
 from .reach import Contest, Reach, contests
 from .sweep import WorkPrecisionSet
 
@@ -18,8 +19,6 @@ IN_WORDS = {
     "trajectory": "in the trajectory",
     "energy": "in the energy",
     "continuum": "against the continuous bar",
-    "pointer": "the right-hand side called through a pointer",
-    "inline": "the right-hand side compiled into the kernels",
 }
 
 
@@ -57,7 +56,7 @@ class Matrix:
 
     def answer(self, target: float) -> str:
         """Which methods are the fastest to reach the target, and where a rival is ahead, in a few sentences."""
-        begin = f"To reach an error of {power(target)} {IN_WORDS[self.metric]}, with {IN_WORDS[self.mode]}"
+        begin = f"To reach an error of {power(target)} {IN_WORDS[self.metric]}, counting {MODES[self.mode].words}"
         held = [(row, contest) for row in self.rows if (contest := row.at(target)) and contest.reached]
         if not held:
             return f"{begin}, no method that was measured is accurate enough, or the truth is not known so well."

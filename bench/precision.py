@@ -16,6 +16,7 @@ from eig3.options import Files, add_methods, add_out, method_name
 
 from . import pictures, text
 from .environment import environment, in_words
+from .modes import MODES
 from .options import add_accuracies, add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET, VARIABLE_SPEED
 from .reach import Contest, Reach, contests, front, reach
@@ -41,7 +42,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"halve the steps until a run takes this time ({LONGEST})",
     )
-    parser.add_argument("--inline", action="store_true", help="compile the right-hand side into the kernels")
+    words = "; ".join(f"{name}: {mode.words}" for name, mode in MODES.items())
+    parser.add_argument("--mode", choices=MODES, default=next(iter(MODES)), help=f"what is timed ({words})")
     parser.add_argument("--no-rivals", dest="rivals", action="store_false", help="leave out SciPy, heyoka and CyRK")
     add_accuracies(parser, "those of each problem")
     add_out(parser, "folder for precision.json, precision.md and pictures")
@@ -54,7 +56,7 @@ def run(options: argparse.Namespace) -> None:
         repeats=options.repeats,
         longest=options.longest,
         rivals=options.rivals,
-        inline=options.inline,
+        mode=options.mode,
         accuracies=options.accuracies,
         out=options.out,
     )
@@ -67,7 +69,7 @@ def benchmark(
     repeats: int = REPEATS,
     longest: float = LONGEST,
     rivals: bool = True,
-    inline: bool = False,
+    mode: str = next(iter(MODES)),
     accuracies: Sequence[float] | None = None,
     out: Path | None = None,
     write: Callable[[str], None] = print,
@@ -87,7 +89,7 @@ def benchmark(
             with files.writing("precision.md") as path:
                 path.write_text("\n\n".join(pages) + "\n", encoding="utf-8")
 
-    modes = ("inline",) if inline else ("pointer",)
+    modes = (mode,)
     add(f"Machine: {in_words()}\n\n{how_measured(repeats, longest, modes)}")
     for name in names:
         chosen = known[name] if accuracies is None else replace(known[name], targets=tuple(accuracies))
@@ -100,16 +102,13 @@ def benchmark(
 
 
 def how_measured(repeats: int, longest: float, modes: Sequence[str]) -> str:
-    words = " and ".join(IN_WORDS[mode] for mode in modes)
+    words = "; or ".join(MODES[mode].words for mode in modes)
     return (
-        f"Times: medians of {repeats} interleaved runs, fewer if they take long; compiling left out. The methods keep "
-        f"{STATES} states or more, or all if there are fewer, and have the right-hand side {words}. The rivals compute "
-        f"{RIVAL_STATES} states by their dense output, as do the methods with tolerances, whose times are those in the "
-        f"kernel. Steps are halved until a run takes {longest:g} s."
+        f"Times: medians of {repeats} interleaved runs, fewer if they take long; compiling left out. Of a method, the "
+        f"time is that of {words}. It keeps {STATES} states or more, or all if there are fewer. Of a rival, it is that "
+        f"of the whole call. The rivals compute {RIVAL_STATES} states by their dense output, as do the methods with "
+        f"tolerances. Steps are halved until a run takes {longest:g} s."
     )
-
-
-IN_WORDS = {"pointer": "through a pointer", "inline": "inlined"}
 
 
 def render(result: WorkPrecisionSet) -> str:

@@ -19,6 +19,7 @@ from eig3.run.fixed_run import divide
 from eig3.stability import limit
 
 from . import text
+from .modes import MODES
 from .problem_set import BenchmarkProblem, about, describe
 from .reference import METRICS, Judge, reference
 from .rivals import RIVALS, Answer, Rival
@@ -38,9 +39,7 @@ _ENOUGH = 0.3  # of the smallest target; no smaller step is tried
 _SHORT = 1e-3  # s
 _DIGITS = 5  # of times and errors in JSON
 _USELESS = 10.0  # only an unstable run has such a relative error
-#: How a kernel gets the right-hand side: it calls it through a pointer, or has it inlined.
-MODES = ("pointer", "inline")
-_INLINE = " --inline"  # the option of `eig3 bench precision`
+_MODE = " --mode "  # the option of `eig3 bench precision`
 CERTAIN = 3  # an error below this multiple of the uncertainty of the truth is not known
 
 
@@ -96,7 +95,7 @@ class WorkPrecisionSet:
     skipped : list of str
         What was not measured, and why.
     command : str
-        The command that measures these points alone, in the mode "pointer".
+        The command that measures these points alone.
     """
 
     name: str
@@ -148,8 +147,8 @@ class WorkPrecisionSet:
         """The points of one mode, and those of the rivals; the command is the one for this mode."""
         points = [point for point in self.points if point.mode in (mode, "")]
         command = self.command
-        if mode == "inline" and self.is_of_the_library:
-            command = f"{command.removesuffix(_INLINE)}{_INLINE}"
+        if self.is_of_the_library:
+            command = f"{command.partition(_MODE)[0]}{_MODE}{mode}"
         return dataclasses.replace(self, points=points, command=command)
 
     @property
@@ -222,7 +221,7 @@ def measure(
     longest: float,
     *,
     rivals: bool,
-    modes: Sequence[str] = MODES[:1],
+    modes: Sequence[str] = (*MODES,)[:1],
     command: str = "",
 ) -> WorkPrecisionSet:
     """Find the points of every method, in each of these modes, and of every rival; time all in interleaved runs."""
@@ -236,7 +235,8 @@ def measure(
         for key, method in records(problem, chosen, methods):
             found += sweep(problem, chosen, judge, key, method, longest, storage, mode)
         for key, own in TOLERANCES.items() if chosen.tolerances else ():
-            if key.partition(" ")[0] in methods:
+            name = key.partition(" ")[0]
+            if name in methods and not (METHODS[name]().ignores_velocity and problem.uses_velocity):
                 found += sweep_tolerances(problem, chosen.targets, judge, key, own, longest, mode)
     skipped = []
     for key, rival in RIVALS.items() if rivals else ():
@@ -293,16 +293,19 @@ def sweep(
     bound = (limit(method) or 2.0) / chosen.omega
     label = method.label + {"cd newton": ", Newton", "cd fixed-point": ", fixed point"}.get(key, "")
 
-    span, inline = problem.t_span[1] - problem.t_span[0], mode == "inline"
+    span, timed = problem.t_span[1] - problem.t_span[0], MODES[mode]
 
     def at(step: float) -> tuple[Repeatable, Solution]:
         n_steps, h = divide(span, step)
         every = max(1, n_steps // STATES)
         text.status(f"{problem.name}, {label}, h = {h:.3g}")
-        solution = problem.integrate(h=h, method=method, save_every=every, inline=inline)
+        options = {"h": h, "method": method, "save_every": every}
+        solution = problem.integrate(**options, inline=timed.is_inline)
         errors = judge.of_run(solution) if solution.success else {}
         point = Point(key, label, mode, h, n_steps, solution.n_rhs, is_stable(solution.success, errors), errors)
-        start = problem.stepper(h=h, method=method, inline=inline)
+        if timed.is_whole:
+            return (point, warm(timed.whole_call(problem, options))), solution
+        start = problem.stepper(h=h, method=method, inline=timed.is_inline)
         return (point, warm(kernel_run(start, n_steps, every=every, storage=storage))), solution
 
     was_stable, pace, taken = True, 0.0, 0
@@ -336,7 +339,7 @@ def sweep_tolerances(
 
     Only a method has a `mode`.
     """
-    options = {"inline": True} if mode == "inline" else {}
+    options = {"mode": MODES[mode]} if mode else {}
     times = np.linspace(*problem.t_span, states)
     at = rival.prepare(problem, times, **options)
     at(rival.tolerances[0])()  # compiles: this must not count as time of a run

@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from eig3.methods import METHODS
 from eig3.problem import Problem
 
+from .modes import Mode
 from .rivals import Answer, Rival, absolute
 
 
 def _prepare(
-    method: str, problem: Problem, times: np.ndarray, *, inline: bool = False
+    method: str, problem: Problem, times: np.ndarray, *, mode: Mode
 ) -> Callable[[float], Callable[[], Answer]]:
-    options: dict[str, Any] = {"method": method, "t_eval": times, "invariants": {}, "inline": inline}
+    def at(tolerance: float) -> Callable[[], Answer]:
+        options = {"method": method, "t_eval": times, "rtol": tolerance, "atol": absolute(tolerance, problem)}
+        call = mode.call(problem, options)
 
-    def run(tolerance: float) -> Answer:
-        solution = problem.integrate(rtol=tolerance, atol=absolute(tolerance, problem), **options)
-        return Answer(solution.kernel_seconds, solution.u, solution.v, solution.n_rhs, solution.success)
+        def run() -> Answer:
+            begin = time.perf_counter()
+            solution = call()
+            seconds = time.perf_counter() - begin if mode.is_whole else solution.kernel_seconds
+            return Answer(seconds, solution.u, solution.v, solution.n_rhs, solution.success)
 
-    return lambda tolerance: partial(run, tolerance)
+        return run
+
+    return at
 
 
 def _with_tolerances(method: str, steps: range) -> Rival:
@@ -35,5 +42,6 @@ def _with_tolerances(method: str, steps: range) -> Rival:
 TOLERANCES = {
     "rk5 tolerances": _with_tolerances("rk5", range(6, 27)),
     "rk8 tolerances": _with_tolerances("rk8", range(6, 28)),
+    "rkn12 tolerances": _with_tolerances("rkn12", range(4, 27)),
     "eig3 tolerances": _with_tolerances("eig3", range(4, 19)),
 }

@@ -364,12 +364,12 @@ def test_run_with_a_tolerance(tmp_path, capsys):
     """The ball is followed through its impacts, with states at equal distances in time."""
     assert main(["run", "bouncing_ball", "--rtol", "1e-6", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert "Solution by RK8(): completed" in printed
+    assert "Solution by RKN12(): completed" in printed
     assert "steps of mean h = " in printed
     with np.load(tmp_path / "bouncing_ball.npz") as history:
         t, u = history["t"], history["u"]
     exact = problems.bouncing_ball().exact(t)[0]
-    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9)  # RK8 is exact between the impacts
+    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9)  # RKN12 is exact between the impacts
     np.testing.assert_allclose(np.diff(t), t[1], rtol=1e-9)
 
 
@@ -379,5 +379,7 @@ def test_run_takes_a_step_or_a_tolerance(capsys):
     assert "not allowed with argument" in capsys.readouterr().err
     with pytest.raises(ValueError, match="h and rtol exclude each other"):
         run(problems.duffing, h=0.1, rtol=1e-6)
-    with pytest.raises(SystemExit, match="eig3 run: method must be one of 'eig3', 'rk5', 'rk8' with tolerances"):
+    with pytest.raises(
+        SystemExit, match="eig3 run: method must be one of 'eig3', 'rk5', 'rk8', 'rkn12' with tolerances"
+    ):
         main(["run", "duffing", "--rtol", "1e-6", "--method", "rk4"])

@@ -35,7 +35,7 @@ WIDTHS = {400: "light", 1300: "light", 1600: "dark"}
 def points(scale: float) -> list[Point]:
     """Runs with steps 2^-1 to 2^-14. The error in the energy is a tenth of that of the trajectory."""
     found = []
-    for mode, speed in (("pointer", 1.0), ("inline", 0.25)):
+    for mode, speed in (("prepared", 1.0), ("inline", 0.25)):
         for method, (label, order, step) in METHODS.items():
             if method == "heyoka" and mode == "inline":
                 continue  # a rival was measured once
@@ -47,7 +47,7 @@ def points(scale: float) -> list[Point]:
                     of_mode = "" if method == "heyoka" else mode
                     seconds = [0.9 * time, time, 1.2 * time]
                     found.append(Point(method, label, of_mode, 2.0**-k, n, n + 1, True, errors, seconds))
-    found.append(Point("rk4", "RK4", "pointer", 1.5, 60, 240, False, {}, []))
+    found.append(Point("rk4", "RK4", "prepared", 1.5, 60, 240, False, {}, []))
     return found
 
 
@@ -156,7 +156,7 @@ def test_the_page_fits_and_opens_with_the_answer(browser, page, width, tmp_path)
 
 
 def test_cells_hold_the_fastest_its_time_and_its_leads(opened):
-    (matrix,) = [Matrix.of(RESULTS[:1], "trajectory", "pointer")]
+    (matrix,) = [Matrix.of(RESULTS[:1], "trajectory", "prepared")]
     cells = opened.locator(".matrix:visible tbody tr").first.locator("td")
     for cell, contest in zip(cells.all(), matrix.rows[0].contests, strict=True):
         words = cell.inner_text()
@@ -210,7 +210,7 @@ def test_an_address_brings_back_what_was_chosen(browser, page):
     for tab in open_at(browser, f"{page}?metric=energy&mode=inline&accuracy=1e-8", 1300):
         assert tab.locator("output").inner_text() == "1e-8"
         sentence = tab.locator(".sentence:visible").inner_text()
-        assert "1e-8 in the energy, with the right-hand side compiled" in sentence
+        assert "1e-8 in the energy, counting the kernel, which has the right-hand side compiled in" in sentence
 
 
 def test_a_point_tells_its_run(opened):

@@ -21,7 +21,7 @@ from eig3.scene import Scene
 
 OTHER_GRADES = ["eig6", "eig7", "eig8", "eig10", "eig11", "eig12"]  # their kernels come from the text of other grades
 #: Methods for a force that depends on the velocity.
-ANY_FORCE = [name for name in LIBRARY if name != "bm6" and name not in OTHER_GRADES]
+ANY_FORCE = [name for name in LIBRARY if not (eig3.METHODS[name]().ignores_velocity or name in OTHER_GRADES)]
 OF_EACH_KIND = ["eig3", "cd", "rk4", "ab3", "eig9"]  # all others would only compile more kernels
 
 

@@ -11,6 +11,7 @@ import pytest
 import eig3
 from eig3 import problems
 from eig3.bench import plan, precision, rivals, sweep
+from eig3.bench.modes import MODES
 from eig3.bench.precision import reach
 from eig3.bench.problem_set import PROBLEM_SET, VARIABLE_SPEED, BenchmarkProblem, about, describe
 from eig3.bench.reference import Judge, reference
@@ -73,12 +74,22 @@ def test_the_modes_of_a_set_are_apart_and_the_rivals_in_each():
     swept.append(Point("heyoka", "heyoka", "", 1e-3, None, None, True, {"trajectory": 1e-3}, [2.0]))
     result = result_of(list(reversed(swept)), command="eig3 bench precision --problem x")
     assert result.modes == ["pointer", "inline"]
-    assert result.in_mode("pointer").command == result.command
-    assert result.in_mode("inline").in_mode("inline").command == f"{result.command} --inline"
+    assert result.in_mode("pointer").command == f"{result.command} --mode pointer"
+    assert result.in_mode("inline").in_mode("inline").command == f"{result.command} --mode inline"
     for mode, ratio in (("pointer", 1 / 2), ("inline", 1 / 4)):
         (contest, *_) = precision.contests(result.in_mode(mode), "trajectory")
         assert contest.ratio == ratio
         assert result.in_mode(mode).modes == [mode]
+
+
+def test_a_mode_changes_what_is_timed_and_not_the_motion():
+    problem = problems.single_dof(t_end=20.0)
+    options = {"h": 0.01, "method": "eig3"}
+    runs = {name: mode.call(problem, options)() for name, mode in MODES.items()}
+    for name, run in runs.items():
+        assert run.inline is MODES[name].is_inline
+        np.testing.assert_allclose(run.u, runs["pointer"].u, rtol=0, atol=1e-12)  # rounded in another way when inlined
+    assert MODES["prepared"].whole_call(problem, options)() > 0
 
 
 def test_a_set_comes_back_from_json():
@@ -288,7 +299,7 @@ def test_methods_with_tolerances_are_measured_at_the_times_of_the_rivals(key):
 def test_methods_with_tolerances_follow_the_impacts_of_the_ball(key):
     problem = problems.bouncing_ball()
     times = np.linspace(*problem.t_span, 101)
-    answer = TOLERANCES[key].prepare(problem, times)(1e-6)()
+    answer = TOLERANCES[key].prepare(problem, times, mode=MODES["integrate"])(1e-6)()
     assert answer.success
     np.testing.assert_allclose(answer.u, problem.exact(times)[0], rtol=0, atol=1e-9)  # each is exact for parabolas
 

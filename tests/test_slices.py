@@ -133,7 +133,7 @@ def test_a_long_run_with_tolerances_after_a_short_one_has_slices(monkeypatch, cl
 
     wrap_kernels(monkeypatch, lambda kernel: clock.watch(kernel, slow_from=10**9))
     for end in (1, 10_000):
-        eig3.integrate(rhs, (0, end), 1.0, 0.0, rtol=1e-6, save_every=save_every)
+        eig3.integrate(rhs, (0, end), 1.0, 0.0, method="rk8", rtol=1e-6, save_every=save_every)
     assert clock.steps > 3 * SLICE / PER_STEP
     assert clock.longest <= SLICE * (1 + 1e-3)  # round-off of the clock
 

@@ -36,7 +36,7 @@ def test_a_users_problem_is_judged_by_its_exact_solution(tmp_path):
     assert "oscillator" in page.read_text()
     (result,) = Record.open(page.parent).results
     assert result.source == "exact solution"
-    assert result.modes == ["pointer", "inline"]
+    assert result.modes == ["prepared", "integrate", "pointer", "inline"]
     assert result.metrics == ["trajectory", "energy"]
     assert "EIG-3" in " ".join([*result.methods.values(), *result.skipped])
     fixed = [point for point in result.points if point.stable and point.n_steps]

@@ -22,10 +22,10 @@ from eig3.problem import Problem
 
 from .. import c
 from ..environment import environment, in_words
+from ..modes import MODES
 from ..options import add_accuracies, choose
 from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
 from ..rivals import RIVALS
-from ..sweep import MODES
 from ..typed import checked
 from . import own
 from .comparison import Comparison
@@ -224,8 +224,8 @@ def report(
     """Measure what each accuracy costs in time on your own problem, and write a page of it.
 
     The methods and their steps follow from pilot runs of `eig3.plan`. They run with the right-hand side through a
-    pointer, the fastest of them also with it inlined, and beside other solvers. This takes about a minute for a small
-    system.
+    pointer, the fastest of them also with it inlined, and beside other solvers. Whole calls are timed, and kernels
+    alone. This takes about a minute for a small system.
 
     Parameters
     ----------

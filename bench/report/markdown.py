@@ -12,8 +12,9 @@ from eig3.options import Files
 from .. import paper, pictures, precision, text
 from ..environment import in_words
 from ..matrix import Matrix, in_units, power
+from ..modes import MODES
 from ..reach import Contest
-from ..sweep import MODES, WorkPrecisionSet
+from ..sweep import WorkPrecisionSet
 from . import own
 from .comparison import Comparison
 from .record import Record, part_name
@@ -63,7 +64,7 @@ def page(record: Record, comparison: Comparison | None) -> str:
 def how_measured(record: Record) -> list[str]:
     """How the times of the library's problems were measured, and those of a user's own."""
     settings = record.run.settings
-    repeats, modes = settings["repeats"], settings["modes"] or MODES
+    repeats, modes = settings["repeats"], settings["modes"] or list(MODES)
     found = []
     if any(result.is_of_the_library for result in record.results):
         found.append(precision.how_measured(repeats, settings["longest"], modes))
@@ -89,14 +90,14 @@ def picture(result: WorkPrecisionSet) -> str:
 
 
 def first_mode(result: WorkPrecisionSet) -> WorkPrecisionSet:
-    """The points of the first mode that was measured, "pointer" if it is there."""
+    """The points of the first mode that was measured, in the order of `MODES`."""
     return result.in_mode(result.modes[0]) if result.modes else result
 
 
 def matrix(results: Sequence[WorkPrecisionSet]) -> Matrix:
     """The matrix for the trajectory, in the first mode that was measured."""
     modes = [mode for mode in MODES if any(mode in result.modes for result in results)]
-    return Matrix.of(results, "trajectory", modes[0] if modes else MODES[0])
+    return Matrix.of(results, "trajectory", modes[0] if modes else next(iter(MODES)))
 
 
 def _answer(results: Sequence[WorkPrecisionSet]) -> list[str]:
@@ -121,12 +122,12 @@ def _problem(record: Record, result: WorkPrecisionSet) -> list[str]:
     motion = record.motion(result.name)
     shown = [f"![The motion of {result.title}]({quote(motion.name)})"] if motion else []
     parts: list[str] = []
-    for mode in result.modes or ["pointer"]:
+    for mode in result.modes or list(MODES)[:1]:
         of_mode = result.in_mode(mode)
         heading, *rest = precision.render(of_mode).split("\n\n")
         if not parts:
             parts += [f"#{heading}", *shown]
-        parts += [f"#### Right-hand side {precision.IN_WORDS[mode]}", f"Measured by `{of_mode.command}`."]
+        parts += [f"#### Counting {MODES[mode].words}", f"Measured by `{of_mode.command}`."]
         parts += rest
     return [*parts, f"![{result.title}: error against time and evaluations]({quote(picture(result))})"]
 

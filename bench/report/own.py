@@ -17,6 +17,7 @@ from eig3.planning.planner import Plan, Prediction, plan
 from eig3.problem import Problem
 
 from .. import text
+from ..modes import MODES, Mode
 from ..problem_set import about, describe
 from ..reference import Judge
 from ..rivals import RIVALS, Rival
@@ -149,13 +150,13 @@ def measure(
     fast = {p.method for each in plans for p in each.predictions[:_INLINED]}
     slow = [candidate.label for candidate in candidates if candidate.prediction.method not in fast]
     skipped += too_long + _ruled_out(plans, candidates)
-    if "inline" in modes:
+    if any(MODES[mode].is_inline for mode in modes):
         skipped += _by_reason(dict.fromkeys(slow, f"not inlined, since not among the {_INLINED} fastest of a plan"))
     runs = _Runs(judged, grid, judge)
     found: list[Repeatable] = []
     for mode in modes:
         for candidate in candidates:
-            if mode != "inline" or candidate.prediction.method in fast:
+            if not MODES[mode].is_inline or candidate.prediction.method in fast:
                 text.status(f"{name}, {candidate.label}, {mode}")
                 found += runs.of(candidate, mode)
     asked = _asked(rivals)
@@ -330,24 +331,27 @@ class _Runs:
 
     def of(self, candidate: _Candidate, mode: str) -> Iterable[Repeatable]:
         """The point of a candidate, and a function that repeats its run."""
-        options: dict[str, Any] = {"method": candidate.prediction.method, "inline": mode == "inline"}
+        options: dict[str, Any] = {"method": candidate.prediction.method}
         if candidate.rtol is None:
             options |= self.grid.steps(candidate.n_steps)
         else:
             options |= replace(candidate.prediction, rtol=candidate.rtol).options
             options["t_eval"] = np.linspace(*self.problem.t_span, self.grid.rival_states)
-        solution = self.problem.integrate(**options)
+        solution = self.problem.integrate(**options, inline=MODES[mode].is_inline)
         errors = self.judge.of_run(solution) if solution.success else {}
         setting = solution.h if candidate.rtol is None else candidate.rtol
         steps = solution.n_steps if candidate.rtol is None else None
         stable = is_stable(solution.success, errors)
         point = Point(candidate.key, candidate.label, mode, setting, steps, solution.n_rhs, stable, errors)
-        yield point, self._again(candidate, options)
+        yield point, self._again(candidate, options, MODES[mode])
 
-    def _again(self, candidate: _Candidate, options: dict[str, Any]) -> Callable[[], float]:
+    def _again(self, candidate: _Candidate, options: dict[str, Any], mode: Mode) -> Callable[[], float]:
+        if mode.is_whole:
+            return warm(mode.whole_call(self.problem, options))
         if candidate.rtol is not None or self.problem.events:
-            return lambda: self.problem.integrate(**options, invariants={}).kernel_seconds
+            call = mode.call(self.problem, options)
+            return lambda: call().kernel_seconds
         every = options["save_every"]
-        start = self.problem.stepper(h=options["h"], method=options["method"], inline=options["inline"])
+        start = self.problem.stepper(h=options["h"], method=options["method"], inline=mode.is_inline)
         storage = Storage.for_steps(self.problem, candidate.n_steps // every)
         return warm(kernel_run(start, candidate.n_steps, every=every, storage=storage))

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 from ..article_runs import MeasuredTable
 from ..environment import in_words
 from ..matrix import IN_WORDS, Matrix, abbreviated, in_units, lead, power, short
+from ..modes import MODES
 from ..paper import render as article_table
 from ..paper import render_claims, render_footnotes, render_relative
 from ..reference import METRICS
 from ..rivals import RIVALS
 from ..styles import SHAPES, in_order, style_of
-from ..sweep import MODES, Point, WorkPrecisionSet
+from ..sweep import Point, WorkPrecisionSet
 from ..tolerances import TOLERANCES
 from .markdown import TITLES, how_measured
 

@@ -20,8 +20,9 @@ from eig3.problem import Problem
 from .. import c, hard, paper, pictures, plan, stability
 from ..article import TABLES
 from ..article_runs import measure as measure_table
+from ..modes import MODES
 from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
-from ..sweep import MODES, measure
+from ..sweep import measure
 from . import own
 from .record import Record, motion_file, part_name
 from .truth import VALUES
@@ -120,7 +121,7 @@ def _precision(name: str, settings: Settings) -> Part:
 def _of_the_set(name: str, settings: Settings, record: Record) -> dict[str, Any]:
     chosen = replace((PROBLEM_SET | VARIABLE_SPEED)[name], targets=tuple(settings.accuracies or DECADES))
     draw_motion(record, name, chosen.build())
-    methods, modes = settings.methods or LIBRARY, settings.modes or MODES
+    methods, modes = settings.methods or LIBRARY, settings.modes or list(MODES)
     limits = settings.repeats, settings.longest
     return measure(name, chosen, methods, *limits, rivals=bool(settings.rivals), modes=modes).as_json()
 
@@ -136,7 +137,7 @@ def _own(name: str, settings: Settings, record: Record) -> dict[str, Any]:
 def measure_own(record: Record, name: str, problem: Problem, about: str, settings: Settings) -> dict[str, Any]:
     """Draw the motion of a user's problem, and measure it."""
     draw_motion(record, name, problem)
-    accuracies, modes = settings.accuracies or own.ACCURACIES, settings.modes or MODES
+    accuracies, modes = settings.accuracies or own.ACCURACIES, settings.modes or list(MODES)
     options: dict[str, Any] = {"repeats": settings.repeats, "rivals": settings.rivals, "methods": settings.methods}
     return own.measure(problem, accuracies, name=name, about=about, modes=modes, **options).as_json()
 

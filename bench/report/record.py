@@ -16,7 +16,8 @@ from eig3.options import Files, file_name
 from .. import plan
 from ..article_runs import MeasuredTable
 from ..environment import environment, in_words
-from ..sweep import MODES, WorkPrecisionSet
+from ..modes import MODES
+from ..sweep import WorkPrecisionSet
 from ..typed import check_known, check_positive, checked, fits
 
 RUN = "run.json"

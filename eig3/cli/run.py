@@ -17,7 +17,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--h", type=float, help="the step, s (default: the problem's own, or else at most a tenth of the critical step)"
     )
     steps.add_argument("--rtol", type=float, help="the relative tolerance, such as 1e-6, instead of a step")
-    add_method_and_end(parser, "eig3, or with --rtol rk8 or rk5")
+    add_method_and_end(parser, "eig3, or with --rtol rkn12, rk8 or rk5")
     add_out(parser, "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv")
     parser.add_argument("--animate", action="store_true", help="also write an animation, NAME.gif, to DIR or here")
     parser.add_argument("--format", choices=("gif", "mp4", "html"), help="the format of the animation (default: gif)")

@@ -63,8 +63,7 @@ def integrate(
         The parameters. rhs gets them as p, a one-dimensional array of float64.
     method : str or Method
         A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol
-        "rk5", "rk8", "rkn12" or "eig3"; by default "rkn12" for rtol up to 1e-6 if rhs does not read v, else "rk8" for
-        rtol below 1e-4, and "rk5" otherwise.
+        "rk5", "rk8", "eig3" or "rkn12", which is the default up to 1e-6 if rhs ignores v; else "rk8" below 1e-4.
     save_every : int or None
         Save every `save_every`-th state, the first and the last. None saves only the first and the last.
     t_eval : array_like, shape (m,)

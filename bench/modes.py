@@ -1,0 +1,59 @@
+"""What is timed of a run of the library: the whole call or the kernel, with the right-hand side inlined or not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from eig3.problem import Problem
+from eig3.result.solution import Solution
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One way to time a run.
+
+    Attributes
+    ----------
+    words : str
+        What is timed, after "counting".
+    is_inline : bool
+        Whether the right-hand side is compiled into the kernel; otherwise, the kernel calls it through a pointer.
+    is_whole : bool
+        Whether the time is that of the whole call, and not only that of the kernel.
+    is_prepared : bool
+        Whether the call is that of a prepared run.
+    """
+
+    words: str
+    is_inline: bool
+    is_whole: bool = False
+    is_prepared: bool = False
+
+    def call(self, problem: Problem, options: dict[str, Any]) -> Callable[[], Solution]:
+        """Return a function that makes a run of a problem."""
+        options = {**options, "inline": self.is_inline, "invariants": {}}
+        return problem.prepare(**options) if self.is_prepared else partial(problem.integrate, **options)
+
+    def whole_call(self, problem: Problem, options: dict[str, Any]) -> Callable[[], float]:
+        """Return a function that makes a run of a problem, and returns the seconds of its call."""
+        call = self.call(problem, options)
+
+        def run() -> float:
+            begin = time.perf_counter()
+            call()
+            return time.perf_counter() - begin
+
+        return run
+
+
+#: By name. The first is the one that is shown unless another is chosen.
+MODES = {
+    "prepared": Mode("the whole call of a prepared run with the right-hand side compiled in", True, True, True),
+    "integrate": Mode("the whole call of eig3.integrate", is_inline=False, is_whole=True),
+    "pointer": Mode("the kernel, which calls the right-hand side through a pointer", is_inline=False),
+    "inline": Mode("the kernel, which has the right-hand side compiled in", is_inline=True),
+}
