@@ -13,7 +13,8 @@ from eig3.drawing import NO_PICTURES
 from eig3.options import Files
 
 from .article_runs import MeasuredTable
-from .matrix import AT_MOST, IN_WORDS, Matrix, abbreviated, in_units, lead, power
+from .matrix import AT_MOST, Matrix, abbreviated, in_units, lead, power
+from .modes import MODES
 from .options import ARTICLE_METHODS
 from .reach import Contest, front
 from .reference import METRICS
@@ -134,7 +135,7 @@ def matrix(shown: Matrix) -> Figure:
     axes.spines[:].set_visible(False)
     axes.set_xlabel(
         "In each cell: the fastest, its time, and how many times as long the next method of eig3 takes, and the best "
-        f"rival.\nError: {METRICS[shown.metric]}; {IN_WORDS[shown.mode]}. Hatched: a rival is the fastest. "
+        f"rival.\nError: {METRICS[shown.metric]}. Time: {MODES[shown.mode].words}. Hatched: a rival is the fastest. "
         f"{AT_MOST}: or less.",
         fontsize=9,
     )

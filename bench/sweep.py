@@ -299,7 +299,7 @@ def sweep(
         n_steps, h = divide(span, step)
         every = max(1, n_steps // STATES)
         text.status(f"{problem.name}, {label}, h = {h:.3g}")
-        options = {"h": h, "method": method, "save_every": every}
+        options: dict[str, Any] = {"h": h, "method": method, "save_every": every}
         solution = problem.integrate(**options, inline=timed.is_inline)
         errors = judge.of_run(solution) if solution.success else {}
         point = Point(key, label, mode, h, n_steps, solution.n_rhs, is_stable(solution.success, errors), errors)

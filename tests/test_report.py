@@ -203,7 +203,8 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
         assert f"## {heading}" in markdown
     assert record.command in page
     for part in record.run.parts:
-        assert f"Measured by `{record.measured[part].command}`." in markdown
+        mode = " --mode pointer" if part.startswith("precision") else ""
+        assert f"Measured by `{record.measured[part].command}{mode}`." in markdown
     assert (tmp_path / "table4.svg").exists()
     before = Record.open(tmp_path)
     for row in before.timings.values():

@@ -16,7 +16,7 @@ import functools
 from collections.abc import Sequence
 from fractions import Fraction
 from math import comb
-from typing import Any
+from typing import Any, SupportsFloat
 
 from ..compile.jit import element, outlined
 from ..compile.source import after_sum, define
@@ -87,7 +87,7 @@ class Pair:
     def _unpacked(self) -> str:
         return f"    {', '.join(self._rows)} = y"
 
-    def weighted(self, weights: Sequence[float]) -> list[tuple[str, str]]:
+    def weighted(self, weights: Sequence[SupportsFloat]) -> list[tuple[str, str]]:
         """Return the weights that are not zero, with the text of their accelerations."""
         return [(repr(float(w)), f"{a}[j]") for w, a in zip(weights, self._accelerations, strict=False) if w]
 
