@@ -65,20 +65,38 @@ _REGULAR = 20.0  # s; the double pendulum and Duffing's oscillator are not chaot
 
 PROBLEM_SET = {
     "single_dof": BenchmarkProblem(problems.single_dof, 4.0, "single degree of freedom, 637 periods"),
-    "hardening_spring": BenchmarkProblem(problems.hardening_spring, 83.0, "hardening spring, 100 periods"),
-    "softening_spring": BenchmarkProblem(problems.softening_spring, 10.0, "softening spring, 123 periods"),
-    "spring_pendulum": BenchmarkProblem(
-        problems.spring_pendulum, 9.9, "spring pendulum, 100 s", cd=(_NEWTON, _FIXED_POINT)
+    "hardening_spring": BenchmarkProblem(
+        problems.hardening_spring, 83.0, "hardening spring, 100 periods", tolerances=True
     ),
-    "henon_heiles": BenchmarkProblem(problems.henon_heiles, 1.2, "Henon and Heiles, 100 periods"),
-    "rotor": BenchmarkProblem(problems.rotor, 16.0, "rotor with cubic springs, 100 periods", cd=(_FIXED_POINT,)),
-    "kepler_03": BenchmarkProblem(partial(problems.kepler, e=0.3), 1.8, "Kepler with e = 0.3, 20 orbits"),
-    "kepler_06": BenchmarkProblem(partial(problems.kepler, e=0.6), 4.0, "Kepler with e = 0.6, 20 orbits"),
+    "softening_spring": BenchmarkProblem(
+        problems.softening_spring, 10.0, "softening spring, 123 periods", tolerances=True
+    ),
+    "spring_pendulum": BenchmarkProblem(
+        problems.spring_pendulum, 9.9, "spring pendulum, 100 s", cd=(_NEWTON, _FIXED_POINT), tolerances=True
+    ),
+    "henon_heiles": BenchmarkProblem(problems.henon_heiles, 1.2, "Henon and Heiles, 100 periods", tolerances=True),
+    "rotor": BenchmarkProblem(
+        problems.rotor, 16.0, "rotor with cubic springs, 100 periods", cd=(_FIXED_POINT,), tolerances=True
+    ),
+    "kepler_03": BenchmarkProblem(
+        partial(problems.kepler, e=0.3), 1.8, "Kepler with e = 0.3, 20 orbits", tolerances=True
+    ),
+    "kepler_06": BenchmarkProblem(
+        partial(problems.kepler, e=0.6), 4.0, "Kepler with e = 0.6, 20 orbits", tolerances=True
+    ),
     "double_pendulum": BenchmarkProblem(
-        partial(problems.double_pendulum, t_end=_REGULAR), 8.0, "double pendulum, 20 s", cd=(_FIXED_POINT,)
+        partial(problems.double_pendulum, t_end=_REGULAR),
+        8.0,
+        "double pendulum, 20 s",
+        cd=(_FIXED_POINT,),
+        tolerances=True,
     ),
     "duffing": BenchmarkProblem(
-        partial(problems.duffing, t_end=_REGULAR), 2.0, "Duffing, damped and forced, 20 s", cd=(_FIXED_POINT,)
+        partial(problems.duffing, t_end=_REGULAR),
+        2.0,
+        "Duffing, damped and forced, 20 s",
+        cd=(_FIXED_POINT,),
+        tolerances=True,
     ),
     "elastic_bar": BenchmarkProblem(
         problems.elastic_bar, _BAR_OMEGA, "elastic bar, 1000 masses, ten passes", "continuum"
@@ -91,7 +109,7 @@ PROBLEM_SET = {
 
 _varying = partial(BenchmarkProblem, targets=(1e-3, 1e-6, 1e-9), tolerances=True)
 
-#: Problems whose speed varies, so that they need tolerances. `eig3 bench precision` alone has them.
+#: Problems whose speed varies much, so that they need tolerances. `eig3 bench precision` alone has them.
 VARIABLE_SPEED = {
     "van_der_pol": _varying(problems.van_der_pol, 30.0, "Van der Pol, mu = 10, five periods", cd=(_FIXED_POINT,)),
     "kepler_09": _varying(problems.kepler, 45.0, "Kepler with e = 0.9, 20 orbits"),

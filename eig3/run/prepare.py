@@ -123,7 +123,7 @@ class Prepared:
         self._tolerances: dict[int, Tolerances] = {}
         self._every = NEVER if self._save_every is None else self._save_every
         has_end = any(event.terminal for event in self._system.events.values())
-        self._may_be_short = t_eval is None and not has_end
+        self._may_be_short = not has_end
 
     @property
     def form(self) -> str:
@@ -194,19 +194,23 @@ class Prepared:
     def _short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
         again, t_end = partial(self._begin, span, u, v, p, False, None), span[1]
+        times = None if self._t_eval is None else check_times(self._t_eval, *span)
         if self._h is None:
             (steps, rows), every = self._system.last_sizes.get(self._limits.rtol, (0, 0)), self._every
-            stepper: Any = self._variable_stepper(span, u, v, p, None)
+            stepper: Any = self._variable_stepper(span, u, v, p, times)
         else:
-            stepper, steps = self._fixed_stepper(span, u, v, p, None)
+            stepper, steps = self._fixed_stepper(span, u, v, p, times)
             every = min(self._every, steps)
             rows = steps // every + 2
         pace = self._system.pace.get(stepper.kernel.pace_key)
         if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
             return None
         if self._h is None:
-            most = int(short.MOST_SECONDS / max(pace, _LEAST_PACE))  # the last run may have been much shorter
-            return short.variable(stepper, most, every, rows, again)
+            steps = int(short.MOST_SECONDS / max(pace, _LEAST_PACE))  # the last run may have been much shorter
+        if times is not None:
+            return short.at_times(stepper, steps, t_end, times, again)
+        if self._h is None:
+            return short.variable(stepper, steps, every, rows, again)
         return short.fixed(stepper, steps, t_end, every, again)
 
     def _wrong_form(self, u0: Any) -> ValueError:

@@ -296,14 +296,9 @@ class Run:
 
     def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
         """Return a solution with these rows, which finds what else it has when it is read."""
-        stepper, status = self.stepper, self.status
-        fields = common_fields(stepper) | self._fields()
-        fields |= {"u": rows["u"], "v": rows["v"], "status": status, "message": self.message, "reason": self.reason}
-        later = stepper.look.found() if stepper.look else {}
-        solution = Solution._of({**fields, "outputs": outputs}, {**later, "notes": self.all_notes})
-        if stepper.system.integrals:
-            solution._separate(stepper.system.integrals)
-        return solution
+        fields = self._fields() | {"u": rows["u"], "v": rows["v"], "outputs": outputs}
+        fields |= {"status": self.status, "message": self.message, "reason": self.reason}
+        return solution_of(self.stepper, fields, {"notes": self.all_notes})
 
     def _place(self, save_to: str | PathLike[str] | None) -> Place | None:
         system = self.stepper.system
@@ -408,9 +403,12 @@ def _write(run: Run, solution: Solution) -> None:
     run.place.write(solution, len(solution.t), has_ended=True)
 
 
-def common_fields(stepper: Any) -> dict[str, Any]:
-    """Return the fields of the solution of a run that has ended well, which each kind of run has."""
-    return {
+def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:
+    """Return the solution of a run that has ended well, unless `fields` say otherwise.
+
+    It has these fields, and those that each kind of run has; `later` finds fields when they are read.
+    """
+    common = {
         "n_steps": stepper.index,
         "n_rhs": 1 + int(stepper.tally[EVALUATIONS]),
         "n_iterations": int(stepper.tally[ITERATIONS]),
@@ -422,6 +420,12 @@ def common_fields(stepper: Any) -> dict[str, Any]:
         "labels": stepper.system.labels,
         "_accelerations": partial(accelerations, stepper.system.callback, stepper.params),
     }
+    if stepper.look:
+        later = later | stepper.look.found()
+    solution = Solution._of(common | fields, later)
+    if stepper.system.integrals:
+        solution._separate(stepper.system.integrals)
+    return solution
 
 
 def growth_note(name: str, growth: float, is_balance: bool, method: Method, remedy: str) -> str:

@@ -16,13 +16,13 @@ import numpy as np
 
 from ..functions.guard import CELLS
 from ..kernels.loops.evaluation import guarded_kernel
-from ..kernels.protocol import AT_END, GOING, REJECTED, SCALAR, STEP_BEFORE, TIME, Steps
+from ..kernels.protocol import AT_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TIME, Steps
 from ..result.solution import Solution
 from ..stepping.stepper import Stepper
 from ..stepping.variable_stepper import VariableStepper
 from .fixed_run import grid
 from .growth import STRANGE, natural_sizes
-from .run import Run, Stop, common_fields
+from .run import Run, Stop, solution_of
 
 MOST_SECONDS = 4e-4  # duration of a short run, by the time per step of an earlier one
 MOST_VALUES = 2**17  # in its rows
@@ -59,12 +59,7 @@ def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Calla
     u, v = (u[:, 0], v[:, 0]) if stepper.form is SCALAR else (u, v)
     fields: dict[str, Any] = {"u": u, "v": v, "h": stepper.h, "outputs": outputs}
     fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
-    if stepper.look:
-        later |= stepper.look.found()
-    solution = Solution._of(common_fields(stepper) | fields, later)
-    if stepper.system.integrals:
-        solution._separate(stepper.system.integrals)
-    return solution
+    return solution_of(stepper, fields, later)
 
 
 def variable(stepper: VariableStepper, most: int, every: int, rows: int, again: Callable[[], Run]) -> Solution | None:
@@ -92,15 +87,43 @@ def variable(stepper: VariableStepper, most: int, every: int, rows: int, again: 
         "v": v,
         "_between": stepper.states_between if every == 1 else None,
     }
-    fields |= {"h": (t_last - stepper.t0) / stepper.index, "n_rejected": int(tally[REJECTED])}
-    fields |= {"outputs": outputs, "_extend": partial(_extend, again), "_resume": partial(_state, again)}
-    later: dict[str, Any] = {"notes": partial(_notes, again)}
-    if stepper.look:
-        later |= stepper.look.found()
-    solution = Solution._of(common_fields(stepper) | fields, later)
-    if stepper.system.integrals:
-        solution._separate(stepper.system.integrals)
-    return solution
+    fields |= {"h": (t_last - stepper.t0) / stepper.index, "n_rejected": int(tally[REJECTED]), "outputs": outputs}
+    fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
+    return solution_of(stepper, fields, {"notes": partial(_notes, again)})
+
+
+def at_times(stepper: Any, most: int, t_end: float, times: np.ndarray, again: Callable[[], Run]) -> Solution | None:
+    """Do the same for a run with a fixed step or with tolerances whose states are saved at some times.
+
+    It takes `most` steps; one with tolerances may take fewer.
+    """
+    n, count, look, tally = stepper.n, len(times), stepper.look, stepper.tally
+    rows = {"u": np.empty((count, n)), "v": np.empty((count, n)), "steps": np.empty(count)}
+    look.save_wanted(rows, n)
+    is_at_start = times[0] == stepper.t0
+    outputs = _rows_of_outputs(stepper, count, has_first=is_at_start)
+    if is_at_start:
+        rows["u"][0], rows["v"][0] = stepper.start
+        rows["steps"][0], tally[NEXT] = 0.0, 1
+    none, no_rows = np.empty(0), np.empty((0, n))
+    fields: dict[str, Any] = {"t": times, "outputs": outputs}
+    if isinstance(stepper, VariableStepper):
+        stepper.may_shorten = True
+        steps: Any = stepper.steps(min(stepper.tolerances.max_steps, most), 1, 0, (none, none, no_rows, no_rows))
+        row = _last_row(stepper, steps, AT_END, math.inf)
+        fields |= {"steps": rows["steps"], "_between": None, "n_rejected": int(tally[REJECTED])}
+        fields["h"] = (float(tally[TIME]) - stepper.t0) / max(1, stepper.index)
+    else:
+        steps = Steps(stepper.h, stepper.t0, stepper.params, 0, most, most + 1, 0, no_rows, no_rows)
+        row = _last_row(stepper, steps, GOING, most * stepper.h)
+        fields["h"] = stepper.h
+    if row is None or (outputs and stepper.n_wanted < count):
+        return None
+    look.watching.finish(tally, stepper.t0, t_end, stepper.h, stepper.u, stepper.v)
+    is_scalar = stepper.form is SCALAR
+    fields |= {name: rows[name][:, 0] if is_scalar else rows[name] for name in ("u", "v")}
+    fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
+    return solution_of(stepper, fields, {"notes": partial(_notes, again)})
 
 
 def _last_row(stepper: Any, steps: Any, wanted: int, span: float) -> int | None:
@@ -135,14 +158,18 @@ def _last_row(stepper: Any, steps: Any, wanted: int, span: float) -> int | None:
     return row if u < STRANGE * u_natural and v < STRANGE * v_natural else None
 
 
-def _rows_of_outputs(stepper: Any, count: int) -> dict[str, np.ndarray]:
-    """Return arrays for the values of outputs in each row, into which the kernel will write."""
+def _rows_of_outputs(stepper: Any, count: int, has_first: bool = True) -> dict[str, np.ndarray]:
+    """Return arrays for the values of outputs in each row, into which the kernel will write from the second one on.
+
+    Without `has_first`, it writes into the first one too.
+    """
     outputs = {}
     for name, shape in stepper.system.functions.shapes.items():
         outputs[name] = np.empty((count, *shape))
     if outputs:
         stepper.look.follower.save_in(outputs)
-        _write_outputs(stepper, outputs, 0)
+        if has_first:
+            _write_outputs(stepper, outputs, 0)
     return outputs
 
 

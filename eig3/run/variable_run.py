@@ -205,6 +205,8 @@ class VariableRun(Run):
             history.row = stepper.n_wanted
             if history.files:
                 history.arrays["t"][: history.row] = self.times[: history.row]
+            if self._note_size:
+                self._note_size(stepper.index, history.row)
             return
         last = history.last_row()
         same = last["t"] == stepper.t and (last["u"] == stepper.u).all() and (last["v"] == stepper.v).all()

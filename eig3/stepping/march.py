@@ -133,7 +133,7 @@ class March:
         self.tally = np.zeros(EVENTS + EVENT_VALUES * len(system.event_table))
         self.tally[TIME] = t0
         self._use(system.kernels.get(n) or self._compiled(system.method))
-        if system.ignores_velocity:
+        if system.ignores_velocity and system.callback.reads_velocity:
             self._check_velocity(a)
         if self.look:
             self.look.begin(self.tally, t0, u, v, params)
