@@ -98,9 +98,8 @@ class Pair:
         texts = [f"u[j] + h * ({self._c[i]!r} * v[j]{position})"]
         for *others, (factor, last) in rows:
             before = f"(v[j] + h * {total(others)})" if others else "v[j]"
-            texts.append(
-                f"{before} + (h * {factor}) * {last}"
-            )  # one multiply-add has to wait for the last acceleration
+            # One multiply-add has to wait for the last acceleration.
+            texts.append(f"{before} + (h * {factor}) * {last}")
         return texts
 
     def _stage(self, i: int) -> list[str]:
