@@ -198,7 +198,7 @@ def cases_of(name: str, repeats: int, longest: float, swept: WorkPrecisionSet | 
     """A plan for each metric and accuracy that a method of the sweep reaches; the sweep is measured if not given."""
     problem = dataclasses.replace(PROBLEM_SET[name].build(), name=name)
     chosen = dataclasses.replace(PROBLEM_SET[name], build=lambda: problem)  # its reference is found only once
-    swept = swept or measure(name, chosen, LIBRARY, 3, longest, rivals=False)
+    swept = swept or measure(name, chosen, LIBRARY, 3, longest, rivals=False, modes=("pointer",))
     judge = Judge(problem, reference(problem, chosen.omega))
     found = []
     for metric in PLAN_METRICS:

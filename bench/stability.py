@@ -9,7 +9,7 @@ from pathlib import Path
 
 from eig3 import problems
 from eig3.drawing import NO_PICTURES
-from eig3.methods import BM6, Method
+from eig3.methods import BM6, RKN12, Method
 from eig3.options import Files, add_out
 from eig3.stability import NEGLIGIBLE, explain, limit, practical_limit, spectral_radius
 from eig3.stepping.stepper import Stepper
@@ -157,7 +157,7 @@ def growth_of_run(method: Method, Omega: float) -> float:
 
 
 def render_words() -> str:
-    methods = [*(case.method for case in DAMPED), BM6()]
+    methods = [*(case.method for case in DAMPED), BM6(), RKN12()]
     words = "\n\n".join(map(explain, methods))
     return f"## In words\n\n```text\n{words}\n```"
 

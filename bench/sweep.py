@@ -221,7 +221,7 @@ def measure(
     longest: float,
     *,
     rivals: bool,
-    modes: Sequence[str] = (*MODES,)[:1],
+    modes: Sequence[str],
     command: str = "",
 ) -> WorkPrecisionSet:
     """Find the points of every method, in each of these modes, and of every rival; time all in interleaved runs."""

@@ -310,6 +310,7 @@ def test_command_measures_tolerances_on_problems_whose_speed_varies(monkeypatch,
     )
     monkeypatch.setattr(precision, "VARIABLE_SPEED", {"orbit": short})
     options = ["--problem", "orbit", "--methods", "rk4", "rk8", "--no-rivals", "--repeats", "1", "--longest", "0.001"]
+    options += ["--mode", "integrate"]
     assert main(["bench", "precision", *options]) == 0
     printed = capsys.readouterr().out
     assert "| RK8, tolerances " in printed
@@ -333,7 +334,7 @@ def small(monkeypatch):
 
 @pytest.mark.usefixtures("small")
 def test_command_writes_tables_json_and_pictures(tmp_path, capsys):
-    options = ["--repeats", "1", "--longest", "0.001", "--no-rivals", "--out", str(tmp_path)]
+    options = ["--repeats", "1", "--longest", "0.001", "--no-rivals", "--mode", "pointer", "--out", str(tmp_path)]
     assert main(["bench", "precision", "--methods", "eig3", "rk2", *options]) == 0
     printed = capsys.readouterr().out
     assert "## oscillator (single_dof)" in printed

@@ -100,8 +100,9 @@ def test_weak_growth_of_runs_is_that_of_the_eigenvalue_and_tends_to_its_leading_
 def test_every_method_is_explained(everything):
     for case in TESTED:
         assert explain(case.method) in everything[0]
-    assert explain("bm6") in everything[0]
-    assert {case.method.name for case in DAMPED} == set(LIBRARY) - {"bm6"}
+    for name in ("bm6", "rkn12"):
+        assert explain(name) in everything[0]
+    assert {case.method.name for case in DAMPED} == set(LIBRARY) - {"bm6", "rkn12"}
 
 
 def test_the_page_holds_the_tables_and_every_picture(everything):
