@@ -33,21 +33,23 @@ class Mode:
     is_whole: bool = False
     is_prepared: bool = False
 
-    def call(self, problem: Problem, options: dict[str, Any]) -> Callable[[], Solution]:
-        """Return a function that makes a run of a problem."""
+    def timed(self, problem: Problem, options: dict[str, Any]) -> Callable[[], tuple[float, Solution]]:
+        """Return a function that makes a run of a problem, and returns its seconds and the solution."""
         options = {**options, "inline": self.is_inline, "invariants": {}}
-        return problem.prepare(**options) if self.is_prepared else partial(problem.integrate, **options)
+        call = problem.prepare(**options) if self.is_prepared else partial(problem.integrate, **options)
 
-    def whole_call(self, problem: Problem, options: dict[str, Any]) -> Callable[[], float]:
-        """Return a function that makes a run of a problem, and returns the seconds of its call."""
-        call = self.call(problem, options)
-
-        def run() -> float:
+        def run() -> tuple[float, Solution]:
             begin = time.perf_counter()
-            call()
-            return time.perf_counter() - begin
+            solution = call()
+            seconds = time.perf_counter() - begin
+            return seconds if self.is_whole else solution.kernel_seconds, solution
 
         return run
+
+    def seconds(self, problem: Problem, options: dict[str, Any]) -> Callable[[], float]:
+        """Return a function that makes a run of a problem, and returns its seconds."""
+        run = self.timed(problem, options)
+        return lambda: run()[0]
 
 
 #: By name. The first is the one that is shown unless another is chosen.

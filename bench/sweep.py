@@ -304,7 +304,7 @@ def sweep(
         errors = judge.of_run(solution) if solution.success else {}
         point = Point(key, label, mode, h, n_steps, solution.n_rhs, is_stable(solution.success, errors), errors)
         if timed.is_whole:
-            return (point, warm(timed.whole_call(problem, options))), solution
+            return (point, warm(timed.seconds(problem, options))), solution
         start = problem.stepper(h=h, method=method, inline=timed.is_inline)
         return (point, warm(kernel_run(start, n_steps, every=every, storage=storage))), solution
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from functools import partial
 
@@ -20,12 +19,10 @@ def _prepare(
 ) -> Callable[[float], Callable[[], Answer]]:
     def at(tolerance: float) -> Callable[[], Answer]:
         options = {"method": method, "t_eval": times, "rtol": tolerance, "atol": absolute(tolerance, problem)}
-        call = mode.call(problem, options)
+        timed = mode.timed(problem, options)
 
         def run() -> Answer:
-            begin = time.perf_counter()
-            solution = call()
-            seconds = time.perf_counter() - begin if mode.is_whole else solution.kernel_seconds
+            seconds, solution = timed()
             return Answer(seconds, solution.u, solution.v, solution.n_rhs, solution.success)
 
         return run

@@ -107,6 +107,16 @@ def hardening_chain(t, u, v, p, a):
 
 
 @eig3.jit
+def position(t, u, v, p):
+    return u
+
+
+@eig3.jit
+def velocity(t, u, v, p):
+    return v
+
+
+@eig3.jit
 def shaken(t):
     """A support's displacement and velocity."""
     return 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t)

@@ -9,6 +9,8 @@ import pytest
 import eig3
 from eig3.kernels.methods import rkn12
 
+from .conftest import position, velocity
+
 ORBIT = eig3.problems.kepler(e=0.3)
 PERIOD = 2 * np.pi
 
@@ -16,16 +18,6 @@ PERIOD = 2 * np.pi
 @eig3.jit
 def forced(t, u, v, p):
     return np.sin(t) - u - u * u * u
-
-
-@eig3.jit
-def position(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def velocity(t, u, v, p):
-    return v
 
 
 @eig3.jit

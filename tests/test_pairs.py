@@ -7,12 +7,12 @@ import pytest
 
 import eig3
 
-from .conftest import oscillator
+from .conftest import oscillator, position, velocity
 
 P = np.array([3.0, 0.05])
 SPAN = 0.0, 2.0
 WANTED = np.linspace(0.0, 2.0, 9)
-STEPS = {"h": {"h": 2.0**-7, "method": "rk4"}, "rtol": {"rtol": 1e-6, "method": "rk5"}}
+STEPS = {"h": {"h": 2.0**-7, "method": "rk4"}, "rtol": {"rtol": 1e-6}}
 
 
 @eig3.jit
@@ -23,16 +23,6 @@ def energy(t, u, v, p):
 @eig3.jit
 def force(t, u, v, p):
     return -p[0] * p[0] * u
-
-
-@eig3.jit
-def position(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def velocity(t, u, v, p):
-    return v
 
 
 @eig3.jit

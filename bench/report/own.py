@@ -347,10 +347,9 @@ class _Runs:
 
     def _again(self, candidate: _Candidate, options: dict[str, Any], mode: Mode) -> Callable[[], float]:
         if mode.is_whole:
-            return warm(mode.whole_call(self.problem, options))
+            return warm(mode.seconds(self.problem, options))
         if candidate.rtol is not None or self.problem.events:
-            call = mode.call(self.problem, options)
-            return lambda: call().kernel_seconds
+            return mode.seconds(self.problem, options)
         every = options["save_every"]
         start = self.problem.stepper(h=options["h"], method=options["method"], inline=mode.is_inline)
         storage = Storage.for_steps(self.problem, candidate.n_steps // every)

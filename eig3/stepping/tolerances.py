@@ -14,7 +14,7 @@ from ..methods import METHODS, RK5, RK8, RKN12, Method
 
 LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off decides about the steps
 _RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
-_RKN12_FROM = 1e-6  # up to this, RKN12 takes the time of RK8 or less, and has a tenth to a thousandth of its error
+_RKN12_FROM = 1e-6  # for errors up to this, RKN12 takes less time than RK8; for the same rtol it may take more
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Dense output: u and v within a step, as polynomials in the fraction s of the step.
 
-The upper half of the rows of the coefficients belongs to u, and the lower half to v. Their number depends on the pair.
+The first half of the rows of the coefficients belongs to u, and the second half to v. Their number depends on the pair.
 """
 
 from ..compile.jit import outlined
