@@ -13,13 +13,13 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from .ensemble_cases import SAMPLES, Case
-from .rivals import EXPRESSIONS
+from .rivals.expressions import EXPRESSIONS
+from .rivals.symbolic import jax_symbols, jax_with_doubles
 
 #: A run of all members, which returns their displacements at the end, of shape (m, n).
 Run = Callable[[], np.ndarray]
@@ -181,30 +181,22 @@ def _heyoka_ensemble(case: Case, m: int) -> Callable[[float], Run]:
     return at
 
 
-def _jax() -> Any:
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    return jax
-
-
 def _jax_members(case: Case, m: int) -> tuple[tuple, Callable]:
     """Return u0, v0 and the parameters of the members as tuples of arrays, and ``f(t, u, v, own)`` for one member."""
-    jax = _jax()
+    jax_with_doubles()
     u0, v0, params = _states(case, m)
     _, own = _split(params, int)
     expression = {**EXPRESSIONS, "shear_building": _shear_building}[case.problem.name]
 
     def f(t: Any, u: Sequence[Any], v: Sequence[Any], own: Sequence[Any]) -> tuple:
         p, _ = _split(params, lambda i: own[i])
-        symbols = SimpleNamespace(time=t, sin=jax.numpy.sin, cos=jax.numpy.cos)
-        return tuple(expression(symbols, u, v, p))
+        return tuple(expression(jax_symbols(t), u, v, p))
 
     return (tuple(u0.T), tuple(v0.T), tuple(own)), f
 
 
 def _shear_building(symbols: Any, u: Sequence[Any], v: Sequence[Any], p: Sequence[Any]) -> list[Any]:
-    jnp, t = _jax().numpy, symbols.time
+    jnp, t = jax_with_doubles().numpy, symbols.time
     times, ground = jnp.array(p[1 : 1 + SAMPLES]), jnp.array(p[1 + SAMPLES : 1 + 2 * SAMPLES])
     i = jnp.clip((t / times[1]).astype(int), 0, SAMPLES - 2)
     i = i - (t < times[i])
@@ -220,7 +212,7 @@ def _shear_building(symbols: Any, u: Sequence[Any], v: Sequence[Any], p: Sequenc
 
 def jax_eig3(case: Case, m: int, n_steps: int) -> Run:
     """Return EIG-3 as a loop in JAX, vectorised over the members and compiled."""
-    jax = _jax()
+    jax = jax_with_doubles()
     arguments, f = _jax_members(case, m)
     h = case.h
 
@@ -238,7 +230,7 @@ def jax_eig3(case: Case, m: int, n_steps: int) -> Run:
 
 
 def _diffrax(method: str, case: Case, m: int) -> Callable[[float], Run]:
-    jax = _jax()
+    jax = jax_with_doubles()
     import diffrax
 
     arguments, f = _jax_members(case, m)

@@ -12,7 +12,7 @@ import numpy
 
 from eig3 import __version__
 
-_OTHERS = ("scipy", "heyoka", "CyRK")  # the packages of rivals
+_OTHERS = ("scipy", "heyoka", "CyRK", "jax", "diffrax", "rebound")  # the packages of rivals
 
 
 def environment() -> dict[str, str | int]:

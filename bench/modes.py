@@ -11,6 +11,9 @@ from typing import Any
 from eig3.problem import Problem
 from eig3.result.solution import Solution
 
+#: Makes a run, and returns its seconds and the solution.
+Timed = Callable[[], tuple[float, Solution]]
+
 
 @dataclass(frozen=True)
 class Mode:
@@ -33,8 +36,8 @@ class Mode:
     is_whole: bool = False
     is_prepared: bool = False
 
-    def timed(self, problem: Problem, options: dict[str, Any]) -> Callable[[], tuple[float, Solution]]:
-        """Return a function that makes a run of a problem, and returns its seconds and the solution."""
+    def timed(self, problem: Problem, options: dict[str, Any]) -> Timed:
+        """Return a function that makes a run of a problem; its first run may compile."""
         options = {**options, "inline": self.is_inline, "invariants": {}}
         call = problem.prepare(**options) if self.is_prepared else partial(problem.integrate, **options)
 
@@ -45,11 +48,6 @@ class Mode:
             return seconds if self.is_whole else solution.kernel_seconds, solution
 
         return run
-
-    def seconds(self, problem: Problem, options: dict[str, Any]) -> Callable[[], float]:
-        """Return a function that makes a run of a problem, and returns its seconds."""
-        run = self.timed(problem, options)
-        return lambda: run()[0]
 
 
 #: By name. The first is the one that is shown unless another is chosen.

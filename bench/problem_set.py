@@ -109,11 +109,13 @@ PROBLEM_SET = {
 
 _varying = partial(BenchmarkProblem, targets=(1e-3, 1e-6, 1e-9), tolerances=True)
 
-#: Problems whose speed varies much, so that they need tolerances. `eig3 bench precision` alone has them.
+#: Problems whose speed varies much, so that they need tolerances, and orbits. `eig3 bench precision` alone has them.
 VARIABLE_SPEED = {
     "van_der_pol": _varying(problems.van_der_pol, 30.0, "Van der Pol, mu = 10, five periods", cd=(_FIXED_POINT,)),
     "kepler_09": _varying(problems.kepler, 45.0, "Kepler with e = 0.9, 20 orbits"),
     "arenstorf": _varying(problems.arenstorf, 320.0, "Arenstorf's orbit, one period", cd=(_FIXED_POINT,)),
     "hertz_impact": _varying(problems.hertz_impact, 310.0, "Hertz's impact"),
+    "figure_eight": _varying(problems.figure_eight, 6.0, "three bodies on an eight, 20 periods"),
+    "outer_solar_system": _varying(problems.outer_solar_system, 1.7e-8, "outer solar system, 10,000 years"),
     "bouncing_ball": _varying(problems.bouncing_ball, 1.0, "bouncing ball, 30 impacts"),
 }

@@ -11,7 +11,10 @@ from eig3.problem import Problem
 from eig3.problems.hertz_impact import contact_time, largest_indentation
 from eig3.result.solution import Solution
 
-from .rivals import EXPRESSIONS, Answer, heyoka_form, scipy_form
+from .rivals.expressions import EXPRESSIONS
+from .rivals.general import scipy_form
+from .rivals.rival import Answer
+from .rivals.symbolic import heyoka_form
 
 METRICS = {
     "trajectory": "max |u - u(t)| / max |u|",
@@ -21,6 +24,7 @@ METRICS = {
 _CHECK_STEPS = 1000  # of RK4 for each radian of the fastest oscillation: its phase error is then 1e-14 per radian
 _CHECK_STATES = 200
 _FEW = 20  # degrees of freedom for which heyoka compiles in short time
+_SHORT_CODE = 6  # degrees of freedom for which heyoka compiles straight code in short time
 _TAYLOR = 1e-19  # the tightest tolerance in extended precision
 _known: weakref.WeakKeyDictionary[Problem, "Reference"] = weakref.WeakKeyDictionary()
 
@@ -81,16 +85,22 @@ def _taylor(problem: Problem) -> Reference:
     system, y0 = heyoka_form(problem, real)
     n = len(y0) // 2
 
-    def solved(times: np.ndarray, tolerance: float) -> np.ndarray:
-        solver = heyoka.taylor_adaptive(system, y0, time=real(times[0]), tol=real(tolerance), fp_type=real)
-        u = solver.propagate_grid(times.astype(real))[-1][:, :n].astype(np.float64)
-        return u[:, 0] if n == 1 else u
+    def solved(tolerance: float) -> Callable[[np.ndarray], np.ndarray]:
+        start = real(problem.t_span[0])
+        solver = heyoka.taylor_adaptive(
+            system, y0, time=start, tol=real(tolerance), fp_type=real, compact_mode=n > _SHORT_CODE
+        )
+        series = solver.propagate_until(real(problem.t_span[1]), c_output=True)[4]
 
-    def u(t: np.ndarray) -> np.ndarray:
-        return solved(t, _TAYLOR)
+        def u(t: np.ndarray) -> np.ndarray:
+            states = series(np.ravel(t).astype(real))[:, :n].astype(np.float64)
+            return states.reshape(np.shape(t) + ((n,) if np.ndim(problem.u0) else ()))
 
+        return u
+
+    u = solved(_TAYLOR)
     times = np.linspace(*problem.t_span, _CHECK_STATES)
-    difference = float(np.abs(u(times) - solved(times, 100 * _TAYLOR)).max() / np.abs(u(times)).max())
+    difference = float(np.abs(u(times) - solved(100 * _TAYLOR)(times)).max() / np.abs(u(times)).max())
     uncertainty = max(difference, float(np.finfo(np.float64).eps))
     return Reference(u, "Taylor series of heyoka in extended precision", uncertainty)
 
@@ -137,16 +147,16 @@ class Judge:
         return found
 
     def of_run(self, solution: Solution) -> dict[str, float]:
-        """The errors of a run of the library."""
-        errors = self.errors(solution.t, solution.u)
-        if "energy" in solution.drift:
-            errors["energy"] = solution.drift["energy"] / abs(self.problem.energy_of(self.problem.u0, self.problem.v0))
-        return errors
+        """The errors of the saved states of a run of the library."""
+        return self._of_states(solution.t, solution.u, solution.v)
 
     def of_answer(self, times: np.ndarray, answer: Answer) -> dict[str, float]:
         """The errors of a run of a rival."""
-        errors = self.errors(times, answer.u)
+        return self._of_states(times, answer.u, answer.v)
+
+    def _of_states(self, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> dict[str, float]:
+        errors = self.errors(t, u)
         if self.problem.energy is not None:
-            energies = self.problem.energy_of(answer.u, answer.v, times)
+            energies = self.problem.energy_of(u, v, t)
             errors["energy"] = float(np.abs(energies / energies[0] - 1).max())
         return errors

@@ -75,6 +75,11 @@ _STYLES = {
     "scipy lsoda": Style(_GREY, "shield", "L", "2", is_filled=False),
     "cyrk dop853": Style("#6f7f96", "tag", "D", "+", is_filled=False),
     "cyrk vern8": Style("#6f7f96", "tag", "V", "3", is_filled=False),
+    "diffrax tsit5": Style("#8a7f96", "tag", "T", "4", is_filled=False),
+    "diffrax dopri8": Style("#8a7f96", "tag", "8", "|", is_filled=False),
+    "verlet": Style("#8f8073", "tag", "H", "_", is_filled=False),
+    "rebound ias15": Style("#4d8a8a", "pentagon", "I", "$I$", is_filled=False),
+    "rebound whfast": Style("#4d8a8a", "pentagon", "W", "$W$", is_filled=False),
     "heyoka": Style("#b08600", "pentagon", "H", "*", is_filled=False),
 }
 

@@ -22,7 +22,8 @@ from . import text
 from .modes import MODES
 from .problem_set import BenchmarkProblem, about, describe
 from .reference import METRICS, Judge, reference
-from .rivals import RIVALS, Answer, Rival
+from .rivals import RIVALS
+from .rivals.rival import Answer, Rival
 from .timing import Storage, interleave, kernel_run
 from .tolerances import TOLERANCES
 from .typed import check_known, check_positive, checked
@@ -235,15 +236,13 @@ def measure(
         for key, method in records(problem, chosen, methods):
             found += sweep(problem, chosen, judge, key, method, longest, storage, mode)
         for key, own in TOLERANCES.items() if chosen.tolerances else ():
-            name = key.partition(" ")[0]
-            if name in methods and not (METHODS[name]().ignores_velocity and problem.uses_velocity):
+            method_name = key.partition(" ")[0]
+            if method_name in methods and not (METHODS[method_name]().ignores_velocity and problem.uses_velocity):
                 found += sweep_tolerances(problem, chosen.targets, judge, key, own, longest, mode)
     skipped = []
     for key, rival in RIVALS.items() if rivals else ():
-        if not rival.is_installed:
-            skipped.append(f"{rival.label} (not installed)")
-        elif np.size(problem.u0) > rival.most_degrees:
-            skipped.append(f"{rival.label} (more than {rival.most_degrees} degrees of freedom)")
+        if why := rival.refusal(problem):
+            skipped.append(f"{rival.label} ({why})")
         else:
             # a solver in Python takes long even with its loosest tolerance: its runs may take a second
             found += sweep_tolerances(problem, chosen.targets, judge, key, rival, max(longest, 1.0))
@@ -299,12 +298,12 @@ def sweep(
         n_steps, h = divide(span, step)
         every = max(1, n_steps // STATES)
         text.status(f"{problem.name}, {label}, h = {h:.3g}")
-        options: dict[str, Any] = {"h": h, "method": method, "save_every": every}
-        solution = problem.integrate(**options, inline=timed.is_inline)
+        run = timed.timed(problem, {"h": h, "method": method, "save_every": every})
+        _, solution = run()
         errors = judge.of_run(solution) if solution.success else {}
         point = Point(key, label, mode, h, n_steps, solution.n_rhs, is_stable(solution.success, errors), errors)
         if timed.is_whole:
-            return (point, warm(timed.seconds(problem, options))), solution
+            return (point, warm(lambda: run()[0])), solution
         start = problem.stepper(h=h, method=method, inline=timed.is_inline)
         return (point, warm(kernel_run(start, n_steps, every=every, storage=storage))), solution
 
@@ -342,14 +341,15 @@ def sweep_tolerances(
     options = {"mode": MODES[mode]} if mode else {}
     times = np.linspace(*problem.t_span, states)
     at = rival.prepare(problem, times, **options)
-    at(rival.tolerances[0])()  # compiles: this must not count as time of a run
-    for tolerance in rival.tolerances:
-        text.status(f"{problem.name}, {rival.label}, tolerance {tolerance:g}")
-        solve = at(tolerance)
+    settings = rival.settings(times)
+    at(settings[0])()  # compiles: this must not count as time of a run
+    for setting in settings:
+        text.status(f"{problem.name}, {rival.label}, setting {setting:g}")
+        solve = at(setting)
         answer = solve()
         errors = judge.of_answer(times, answer) if answer.success else {}
         stable = is_stable(answer.success, errors)
-        point = Point(key, rival.label, mode, tolerance, None, answer.evaluations, stable, errors)
+        point = Point(key, rival.label, mode, setting, None, answer.evaluations, stable, errors)
         yield point, warm(partial(_seconds, solve))
         if answer.seconds > longest or is_enough(point, targets):
             break

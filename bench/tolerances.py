@@ -11,7 +11,7 @@ from eig3.methods import METHODS
 from eig3.problem import Problem
 
 from .modes import Mode
-from .rivals import Answer, Rival, absolute
+from .rivals.rival import Answer, Rival, absolute
 
 
 def _prepare(

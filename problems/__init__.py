@@ -7,12 +7,14 @@ from .damped_bar import damped_bar
 from .double_pendulum import double_pendulum
 from .duffing import duffing
 from .elastic_bar import elastic_bar
+from .figure_eight import figure_eight
 from .friction_oscillator import friction_oscillator
 from .hardening_chain import hardening_chain
 from .hardening_spring import hardening_spring
 from .henon_heiles import henon_heiles
 from .hertz_impact import hertz_impact
 from .kepler import kepler
+from .outer_solar_system import outer_solar_system
 from .pounding_buildings import pounding_buildings
 from .quarter_car import quarter_car
 from .rail_joint import rail_joint
@@ -32,12 +34,14 @@ __all__ = [
     "double_pendulum",
     "duffing",
     "elastic_bar",
+    "figure_eight",
     "friction_oscillator",
     "hardening_chain",
     "hardening_spring",
     "henon_heiles",
     "hertz_impact",
     "kepler",
+    "outer_solar_system",
     "pounding_buildings",
     "quarter_car",
     "rail_joint",

@@ -11,7 +11,7 @@ from eig3.bench import ensemble, ensemble_million
 from eig3.bench.ensemble import TARGET, Contestant, Found, Reference
 from eig3.bench.ensemble_cases import CASES
 from eig3.bench.ensemble_rivals import ENSEMBLE_RIVALS, EnsembleRival, jax_eig3
-from eig3.bench.rivals import first_order
+from eig3.bench.rivals.general import first_order
 from eig3.cli import main
 
 pytestmark = pytest.mark.system

@@ -15,6 +15,7 @@ from eig3.bench.modes import MODES
 from eig3.bench.precision import reach
 from eig3.bench.problem_set import PROBLEM_SET, VARIABLE_SPEED, BenchmarkProblem, about, describe
 from eig3.bench.reference import Judge, reference
+from eig3.bench.rivals import general
 from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.bench.tolerances import TOLERANCES
 from eig3.cli import main
@@ -88,7 +89,7 @@ def test_a_mode_changes_what_is_timed_and_not_the_motion():
     runs = {name: mode.timed(problem, options)()[1] for name, mode in MODES.items()}
     for run in runs.values():
         np.testing.assert_allclose(run.u, runs["pointer"].u, rtol=0, atol=1e-12)  # rounded in another way when inlined
-    assert MODES["prepared"].seconds(problem, options)() > 0
+    assert MODES["prepared"].timed(problem, options)()[0] > 0
 
 
 def test_a_set_comes_back_from_json():
@@ -197,6 +198,9 @@ def test_rivals_solve_the_same_problem(name, key):
         # heyoka gets each problem as an expression of its own
         *(("heyoka", name) for name in PROBLEM_SET | VARIABLE_SPEED if name != "bouncing_ball"),
         *((key, name) for key in ("cyrk dop853", "cyrk vern8") for name in ("hardening_spring", "spring_pendulum")),
+        *((key, name) for key in ("diffrax tsit5", "diffrax dopri8") for name in ("softening_spring", "rotor")),
+        ("diffrax dopri8", "figure_eight"),
+        ("rebound ias15", "figure_eight"),
     ],
 )
 def test_rivals_of_other_packages_solve_the_same_problems(key, name):
@@ -211,7 +215,50 @@ def test_rivals_of_other_packages_solve_the_same_problems(key, name):
     np.testing.assert_allclose(answer.u, ours.u, atol=1e-5 * np.abs(ours.u).max())
 
 
-@pytest.mark.parametrize("key", rivals.RIVALS)
+@pytest.mark.parametrize(
+    ("key", "name", "tolerance"),
+    [
+        ("rebound ias15", "outer_solar_system", 1e-11),
+        ("rebound whfast", "outer_solar_system", 1e-6),  # of second order in the masses of the planets
+        ("verlet", "outer_solar_system", 1e-4),
+        ("verlet", "henon_heiles", 1e-4),
+        ("verlet", "softening_spring", 1e-4),
+    ],
+)
+def test_rivals_with_steps_between_the_times_solve_the_same_problems(key, name, tolerance):
+    """Over omega t = 20 in 4096 steps: the phase of Verlet's method errs by (omega h)^2 omega t / 24 = 2e-5."""
+    rival = rivals.RIVALS[key]
+    pytest.importorskip(rival.package)
+    chosen = (PROBLEM_SET | VARIABLE_SPEED)[name]
+    problem = chosen.build().with_(t_span=(0.0, 20 / chosen.omega))
+    times = np.linspace(*problem.t_span, 9)
+    assert rival.refusal(problem) == ""
+    answer = rival.prepare(problem, times)(times[1] / 512 if rival.substeps else 1e-9)()
+    ours = problem.integrate(rtol=1e-12, t_eval=times)
+    np.testing.assert_allclose(answer.u, ours.u, rtol=0, atol=tolerance * np.abs(ours.u).max())
+    np.testing.assert_allclose(answer.v, ours.v, rtol=0, atol=10 * tolerance * np.abs(ours.v).max())
+
+
+def test_rivals_that_do_not_suit_a_problem_say_why():
+    reasons = {
+        key: rival.refusal(problems.spring_pendulum()) for key, rival in rivals.RIVALS.items() if rival.is_installed
+    }
+    assert reasons["verlet"] == "the forces read the velocity"
+    assert reasons.get("rebound ias15", "needs the equations in its own symbols").startswith("needs the equations")
+    assert rivals.RIVALS["verlet"].refusal(problems.bouncing_ball()) == "has no events"
+    own = eig3.Problem("kepler", eig3.problems.kepler().rhs, [1.0, 0.0], [0.0, 1.0], 1.0, (0.0, 1.0))
+    assert "own symbols" in rivals.RIVALS["heyoka"].refusal(own, is_of_the_library=False) or not heyoka_is_here()
+    assert rivals.RIVALS["scipy lsoda"].refusal(problems.elastic_bar()) == "more than 300 degrees of freedom"
+
+
+def heyoka_is_here():
+    return rivals.RIVALS["heyoka"].is_installed
+
+
+@pytest.mark.parametrize(
+    "key",
+    [key for key, rival in rivals.RIVALS.items() if rival.refusal(problems.bouncing_ball()) in ("", "not installed")],
+)
 def test_rivals_follow_the_impacts_of_the_ball(key):
     """Through 30 impacts; LSODA, whose steps are the least accurate, is late by 4e-7 s in the end."""
     rival = rivals.RIVALS[key]
@@ -237,7 +284,7 @@ def test_where_the_search_of_scipy_fails_the_run_failed(monkeypatch):
     def fails(*arguments):
         raise ValueError("f(a) and f(b) must have different signs")
 
-    monkeypatch.setattr(rivals, "restarted", fails)
+    monkeypatch.setattr(general, "restarted", fails)
     answer = rivals.RIVALS["scipy rk45"].prepare(problems.bouncing_ball(), np.linspace(0, 1, 3))(1e-3)()
     assert not answer.success
 
@@ -407,7 +454,7 @@ def test_a_rival_without_end_is_given_up_but_timed_runs_are_not_limited(monkeypa
     problem = problems.duffing(t_end=5.0)
     run = rivals.RIVALS["scipy rk45"].prepare(problem, np.linspace(0.0, 5.0, 11))(1e-9)
     needed = run().evaluations
-    monkeypatch.setattr(rivals, "_ENDLESS", needed // 2)
+    monkeypatch.setattr(general, "_ENDLESS", needed // 2)
     assert run().evaluations == needed  # it has ended once
     first = rivals.RIVALS["scipy rk45"].prepare(problem, np.linspace(0.0, 5.0, 11))(1e-9)()
     assert not first.success

@@ -16,8 +16,10 @@ from eig3 import problems
 from eig3.functions.callbacks import check_callback
 from eig3.kernels.protocol import SCALAR, VECTOR
 from eig3.problems.bouncing_ball import flights, impact_times
+from eig3.problems.figure_eight import PERIOD
 from eig3.problems.hertz_impact import contact_time, largest_indentation
 from eig3.problems.kepler import angular_momentum, eccentric_anomaly
+from eig3.problems.outer_solar_system import AU, YEAR
 
 
 def free_duffing():
@@ -45,6 +47,7 @@ CONSERVATIVE = [
     problems.hertz_impact,
     problems.two_frequency_oscillator,
     far_arenstorf,
+    problems.figure_eight,
 ]
 SPANS = [  # the last omega h is 1e-3 at speeds of 1e3, and Hertz's span is its contact and a quarter
     *((build, 1.0, 1e-4) for build in PROBLEMS),
@@ -59,6 +62,7 @@ SPANS = [  # the last omega h is 1e-3 at speeds of 1e3, and Hertz's span is its 
     (problems.hertz_impact, 0.016, 1e-5),
     (problems.two_frequency_oscillator, 0.1, 1e-6),
     (problems.arenstorf, 0.5, 1e-5),
+    (problems.figure_eight, 1.0, 1e-4),
 ]
 
 
@@ -237,6 +241,33 @@ def test_arenstorfs_forces_vanish_at_the_triangular_point():
     problem = problems.arenstorf(mu=0.3)
     corner = np.array([0.5 - 0.3, math.sqrt(3) / 2])
     np.testing.assert_allclose(acceleration(problem, 0.0, corner, np.zeros(2)), 0, rtol=0, atol=1e-15)
+
+
+def test_the_bodies_on_the_eight_change_places_each_third_of_the_period():
+    """After 1/3 of the period, each is where another was; the start is known to 8 digits, and the motion is stable."""
+    problem = problems.figure_eight()
+    t = PERIOD * np.arange(61) / 3
+    run = problem.integrate(rtol=1e-12, t_eval=t)
+    places = run.u.reshape(-1, 3, 2)
+    for i, now in enumerate(places):
+        np.testing.assert_allclose(now, np.roll(places[0], i, axis=0), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(places.mean(axis=1), 0, rtol=0, atol=1e-12)
+    assert run.drift["energy"] < 1e-10
+
+
+def test_the_outer_planets_keep_momentum_and_turn_in_their_years():
+    """The mean periods about the sun over 1000 years are those of the almanacs: to 3 %, for 4 turns of Pluto."""
+    problem = problems.outer_solar_system(t_end=1000 * YEAR)
+    run = problem.integrate(rtol=1e-10, t_eval=np.linspace(0, 1000 * YEAR, 20_001))
+    x, v = (values.reshape(-1, 6, 3) for values in (run.u, run.v))
+    masses = np.array(problem.params)
+    assert np.abs(np.einsum("i,tij->tj", masses, x)).max() < 1e-9 * masses[0] * AU  # the centre of mass is at rest
+    spin = np.einsum("i,tij->tj", masses, np.cross(x, v))
+    np.testing.assert_allclose(spin, np.broadcast_to(spin[0], spin.shape), rtol=0, atol=1e-9 * np.abs(spin).max())
+    assert run.drift["energy"] < 1e-9 * abs(problem.energy_of(run.u[0], run.v[0]))
+    for i, years in enumerate((11.862, 29.457, 84.02, 164.8, 247.9), start=1):
+        longitude = np.unwrap(np.arctan2(*(x[:, i] - x[:, 0]).T[1::-1]))
+        assert 2 * np.pi * 1000 / (longitude[-1] - longitude[0]) == pytest.approx(years, rel=0.03)
 
 
 def test_heights_of_the_ball_between_its_impacts():

@@ -25,6 +25,7 @@ from eig3.bench.problem_set import BenchmarkProblem
 from eig3.bench.report import own, parts, truth
 from eig3.bench.report.comparison import Comparison, ratio_and_noise
 from eig3.bench.report.record import Record, RecordError
+from eig3.bench.rivals.general import scipy_form
 from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.bench.text import ratio as in_digits
 from eig3.cli import main
@@ -502,7 +503,7 @@ def test_an_energy_without_relative_errors_is_left_out():
 
 
 def test_a_rival_reads_parameters_that_are_a_number():
-    y0, slope = rivals.scipy_form(eig3.Problem("oscillator", spring, 1.0, 0.0, 4.0, (0.0, 20.0)))
+    y0, slope = scipy_form(eig3.Problem("oscillator", spring, 1.0, 0.0, 4.0, (0.0, 20.0)))
     assert slope(0.0, y0).tolist() == [0.0, -4.0]
 
 

@@ -17,10 +17,11 @@ from eig3.planning.planner import Plan, Prediction, plan
 from eig3.problem import Problem
 
 from .. import text
-from ..modes import MODES, Mode
+from ..modes import MODES, Mode, Timed
 from ..problem_set import about, describe
 from ..reference import Judge
-from ..rivals import RIVALS, Rival
+from ..rivals import RIVALS
+from ..rivals.rival import Rival
 from ..sweep import Point, Repeatable, WorkPrecisionSet, is_stable, sweep_tolerances, warm
 from ..timing import Storage, interleave, kernel_run
 from .truth import Grid, find_truth
@@ -307,12 +308,8 @@ def _asked(rivals: bool | Sequence[str]) -> dict[str, Rival]:
 
 def _unsuitable(rival: Rival, problem: Problem, fewest: int, share: float) -> str:
     """Why the rival is not measured; empty if it is."""
-    if not rival.is_installed:
-        return "not installed"
-    if rival.package == "heyoka":
-        return "needs the equations in its own symbols"
-    if np.size(problem.u0) > rival.most_degrees:
-        return f"more than {rival.most_degrees} degrees of freedom"
+    if why := rival.refusal(problem, is_of_the_library=False):
+        return why
     if problem.events and (len(problem.events) > 1 or np.ndim(problem.u0)):
         return "only one event of one degree of freedom is written for it"
     seconds = fewest * _EVALUATION
@@ -337,19 +334,18 @@ class _Runs:
         else:
             options |= replace(candidate.prediction, rtol=candidate.rtol).options
             options["t_eval"] = np.linspace(*self.problem.t_span, self.grid.rival_states)
-        solution = self.problem.integrate(**options, inline=MODES[mode].is_inline)
+        run = MODES[mode].timed(self.problem, options)
+        _, solution = run()
         errors = self.judge.of_run(solution) if solution.success else {}
         setting = solution.h if candidate.rtol is None else candidate.rtol
         steps = solution.n_steps if candidate.rtol is None else None
         stable = is_stable(solution.success, errors)
         point = Point(candidate.key, candidate.label, mode, setting, steps, solution.n_rhs, stable, errors)
-        yield point, self._again(candidate, options, MODES[mode])
+        yield point, self._again(candidate, options, MODES[mode], run)
 
-    def _again(self, candidate: _Candidate, options: dict[str, Any], mode: Mode) -> Callable[[], float]:
-        if mode.is_whole:
-            return warm(mode.seconds(self.problem, options))
-        if candidate.rtol is not None or self.problem.events:
-            return mode.seconds(self.problem, options)
+    def _again(self, candidate: _Candidate, options: dict[str, Any], mode: Mode, run: Timed) -> Callable[[], float]:
+        if mode.is_whole or candidate.rtol is not None or self.problem.events:
+            return warm(lambda: run()[0])
         every = options["save_every"]
         start = self.problem.stepper(h=options["h"], method=options["method"], inline=mode.is_inline)
         storage = Storage.for_steps(self.problem, candidate.n_steps // every)

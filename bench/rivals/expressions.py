@@ -1,0 +1,147 @@
+"""The problems as formulas, for packages that compile them from their own symbols.
+
+`symbols` has the functions of the package, and `time`: the module heyoka, or a namespace with those of JAX.
+"""
+
+from __future__ import annotations
+
+
+def _single_dof(symbols, u, v, p):
+    return [-p[0] * p[0] * u[0]]
+
+
+def _hardening_spring(symbols, u, v, p):
+    return [-p[0] * u[0] * (1.0 + p[1] * u[0] * u[0])]
+
+
+def _softening_spring(symbols, u, v, p):
+    return [-p[0] * symbols.tanh(u[0])]
+
+
+def _spring_pendulum(symbols, u, v, p):
+    m, l0, k, g = p
+    return [
+        u[0] * v[1] * v[1] - k / m * (u[0] - l0) + g * symbols.cos(u[1]),
+        -(2.0 * v[0] * v[1] + g * symbols.sin(u[1])) / u[0],
+    ]
+
+
+def _henon_heiles(symbols, u, v, p):
+    x, y = u
+    return [-x - 2.0 * x * y, -y - x * x + y * y]
+
+
+def _rotor(symbols, u, v, p):
+    x, y = u
+    square, beta, speed = p
+    stiffness = square * (1.0 + beta * (x * x + y * y)) - speed * speed
+    return [2.0 * speed * v[1] - stiffness * x, -2.0 * speed * v[0] - stiffness * y]
+
+
+def _kepler(symbols, u, v, p):
+    pull = p[0] * (u[0] * u[0] + u[1] * u[1]) ** -1.5
+    return [-pull * u[0], -pull * u[1]]
+
+
+def _double_pendulum(symbols, u, v, p):
+    m1, m2, l1, l2, g = p
+    m, sine, cosine = m1 + m2, symbols.sin(u[0] - u[1]), symbols.cos(u[0] - u[1])
+    sine1, sine2 = symbols.sin(u[0]), symbols.sin(u[1])
+    pull1, pull2 = l1 * v[0] * v[0], l2 * v[1] * v[1]
+    inertia = m1 + m2 * sine * sine
+    return [
+        -(m2 * sine * (pull1 * cosine + pull2) + g * (m * sine1 - m2 * sine2 * cosine)) / (l1 * inertia),
+        (sine * (m * pull1 + m2 * pull2 * cosine) + m * g * (sine1 * cosine - sine2)) / (l2 * inertia),
+    ]
+
+
+def _duffing(symbols, u, v, p):
+    a, b, delta, gamma, omega = p
+    return [gamma * symbols.cos(omega * symbols.time) - u[0] * (a + b * u[0] * u[0]) - delta * v[0]]
+
+
+def _van_der_pol(symbols, u, v, p):
+    return [p[0] * (1.0 - u[0] * u[0]) * v[0] - u[0]]
+
+
+def _arenstorf(symbols, u, v, p):
+    (x, y), mu = u, p[0]
+    to_earth, to_moon = x + mu, x - (1 - mu)
+    earth = (1 - mu) * (to_earth * to_earth + y * y) ** -1.5
+    moon = mu * (to_moon * to_moon + y * y) ** -1.5
+    return [x + 2.0 * v[1] - earth * to_earth - moon * to_moon, y - 2.0 * v[0] - (earth + moon) * y]
+
+
+def _hertz_impact(symbols, u, v, p):
+    """The event that switches the force on and off writes heyoka's own parameter 0."""
+    touches = symbols.gt(symbols.par[0], 0.5)
+    indentation = symbols.select(touches, -u[0], 1.0)
+    return [symbols.select(touches, p[0] * indentation * symbols.sqrt(indentation), 0.0)]
+
+
+def _bouncing_ball(symbols, u, v, p):
+    return [symbols.expression(-p[0])]
+
+
+def _second_differences(u):
+    return [(u[j - 1] if j else 0.0) - 2.0 * u[j] + (u[j + 1] if j < len(u) - 1 else 0.0) for j in range(len(u))]
+
+
+def _attractions(symbols, u, masses, dimension):
+    """The accelerations of bodies that attract each other; each pair is computed once."""
+    parts = [[] for _ in u]
+    for i in range(len(masses)):
+        for k in range(i):
+            places = [(dimension * i + axis, dimension * k + axis) for axis in range(dimension)]
+            ways = [u[second] - u[first] for first, second in places]
+            pull = symbols.sum([way * way for way in ways]) ** -1.5
+            for way, (first, second) in zip(ways, places, strict=True):
+                parts[first].append(masses[k] * (pull * way))
+                parts[second].append(-masses[i] * (pull * way))
+    return [symbols.sum(part) for part in parts]
+
+
+def _figure_eight(symbols, u, v, p):
+    return _attractions(symbols, u, p, 2)
+
+
+def _outer_solar_system(symbols, u, v, p):
+    return _attractions(symbols, u, p, 3)
+
+
+def _elastic_bar(symbols, u, v, p):
+    return [p[0] * bent for bent in _second_differences(u)]
+
+
+def _damped_bar(symbols, u, v, p):
+    pairs = zip(_second_differences(u), _second_differences(v), strict=True)
+    return [p[0] * bent + p[1] * rate for bent, rate in pairs]
+
+
+def _hardening_chain(symbols, u, v, p):
+    stretches = [u[0], *(u[j + 1] - u[j] for j in range(len(u) - 1))]
+    forces = [p[0] * stretch * (1.0 + p[1] * stretch * stretch) for stretch in stretches]
+    return [(forces[j + 1] if j < len(u) - 1 else 0.0) - forces[j] for j in range(len(u))]
+
+
+#: ``(symbols, u, v, params) -> accelerations``, by the name of the problem.
+EXPRESSIONS = {
+    "single_dof": _single_dof,
+    "hardening_spring": _hardening_spring,
+    "softening_spring": _softening_spring,
+    "spring_pendulum": _spring_pendulum,
+    "henon_heiles": _henon_heiles,
+    "rotor": _rotor,
+    "kepler": _kepler,
+    "double_pendulum": _double_pendulum,
+    "duffing": _duffing,
+    "van_der_pol": _van_der_pol,
+    "arenstorf": _arenstorf,
+    "hertz_impact": _hertz_impact,
+    "bouncing_ball": _bouncing_ball,
+    "elastic_bar": _elastic_bar,
+    "damped_bar": _damped_bar,
+    "hardening_chain": _hardening_chain,
+    "figure_eight": _figure_eight,
+    "outer_solar_system": _outer_solar_system,
+}
