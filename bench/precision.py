@@ -44,7 +44,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     words = "; ".join(f"{name}: {mode.words}" for name, mode in MODES.items())
     parser.add_argument("--mode", choices=MODES, default=next(iter(MODES)), help=f"what is timed ({words})")
-    parser.add_argument("--no-rivals", dest="rivals", action="store_false", help="leave out SciPy, heyoka and CyRK")
+    parser.add_argument(
+        "--no-rivals", dest="rivals", action="store_false", help="leave out the solvers of other packages"
+    )
     add_accuracies(parser, "those of each problem")
     add_out(parser, "folder for precision.json, precision.md and pictures")
 

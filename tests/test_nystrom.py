@@ -175,6 +175,42 @@ def test_an_extended_run_is_one_run():
     np.testing.assert_array_equal(longer.t, whole.t)
 
 
+def test_members_are_runs_alone():
+    starts = np.linspace(0.1, 0.5, 5)
+    members = eig3.ensemble(forced, (0, 10), starts, 0.0, h=0.1, method="rkn12", save_every=10)
+    for u, member in zip(starts, members.u, strict=True):
+        alone = eig3.integrate(forced, (0, 10), u, 0.0, h=0.1, method="rkn12", save_every=10)
+        np.testing.assert_allclose(member, alone.u, rtol=0, atol=1e-14)  # the lanes may round in another order
+
+
+@pytest.mark.parametrize("steps", [{"h": 0.1, "method": "rkn12"}, {"rtol": 1e-8}])
+def test_a_run_on_the_disk_has_the_states_of_one_in_memory(steps, tmp_path):
+    kept, run = follow(10, **steps, save_to=tmp_path / "run"), follow(10, **steps)
+    np.testing.assert_array_equal(kept.u, run.u)
+    np.testing.assert_array_equal(eig3.load(tmp_path / "run").v, run.v)
+
+
+def test_more_events_than_degrees_of_freedom():
+    levels = {f"crossing {k}": eig3.Event(position) for k in range(4)}
+    run = follow(20, rtol=1e-9, events=levels)
+    times = [run.events[name].t for name in levels]
+    assert len(times[0]) > 2
+    assert all(np.array_equal(times[0], others) for others in times)
+
+
+def test_a_run_from_rest_finds_its_first_step():
+    """u = t - sin t, which is t^3 / 6 at first."""
+
+    @eig3.jit
+    def from_rest(t, u, v, p):
+        return np.sin(t)
+
+    run = eig3.integrate(from_rest, (0, 10), 0.0, 0.0, rtol=1e-9)
+    assert run.method == eig3.RKN12()
+    np.testing.assert_allclose(run.u, run.t - np.sin(run.t), rtol=0, atol=1e-8)
+    assert run.n_steps < 100
+
+
 @pytest.mark.parametrize("steps", [{"h": 0.1}, {"rtol": 1e-8}])
 def test_a_force_that_reads_the_velocity_is_refused(steps):
     with pytest.raises(ValueError, match=r"^RKN12\(\) needs a rhs that ignores v, and this one does not"):

@@ -58,7 +58,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"halve the steps until a run takes this time ({_DEFAULTS.longest})",
     )
     add("--mode", dest="modes", action="append", choices=MODES, help="only this mode; may be repeated")
-    add("--no-rivals", dest="rivals", action="store_false", default=None, help="leave out SciPy, heyoka and CyRK")
+    add(
+        "--no-rivals", dest="rivals", action="store_false", default=None, help="leave out the solvers of other packages"
+    )
     add_accuracies(parser, "1e-1 to 1e-10, or 1e-2, 1e-4, 1e-6 and 1e-8 for your own problem")
     add_out(parser, "folder for the numbers and the page")
     add("--resume", action="store_true", help="continue the run in the folder of --out")

@@ -161,7 +161,8 @@ def measure(
                 text.status(f"{name}, {candidate.label}, {mode}")
                 found += runs.of(candidate, mode)
     asked = _asked(rivals)
-    share = _RIVALS / max(1, len(asked))
+    suitable = [key for key, rival in asked.items() if not rival.refusal(judged, is_of_the_library=False)]
+    share = _RIVALS / max(1, len(suitable))
     fewest = min((p.evaluations for each in plans for p in each.predictions if p.reaches), default=0)
     unsuitable = {key: why for key, rival in asked.items() if (why := _unsuitable(rival, judged, fewest, share))}
     skipped += _by_reason({RIVALS[key].label: why for key, why in unsuitable.items()})
