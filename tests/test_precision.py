@@ -239,6 +239,13 @@ def test_rivals_with_steps_between_the_times_solve_the_same_problems(key, name, 
     np.testing.assert_allclose(answer.v, ours.v, rtol=0, atol=10 * tolerance * np.abs(ours.v).max())
 
 
+def test_a_run_of_diffrax_that_falls_into_the_sun_ends():
+    """With such a tolerance, Tsit5 leaves the orbit and takes ever smaller steps."""
+    pytest.importorskip("diffrax")
+    problem = problems.kepler(e=0.9)
+    assert not rivals.RIVALS["diffrax tsit5"].prepare(problem, np.linspace(*problem.t_span, 401))(1e-3)().success
+
+
 def test_rivals_that_do_not_suit_a_problem_say_why():
     reasons = {
         key: rival.refusal(problems.spring_pendulum()) for key, rival in rivals.RIVALS.items() if rival.is_installed

@@ -16,6 +16,8 @@ from .events import HEYOKA_EVENTS
 from .expressions import EXPRESSIONS
 from .rival import Answer, absolute, answer
 
+_ENDLESS = 300_000  # steps of diffrax; an orbit that falls into the sun takes ever smaller ones
+
 
 def heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
     import heyoka as package
@@ -95,7 +97,7 @@ def diffrax(method: str, problem: Problem, times: np.ndarray) -> Callable[[float
             y0,
             saveat=package.SaveAt(ts=times),
             stepsize_controller=package.PIDController(rtol=rtol, atol=atol),
-            max_steps=None,
+            max_steps=_ENDLESS,
             throw=False,
         )
         return found.ys, found.result == package.RESULTS.successful

@@ -121,6 +121,7 @@ class Prepared:
         options |= {"has_times": t_eval is not None, "labels": labels, "integrals": integrals}
         self._system: System = remembered(rhs, form, record, has_tolerances=h is None, **options)
         self._tolerances: dict[int, Tolerances] = {}
+        self._checked_times: tuple[Any, Any] = None, None
         self._every = NEVER if self._save_every is None else self._save_every
         has_end = any(event.terminal for event in self._system.events.values())
         self._may_be_short = not has_end
@@ -194,7 +195,7 @@ class Prepared:
     def _short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
         again, t_end = partial(self._begin, span, u, v, p, False, None), span[1]
-        times = None if self._t_eval is None else check_times(self._t_eval, *span)
+        times = None if self._t_eval is None else self._times_in(span)
         if self._h is None:
             (steps, rows), every = self._system.last_sizes.get(self._limits.rtol, (0, 0)), self._every
             stepper: Any = self._variable_stepper(span, u, v, p, times)
@@ -223,12 +224,20 @@ class Prepared:
         if progress is not False:
             check_progress(progress)
         place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.integrals)
-        times = None if self._t_eval is None else check_times(self._t_eval, *span)
+        times = None if self._t_eval is None else self._times_in(span)
         if self._h is None:
             stepper = self._variable_stepper(span, u, v, p, times)
             return VariableRun.at_start(stepper, self._every, times, place, progress, self._note_size)
         fixed, n_steps = self._fixed_stepper(span, u, v, p, times)
         return FixedRun.at_start(fixed, n_steps, span[1], self._save_every, times, place, progress)
+
+    def _times_in(self, span: tuple[float, float]) -> np.ndarray:
+        """Return the times of t_eval, which are checked once for each span that differs from the last one."""
+        checked, times = self._checked_times
+        if checked != span:
+            times = np.array(check_times(self._t_eval, *span))
+            self._checked_times = span, times
+        return times
 
     def _fixed_stepper(
         self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, times: np.ndarray | None

@@ -277,7 +277,7 @@ class Run:
             self.history.close()
             self.saved, self.saved_outputs = self.history.whole(), self.history.whole_outputs()
             if self.times is not None:
-                self.saved.setdefault("t", self.times[: self.history.row])
+                self.saved.setdefault("t", self.times[: self.history.row].copy())
 
     def _complete(self) -> None:
         """Save the last state."""

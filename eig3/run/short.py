@@ -106,7 +106,7 @@ def at_times(stepper: Any, most: int, t_end: float, times: np.ndarray, again: Ca
         rows["u"][0], rows["v"][0] = stepper.start
         rows["steps"][0], tally[NEXT] = 0.0, 1
     none, no_rows = np.empty(0), np.empty((0, n))
-    fields: dict[str, Any] = {"t": times, "outputs": outputs}
+    fields: dict[str, Any] = {"t": times.copy(), "outputs": outputs}
     if isinstance(stepper, VariableStepper):
         stepper.may_shorten = True
         steps: Any = stepper.steps(min(stepper.tolerances.max_steps, most), 1, 0, (none, none, no_rows, no_rows))

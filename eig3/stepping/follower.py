@@ -118,6 +118,8 @@ class Follower:
         ValueError
             If a function does not write all of its values, or writes beyond them.
         """
+        if not self.followed.quantities:
+            return
         self.out.fill(np.nan)
         for k, quantity in enumerate(self.followed.quantities):
             values = self.values(k)

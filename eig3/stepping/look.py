@@ -38,12 +38,11 @@ class Look:
     def __init__(self, system: System, times: np.ndarray | None, n: int, work_rows: int) -> None:
         self.watching = Watching(system, times, n, work_rows)
         self.follower = Follower(system.followed, n)
-        self.renew()
 
-    def renew(self) -> None:
-        """Take other arrays for rows, or for wanted times, into the arguments of the kernel."""
+    @property
+    def arguments(self) -> Any:
         watch, follow, within = self.watching.watch, self.follower.record(), self.follower.within
-        self.arguments = Arguments(watch, follow) if within is None else LookWithin(watch, follow, within)
+        return Arguments(watch, follow) if within is None else LookWithin(watch, follow, within)
 
     def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
         """Look at the start."""
@@ -54,13 +53,11 @@ class Look:
     def follow_within(self, formulas: Any, rtol: float) -> None:
         """Find the extremes of quantities within steps of variable length too."""
         self.follower.look_within(formulas, rtol)
-        self.renew()
 
     def save_wanted(self, rows: Mapping[str, np.ndarray], n: int) -> None:
         """Let the kernel write what is saved at the wanted times to these rows: u, v and, if they are there, steps."""
         u, v = rows["u"].reshape(-1, n), rows["v"].reshape(-1, n)
         self.watching.save_in(rows["steps"] if "steps" in rows else np.empty(len(u)), u, v)
-        self.renew()
 
     def found(self) -> dict[str, Callable[[], Any]]:
         """Return functions that find what a solution has of the look, by the names of its fields."""
@@ -71,5 +68,4 @@ class Look:
         """Return an independent copy, which saves nothing."""
         other = object.__new__(Look)
         other.watching, other.follower = self.watching.fork(), self.follower.fork()
-        other.renew()
         return other

@@ -125,7 +125,6 @@ class March:
         self.changed_at: float | None = None
         self._lock = threading.Lock()
         self._slices: Slices | None = None
-        self.look = Look(system, times, n, self._work_rows()) if system.looks else None
         a, self.first_sizes = evaluation(system.callback, self.form, t0, u, v, params)
         if not math.isfinite(self.first_sizes[2]):
             raise not_finite(system.callback, self.form, t0, u, v, params, a)
@@ -135,6 +134,7 @@ class March:
         self._use(system.kernels.get(n) or self._compiled(system.method))
         if system.ignores_velocity and system.callback.reads_velocity:
             self._check_velocity(a)
+        self.look = Look(system, times, n, self._work_rows()) if system.looks else None
         if self.look:
             self.look.begin(self.tally, t0, u, v, params)
         return a

@@ -80,7 +80,7 @@ class VariableStepper(March):
         self.may_shorten = False
 
     def _work_rows(self) -> int:
-        return variable_formulas(self.system.method.variable).work_rows
+        return self.kernel.formulas.work_rows
 
     def _compiled(self, method: Method) -> Kernel:
         system, n = self.system, self.n

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -134,8 +135,8 @@ class Watching:
         """
         if self.times is None:
             return
-        near = _ROUND_OFF * float(np.spacing(max(abs(t0), abs(t))))
-        first, last = np.searchsorted(self.times, [t, t + near], side="left")
+        near = _ROUND_OFF * math.ulp(max(abs(t0), abs(t)))
+        first, last = self.times.searchsorted([t, t + near])
         some = slice(min(first, int(tally[NEXT])), last)
         for row in (row for block in self._found[-1:] for row in block if row[1] >= t - near):
             u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]
