@@ -191,9 +191,9 @@ def test_a_run_on_the_disk_has_the_states_of_one_in_memory(steps, tmp_path):
 
 
 def test_more_events_than_degrees_of_freedom():
-    levels = {f"crossing {k}": eig3.Event(position) for k in range(4)}
-    run = follow(20, rtol=1e-9, events=levels)
-    times = [run.events[name].t for name in levels]
+    events = {f"crossing {k}": eig3.Event(position) for k in range(4)}
+    run = follow(20, rtol=1e-9, events=events)
+    times = [run.events[name].t for name in events]
     assert len(times[0]) > 2
     assert all(np.array_equal(times[0], others) for others in times)
 

@@ -247,3 +247,11 @@ def test_all_uses_of_a_method_share_three_kernels(kind):
         prepared(SPAN, u0, v0, P)
         kernels.update(kernel.call for kernel in prepared._system.kernels.values())
     assert len(kernels) == 3
+
+
+def test_an_array_of_times_that_changes_later_does_not_matter():
+    times = np.linspace(0.0, 1.0, 5)
+    run = eig3.prepare(oscillator, h=0.01, t_eval=times)
+    expected, times[:] = times.copy(), 0.5
+    for t_end in (1.0, 1.0, 2.0):
+        np.testing.assert_array_equal(run((0.0, t_end), 1.0, 0.0, [3.0, 0.05]).t, expected)

@@ -161,10 +161,11 @@ def measure(
                 text.status(f"{name}, {candidate.label}, {mode}")
                 found += runs.of(candidate, mode)
     asked = _asked(rivals)
-    suitable = [key for key, rival in asked.items() if not rival.refusal(judged, is_of_the_library=False)]
-    share = _RIVALS / max(1, len(suitable))
+    refused = {key: rival.refusal(judged, is_of_the_library=False) for key, rival in asked.items()}
+    share = _RIVALS / max(1, sum(not why for why in refused.values()))
     fewest = min((p.evaluations for each in plans for p in each.predictions if p.reaches), default=0)
-    unsuitable = {key: why for key, rival in asked.items() if (why := _unsuitable(rival, judged, fewest, share))}
+    reasons = {key: refused[key] or _unsuitable(rival, judged, fewest, share) for key, rival in asked.items()}
+    unsuitable = {key: why for key, why in reasons.items() if why}
     skipped += _by_reason({RIVALS[key].label: why for key, why in unsuitable.items()})
     with np.errstate(over="ignore", invalid="ignore"):  # in steps that SciPy refuses
         for key in (key for key in asked if key not in unsuitable):
@@ -308,9 +309,7 @@ def _asked(rivals: bool | Sequence[str]) -> dict[str, Rival]:
 
 
 def _unsuitable(rival: Rival, problem: Problem, fewest: int, share: float) -> str:
-    """Why the rival is not measured; empty if it is."""
-    if why := rival.refusal(problem, is_of_the_library=False):
-        return why
+    """Why a rival that can solve the problem is not measured; empty if it is."""
     if problem.events and (len(problem.events) > 1 or np.ndim(problem.u0)):
         return "only one event of one degree of freedom is written for it"
     seconds = fewest * _EVALUATION

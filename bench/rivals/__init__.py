@@ -10,12 +10,12 @@ from typing import Any
 from .bodies import DIMENSIONS, ORBITS, ias15, whfast
 from .expressions import EXPRESSIONS
 from .general import cyrk, scipy, verlet
-from .rival import Rival, reads_velocity, without_events
+from .rival import Rival, without_events, without_velocity
 from .symbolic import diffrax, heyoka
 
 _HEYOKA = tuple(10.0**-k for k in (3, 5, 7, 9, 11, 13, 15))
 _IAS15 = (1e-2, 1e-3, 1e-4, 1e-5, 1e-7, 1e-9)  # the order is 15: the error falls with more than the square of this
-_WHFAST = [3 * 2**k for k in range(3, 12)]  # the longest is a twelfth of Jupiter's period
+_WHFAST = [3 * 2**k for k in range(3, 12)]  # the longest is an eleventh of Jupiter's period
 _DIFFRAX: dict[str, Any] = {"expressed": EXPRESSIONS, "most_degrees": 20, "cannot": without_events}
 
 #: By name.
@@ -30,5 +30,5 @@ RIVALS = {
     "diffrax dopri8": Rival("diffrax Dopri8", "diffrax", partial(diffrax, "Dopri8"), **_DIFFRAX),
     "rebound ias15": Rival("rebound IAS15", "rebound", ias15, _IAS15, expressed=DIMENSIONS),
     "rebound whfast": Rival("rebound WHFast", "rebound", whfast, substeps=_WHFAST, expressed=ORBITS),
-    "verlet": Rival("Verlet by hand", "numba", verlet, substeps=[2**k for k in range(20)], cannot=reads_velocity),
+    "verlet": Rival("Verlet by hand", "numba", verlet, substeps=[2**k for k in range(20)], cannot=without_velocity),
 }

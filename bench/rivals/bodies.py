@@ -16,7 +16,7 @@ import numpy as np
 
 from eig3.problem import Problem
 
-from .rival import Answer, answer
+from .rival import Answer
 
 #: The dimension of each problem of bodies; its parameters are their G m.
 DIMENSIONS = {"figure_eight": 2, "outer_solar_system": 3}
@@ -77,4 +77,4 @@ def _recorded(problem: Problem, times: np.ndarray, bodies: Any, advance: Callabl
         bodies.serialize_particle_data(xyz=u[i], vxvyvz=v[i])
     seconds = time.perf_counter() - begin
     flat = (rows[:, :, : DIMENSIONS[problem.name]].reshape(len(times), -1).T for rows in (u, v))
-    return answer(seconds, np.concatenate([*flat]), times, None, True)
+    return Answer.of(seconds, np.concatenate([*flat]), times, None, True)

@@ -16,7 +16,7 @@ from eig3.functions.checks import check_params
 from eig3.problem import Problem
 
 from .events import restarted, states
-from .rival import Answer, absolute, answer
+from .rival import Answer, absolute
 
 _ENDLESS = 1_000_000  # evaluations; SciPy takes some 8 s for them
 
@@ -97,7 +97,7 @@ def scipy(method: str, problem: Problem, times: np.ndarray) -> Callable[[float],
             return Answer(time.perf_counter() - begin, np.empty(0), np.empty(0), None, False)
         seconds = time.perf_counter() - begin
         finished.add(tolerance)
-        return answer(seconds, states(results), times, sum(r.nfev for r in results), results[-1].success)
+        return Answer.of(seconds, states(results), times, sum(r.nfev for r in results), results[-1].success)
 
     return lambda tolerance: partial(run, tolerance)
 
@@ -128,7 +128,7 @@ def cyrk(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], 
             atol=absolute(tolerance, problem),
         )
         seconds = time.perf_counter() - begin
-        return answer(seconds, result.y.copy(), times, None, result.success)
+        return Answer.of(seconds, result.y.copy(), times, None, result.success)
 
     return lambda tolerance: partial(run, tolerance)
 
@@ -147,7 +147,7 @@ def _cyrk_events(method: str, problem: Problem, times: np.ndarray) -> Callable[[
 
         begin = time.perf_counter()
         results = restarted(solve, problem, times, y0)
-        return answer(time.perf_counter() - begin, states(results), times, None, results[-1].success)
+        return Answer.of(time.perf_counter() - begin, states(results), times, None, results[-1].success)
 
     return lambda tolerance: partial(run, tolerance)
 
@@ -185,6 +185,6 @@ def verlet(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[]
         begin = time.perf_counter()
         states = np.empty((len(times), 2 * u0.size))
         solve(times[0], h, substeps, u0.flatten(), v0.flatten(), p, states)
-        return answer(time.perf_counter() - begin, states.T, times, (len(times) - 1) * substeps + 1, True)
+        return Answer.of(time.perf_counter() - begin, states.T, times, (len(times) - 1) * substeps + 1, True)
 
     return lambda h: partial(run, h)

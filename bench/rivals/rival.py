@@ -21,6 +21,14 @@ class Answer:
     evaluations: int | None
     success: bool
 
+    @classmethod
+    def of(cls, seconds: float, y: np.ndarray, times: np.ndarray, evaluations: int | None, success: bool) -> Answer:
+        """The answer from the states y = (u, v) at the times, shape (2 n, number of times)."""
+        n = len(y) // 2
+        u, v = (y[0], y[1]) if n == 1 else (y[:n].T, y[n:].T)
+        is_complete = len(u) == len(times) and bool(np.isfinite(u).all())
+        return cls(seconds, u, v, evaluations, bool(success) and is_complete)
+
 
 @dataclass(frozen=True)
 class Rival:
@@ -79,14 +87,7 @@ def absolute(tolerance: float, problem: Problem) -> float:
     return tolerance * (size or 1.0)  # of a motion that starts at rest, nothing is known
 
 
-def answer(seconds: float, y: np.ndarray, times: np.ndarray, evaluations: int | None, success: bool) -> Answer:
-    n = len(y) // 2
-    u, v = (y[0], y[1]) if n == 1 else (y[:n].T, y[n:].T)
-    success = bool(success) and len(u) == len(times) and bool(np.isfinite(u).all())
-    return Answer(seconds, u, v, evaluations, success)
-
-
-def reads_velocity(problem: Problem) -> str:
+def without_velocity(problem: Problem) -> str:
     """Why a solver for forces without velocity does not suit a problem."""
     return "the forces read the velocity" if problem.uses_velocity else without_events(problem)
 

@@ -14,7 +14,7 @@ from eig3.problem import Problem
 
 from .events import HEYOKA_EVENTS
 from .expressions import EXPRESSIONS
-from .rival import Answer, absolute, answer
+from .rival import Answer, absolute
 
 _ENDLESS = 300_000  # steps of diffrax; an orbit that falls into the sun takes ever smaller ones
 
@@ -39,7 +39,7 @@ def heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[]
             begin = time.perf_counter()
             outcome, *_, states = solver.propagate_grid(times)
             seconds = time.perf_counter() - begin
-            return answer(seconds, states.T, times, None, outcome == package.taylor_outcome.time_limit)
+            return Answer.of(seconds, states.T, times, None, outcome == package.taylor_outcome.time_limit)
 
         return run
 
@@ -106,6 +106,6 @@ def diffrax(method: str, problem: Problem, times: np.ndarray) -> Callable[[float
         begin = time.perf_counter()
         y, success = solve(tolerance, absolute(tolerance, problem))
         y = np.asarray(y)
-        return answer(time.perf_counter() - begin, y.T, times, None, bool(success))
+        return Answer.of(time.perf_counter() - begin, y.T, times, None, bool(success))
 
     return lambda tolerance: partial(run, tolerance)

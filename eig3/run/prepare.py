@@ -80,6 +80,7 @@ class Prepared:
         integrals: tuple[str, ...] = (),
         defaults: tuple = (),
     ) -> None:
+        t_eval = t_eval.copy() if isinstance(t_eval, np.ndarray) else t_eval  # later changes do not matter
         self._options = {
             "h": h,
             "rtol": rtol,
