@@ -100,6 +100,9 @@ class Prepared:
             "defaults": defaults,
         }
         self._defaults = defaults
+        if defaults:  # arrays are checked faster than other sequences at each call
+            own_span, own_u0, own_v0, own_params = defaults
+            self._defaults = own_span, *check_state(own_u0, own_v0)[:2], check_params(own_params)
         if t_eval is not None and save_every not in (1, None):
             raise ValueError("save_every and t_eval exclude each other: give one of them.")
         self._atol = atol

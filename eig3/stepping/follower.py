@@ -60,6 +60,15 @@ class Followed:
             size += quantity.width + CELLS
         self._out_size = size
         self._places: dict[int, tuple[int, list[tuple[int, int, tuple[int, ...]]]]] = {}
+        self._idle: dict[int, Follower] = {}
+
+    def follower(self, n: int) -> Follower:
+        """Return a follower for a run. Runs without quantities share one for each n, in which nothing changes."""
+        if self.quantities:
+            return Follower(self, n)
+        if n not in self._idle:
+            self._idle[n] = Follower(self, n)
+        return self._idle[n]
 
     def places(self, n: int) -> tuple[int, list[tuple[int, int, tuple[int, ...]]]]:
         """Return the size of `Follower.numbers`; and the begin, the end and the shape of each array there."""
@@ -136,6 +145,8 @@ class Follower:
         An invariant that is nearly constant takes few evaluations: smaller relative changes than rtol within a step
         are not looked at.
         """
+        if self.within is not None and not self.followed.quantities:
+            return
         floors = np.zeros(len(self.followed.quantities))
         floors[: len(self.followed.invariants)] = rtol
         self._formulas, self._rtol = formulas, rtol
@@ -160,6 +171,8 @@ class Follower:
 
     def fork(self) -> Follower:
         """Return an independent copy, which saves no values."""
+        if not self.followed.quantities:
+            return self
         other = Follower(self.followed, self._n, self.numbers.copy())
         if self.within is not None:
             other.look_within(self._formulas, self._rtol)

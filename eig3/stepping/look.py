@@ -9,7 +9,6 @@ import numpy as np
 
 from ..kernels.protocol import PART_END, LookWithin
 from ..kernels.protocol import Look as Arguments
-from .follower import Follower
 from .system import System
 from .watching import Watching
 
@@ -37,7 +36,7 @@ class Look:
 
     def __init__(self, system: System, times: np.ndarray | None, n: int, work_rows: int) -> None:
         self.watching = Watching(system, times, n, work_rows)
-        self.follower = Follower(system.followed, n)
+        self.follower = system.followed.follower(n)
 
     @property
     def arguments(self) -> Any:

@@ -3,12 +3,13 @@
 The first half of the rows of the coefficients belongs to u, and the second half to v. Their number depends on the pair.
 """
 
-from ..compile.jit import outlined
+from ..compile.jit import element, outlined
 
 QUINTIC_TERMS = 6
+_FEW = 4  # degrees of freedom whose sums are kept in registers
 
 
-@outlined
+@element
 def quintic(h, n, u, v, a, u_b, v_b, a_b, coefficients):
     """Write the polynomial of degree 5 through u, v and a at both ends of a step; v is its derivative.
 
@@ -30,6 +31,13 @@ def quintic(h, n, u, v, a, u_b, v_b, a_b, coefficients):
 def evaluate(coefficients, s, n, u, v):
     """Write u and v after the fraction s of the step."""
     terms = coefficients.shape[0] // 2
+    if n <= _FEW:
+        for j in range(n):
+            u_sum, v_sum = coefficients[terms - 1, j], coefficients[2 * terms - 1, j]
+            for k in range(terms - 2, -1, -1):
+                u_sum, v_sum = u_sum * s + coefficients[k, j], v_sum * s + coefficients[terms + k, j]
+            u[j], v[j] = u_sum, v_sum
+        return
     for j in range(n):
         u[j], v[j] = coefficients[terms - 1, j], coefficients[2 * terms - 1, j]
     for k in range(terms - 2, -1, -1):  # this order of the loops can be vectorised

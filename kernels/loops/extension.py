@@ -43,7 +43,7 @@ def extension_kernel(pair: str, form: Form) -> Any:
     """
     formulas = variable_formulas(pair)
     theirs = formulas.functions()
-    names = {"RHS": form.at("rhs"), "ROWS": formulas.rows, "TRIAL": theirs["trial"], "DENSE": theirs["dense"]}
+    names = {"RHS": form.at("rhs"), "ROWS": formulas.rows, "TRIAL": theirs["trial"], "DENSE": theirs["dense_called"]}
     states = (matrix_type,) * 2
     signature = none(int64, vector_type, vector_type, *states, Array(int64, 1, "C"), vector_type, *states, matrix_type)
     return compile_kernel(between, names, signature, f"extension_{pair}_{form.name}")

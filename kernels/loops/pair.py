@@ -78,11 +78,11 @@ class Pair:
 
     @functools.cache  # noqa: B019  a pair lives as long as its module
     def functions(self) -> dict[str, Any]:
-        """Return the elements `trial`, `square` and `dense`."""
+        """Return the elements `trial`, `square` and `dense`, and `dense_called`, which is not inlined."""
         names = {"__name__": __name__, "quintic": quintic}
         defined = define(self._text, "pair", names)
-        inlined = {name: element(defined[name]) for name in ("trial", "square")}
-        return {**inlined, "dense": outlined(defined["dense"])}
+        inlined = {name: element(defined[name]) for name in ("trial", "square", "dense")}
+        return {**inlined, "dense_called": outlined(defined["dense"])}
 
     def _unpacked(self) -> str:
         return f"    {', '.join(self._rows)} = y"

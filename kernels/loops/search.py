@@ -164,7 +164,7 @@ def _names(pair: Any, form: Form) -> dict[str, Any]:
         "PAIR_COST": 1 + pair.evaluations + pair.dense_evaluations,
         "STEP_DENSE_COST": pair.evaluations + pair.dense_evaluations if has_extension else 1,
         "TRIAL": outlined(theirs["trial"].py_func),
-        "DENSE": theirs["dense"],
+        "DENSE": theirs["dense_called"],
         "LOOK_WITHIN": look_within,
         "WRITE_TIME": write_time,
     }

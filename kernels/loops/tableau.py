@@ -23,9 +23,18 @@ from ..compile.source import Constants, after_sum, define, loop
 Row = Sequence[Fraction]
 
 
+#: A sum of products that is smaller than this part of them is zero: the tableaux have 15 digits or more.
+_ROUND_OFF = Fraction(1, 10**14)
+
+
 def product(row: Row, A: Sequence[Row]) -> list[Fraction]:
-    """Return the product of a row and a square matrix, exactly."""
-    return [sum((x * a[j] for x, a in zip(row, A, strict=False)), Fraction(0)) for j in range(len(A))]
+    """Return the product of a row and a square matrix, exactly but for the entries that are round-off of zero."""
+    entries = []
+    for j in range(len(A)):
+        products = [x * a[j] for x, a in zip(row, A, strict=False)]
+        entry = sum(products, Fraction(0))
+        entries.append(entry if abs(entry) > _ROUND_OFF * sum(map(abs, products)) else Fraction(0))
+    return entries
 
 
 class Tableau:

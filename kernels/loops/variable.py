@@ -132,10 +132,16 @@ def variable(callbacks, state, settings, tally, span, look):
             if step > tally[SILENT_STEP]:
                 tally[SILENT_STEP], tally[SILENT_END] = step, t_end
         was_rejected = False
-        outcome, s, t_stop, is_known = PASSED, 1.0, t_end, False
-        if LOOKS == SEARCHES and has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p):
-            DENSE(f, t, step, p, n, y, coefficients)
-            is_known = True
+        outcome, s, t_stop = PASSED, 1.0, t_end
+        if LOOKS > 0:
+            is_known = follows
+            if LOOKS == SEARCHES:
+                may_cross = has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p)
+                is_wanted = has_times and tally[NEXT] < len(watch.times) and watch.times[int(tally[NEXT])] <= t_end
+                is_known = follows or may_cross or is_wanted
+            if is_known:
+                DENSE(f, t, step, p, n, y, coefficients)
+        if LOOKS == SEARCHES and may_cross:
             outcome, s, t_stop = SEARCH(
                 place, tally, span.t0, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
             )
@@ -144,15 +150,9 @@ def variable(callbacks, state, settings, tally, span, look):
                 break
         tally[ERROR], tally[STEP_BEFORE] = max(error, LEAST_ERROR), step
         if LOOKS > 0:
-            if LOOKS == SEARCHES and has_times:
+            if LOOKS == SEARCHES and is_wanted:
                 while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
-                    if not is_known:
-                        DENSE(f, t, step, p, n, y, coefficients)
-                        is_known = True
                     WRITE_TIME(place, tally, t, step, t_end, n, coefficients, u_end, v_end, p)
-            if follows and not is_known:
-                DENSE(f, t, step, p, n, y, coefficients)
-                is_known = True
             if is_known:
                 tally[EVALUATIONS] += DENSE_COST
             if outcome != PASSED and s < 1.0:
@@ -275,7 +275,7 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         "DENSE_COST": formulas.dense_evaluations,
         "TRIAL": theirs["trial"],
         "SQUARE": theirs["square"],
-        "DENSE": theirs["dense"],
+        "DENSE": theirs["dense" if names["N"] else "dense_called"],
         "BEGIN": begin,
         "SIZES_AT_REST": sizes_at_rest,
         "ADVANCE": theirs.get("advance", advance),

@@ -27,8 +27,8 @@ class _Formulas:
     terms, work_rows = QUINTIC_TERMS, 2 + 2 * QUINTIC_TERMS
 
     def functions(self) -> dict[str, Any]:
-        found = {function.__name__: element(function) for function in (trial, square, advance, restart)}
-        return {**found, "dense": outlined(dense)}
+        found = {function.__name__: element(function) for function in (trial, square, dense, advance, restart)}
+        return {**found, "dense_called": outlined(dense)}
 
 
 def trial(f, t, h, h_before, p, n, y):
