@@ -42,6 +42,7 @@ from .progress import check_progress
 from .run import Run, carry_out
 from .variable_run import VariableRun
 
+_LONGER = 4  # a run with tolerances may be short if it takes at most so many times as long as the last one
 _LEAST_PACE = 1e-10  # seconds per step; a coarse clock may have measured none
 _SHORT = 1e-12  # a step of this part of the time may be too short for floating-point times
 
@@ -211,7 +212,8 @@ class Prepared:
         if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
             return None
         if self._h is None:
-            steps = int(short.MOST_SECONDS / max(pace, _LEAST_PACE))  # the last run may have been much shorter
+            seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
+            steps = int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE))
         if times is not None:
             return short.at_times(stepper, steps, t_end, times, again)
         if self._h is None:

@@ -24,7 +24,10 @@ from .fixed_run import grid
 from .growth import STRANGE, natural_sizes
 from .run import Run, Stop, solution_of
 
-MOST_SECONDS = 4e-4  # duration of a short run, by the time per step of an earlier one
+# Duration of a short run, by the time per step of an earlier one. Ctrl-C waits for it, and what is found later takes it
+# again. Slices would take a fifth longer for runs of 1 ms.
+MOST_SECONDS = 5e-3
+TRIED_SECONDS = 4e-4  # duration for which a run with tolerances is tried as a short one, whatever the last one took
 MOST_VALUES = 2**17  # in its rows
 
 

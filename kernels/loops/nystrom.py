@@ -46,5 +46,7 @@ class NystromPair(Pair):
             lines.append(f"        u{k} = h * h * {total(self.weighted(weights))}")
         lines += [*self._powers("u", 0), "        per_h = 1 / h"]
         for power in range(1, self.terms):
-            lines.append(f"        coefficients[{self.terms + power - 1}, j] = {power} * coefficients[{power}, j] * per_h")
+            lines.append(
+                f"        coefficients[{self.terms + power - 1}, j] = {power} * coefficients[{power}, j] * per_h"
+            )
         return [*lines, f"        coefficients[{2 * self.terms - 1}, j] = 0.0"]
