@@ -443,9 +443,10 @@ def test_a_form_is_itself_after_pickling():
 def test_the_example_of_the_readme_is_a_script(tmp_path):
     """`test_readme` does not run what the script does only where it is the main module."""
     (example,) = (text for _, text in BLOCKS["eig3/ensembles/README.md"] if "LocalCluster" in text)
+    example = example.replace("100_000", "5_000")  # some parts of 128 members or more; all of them take ten seconds
     namespace = {}
     exec(example, namespace)
-    start = np.random.default_rng(0).uniform(-2, 2, (2, 100_000))
+    start = np.random.default_rng(0).uniform(-2, 2, (2, 5_000))
     solution = eig3.ensemble(namespace["double_well"], (0, 100), *start, h=0.01)
     count = np.count_nonzero(solution.u[:, -1] > 0)
-    assert output(tmp_path / "example.py", example).decode() == f"{count} of 100000 end in the right well\n"
+    assert output(tmp_path / "example.py", example).decode() == f"{count} of 5000 end in the right well\n"
