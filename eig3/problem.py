@@ -15,11 +15,14 @@ from numpy.typing import ArrayLike
 from .animation import Curves
 from .animation.animate import View, animate
 from .diagnosis.critical import CriticalStep, critical_step
+from .ensembles.named_members import of_members
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution, Reduce
 from .functions.callbacks import check_callback, reads_velocity
 from .functions.checks import check_names, check_params, check_span, check_state, reals
 from .functions.events import Event
+from .functions.layout import Layout
+from .functions.named import has_names, in_layout, named
 from .functions.quantities import EnergyLessWork
 from .kernels.protocol import SCALAR, VECTOR
 from .methods import Method
@@ -49,8 +52,9 @@ class Problem:
         The acceleration, in one of the two forms that `eig3.integrate` takes.
     u0, v0 : float or array_like, shape (n,)
         Displacement and velocity at ``t_span[0]``.
-    params : array_like
-        The array p of rhs and energy.
+    params : array_like; or NamedTuple or dict
+        The array p of rhs, energy and events. If the parameters have names, these functions get them as ``p.k``, and
+        this attribute is of the type `eig3.Parameters`.
     t_span : (float, float)
     energy : jitted function, optional
         ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` follows it as the invariant
@@ -89,7 +93,7 @@ class Problem:
     rhs: Any
     u0: ArrayLike
     v0: ArrayLike
-    params: ArrayLike
+    params: Any
     t_span: tuple[float, float]
     energy: Any = None
     exact: Callable | None = None
@@ -107,6 +111,17 @@ class Problem:
 
     def __post_init__(self) -> None:
         check_names(self.integrals, "integrals")
+        if has_names(self.params):
+            params = named(self.params)
+            bind = params.layout.bind
+            bound = {"rhs": bind(self.rhs), "energy": bind(self.energy), "events": params.layout.bind_all(self.events)}
+            for name, value in {"params": params, **bound}.items():
+                object.__setattr__(self, name, value)  # the dataclass is frozen for others
+
+    @property
+    def _layout(self) -> Layout | None:
+        """The names of the parameters, if they have any."""
+        return getattr(self.params, "layout", None)
 
     def with_(self, **changes: Any) -> Problem:
         """Return a copy with some fields changed, such as ``problem.with_(u0=[0.1, 0.0], t_span=(0, 20))``.
@@ -187,6 +202,7 @@ class Problem:
             options.setdefault("events", self.events)
         form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
         options |= {"labels": self.labels, "defaults": (self.t_span, self.u0, self.v0, self.params)}
+        options["layout"] = self._layout
         if self.integrals:
             options |= {"invariants": self._balanced(options["invariants"]), "integrals": tuple(self.integrals)}
         return Prepared(self.rhs, form, **options)
@@ -238,7 +254,7 @@ class Problem:
         h: ArrayLike,
         u0: ArrayLike | None = None,
         v0: ArrayLike | None = None,
-        params: ArrayLike | None = None,
+        params: Any = None,
         method: str | Method = "eig3",
         t_end: float | None = None,
         **options: Any,
@@ -250,7 +266,8 @@ class Problem:
         h, method
             As for `eig3.ensemble`.
         u0, v0, params : array_like, optional
-            Values for each member, along a first axis. What is left out is that of the problem, for all members.
+            Values for each member, along a first axis. What is left out is that of the problem, for all members. Of
+            parameters with names, params is a dictionary of those that change.
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
@@ -275,12 +292,17 @@ class Problem:
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
-        if params is None:
+        if self._layout:
+            params = of_members(params or {}, self.params)
+        elif params is None:
             params = check_params(self.params)
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, h)
             if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
                 params = params[None]  # they are shared also if there are as many parameters as members
         options |= {"h": h, "params": params, "method": method}
+        for name in ("invariants", "outputs"):
+            if self._layout and name in options:
+                options[name] = self._layout.bind_all(options[name])
         if not self.integrals:
             return self._ensemble(span, *start, **options)
         n = np.size(self.u0)
@@ -413,6 +435,8 @@ class Problem:
             return check_span(value)
         if name not in _START:
             return value
+        if name == "params" and self._layout:
+            return in_layout(self._layout, value)
         old = np.shape(check_params(self.params) if name == "params" else self.u0)
         new = check_params(value) if name == "params" else reals(value, name)
         if new.shape != old:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import takes
+from ..functions.callbacks import form_of
 from ..functions.checks import check_h, check_resolution, check_span, reals
 from ..kernels.protocol import SCALAR, VECTOR, Form
 from ..run.fixed_run import divide
@@ -91,7 +91,7 @@ def check_members(
         If an argument is not valid, or two arguments have shapes that do not fit.
     """
     t0, t1 = check_span(t_span)
-    form = _form(rhs)
+    form = form_of(rhs)
     inner = 0 if form is SCALAR else 1
     given = {"u0": (reals(u0, "u0"), inner), "v0": (reals(v0, "v0"), inner)}
     given["params"] = np.atleast_1d(reals(params, "params")), 1
@@ -111,14 +111,6 @@ def check_members(
     p, steps = (_of_all(arrays[name], given[name][1], m) for name in ("params", "h"))
     steps, n_steps = _divided(steps, t0, t1)
     return Members(form, (t0, t1), u, v, p, steps, np.broadcast_to(n_steps, m))
-
-
-def _form(rhs: Any) -> Form:
-    """Return the form of a right-hand side, from the number of its arguments."""
-    function = getattr(rhs, "py_func", rhs)
-    if not callable(function) or takes(function, len(SCALAR.rhs.args)):
-        return SCALAR  # if rhs is not a function, its check will say so
-    return VECTOR if takes(function, len(VECTOR.rhs.args)) else SCALAR
 
 
 def _count(given: dict[str, tuple[np.ndarray, int]], form: Form) -> int:

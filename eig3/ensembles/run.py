@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import check_callback
+from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import check_count, check_method
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
+from ..functions.named import has_names
 from ..functions.quantities import Functions, check_functions
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
@@ -30,6 +31,7 @@ from .block import Block
 from .histories import Histories
 from .lanewise import lanes_of, layout_of
 from .members import Members, check_members
+from .named_members import split
 from .parts import Joined, Listed, Recipe, Results, parts_of
 from .shared import Shared
 from .shipping import check_executor, check_reduce, march_parts
@@ -46,7 +48,7 @@ def ensemble(
     v0: ArrayLike,
     *,
     h: ArrayLike,
-    params: ArrayLike = (),
+    params: Any = (),
     method: str | Method = "eig3",
     save_every: int | None = None,
     invariants: Mapping[str, Any] | None = None,
@@ -72,8 +74,9 @@ def ensemble(
         Displacements and velocities at the first time.
     h : float or array_like, shape (m,)
         The step. If it does not divide the span, the run takes the next shorter step that does.
-    params : array_like, shape (k,) or (m, k)
-        The parameters. rhs gets those of a member as p, of shape (k,).
+    params : array_like, shape (k,) or (m, k); or NamedTuple or dict
+        The parameters. rhs gets those of a member as p, of shape (k,). Of parameters with names, each array whose first
+        axis has the length m has a value for each member.
     method, save_every, invariants, outputs, progress
         As for `eig3.integrate`. By default only the first and the last state are saved.
     threads : int
@@ -118,6 +121,10 @@ def ensemble(
         check_progress(progress)
         check_executor(executor)
         check_reduce(reduce)
+        if has_names(params):
+            params, first = split(params, form_of(rhs), u0, v0, h)
+            bind_all, method = first.layout.bind_all, first.layout.bind_method(method)
+            rhs, invariants, outputs = first.layout.bind(rhs), bind_all(invariants), bind_all(outputs)
         members = check_members(rhs, t_span, u0, v0, params, h)
         every = save_every if save_every is None else check_count(save_every, "save_every")
         cores = _cores() if threads is None else check_count(threads, "threads")

@@ -25,6 +25,7 @@ from ..kernels.compile.numba_internals import (
     compile_results,
     gist,
     is_write_to_readonly,
+    options_of,
     return_type,
 )
 from ..kernels.protocol import SCALAR, VECTOR, Form
@@ -195,9 +196,15 @@ def _renew(function: Jitted) -> None:
 
 
 def _with_present_globals(function: Any) -> Callable:
-    """Return a copy of the Python function whose globals do not change."""
+    """Return a copy of the Python function whose globals do not change.
+
+    What it binds to named parameters is inlined in the copy, so that it can run in lanes.
+    """
     f = function.py_func
     copy = types.FunctionType(f.__code__, dict(f.__globals__), f.__name__, f.__defaults__, f.__closure__)
+    if hasattr(f, "named"):
+        inner = _with_present_globals(f.named)
+        copy.__globals__["function_of_names"] = numba.jit(inner, **{**options_of(f.named), "inline": "always"})
     copy.__kwdefaults__, copy.__module__ = f.__kwdefaults__, f.__module__
     return copy
 
@@ -264,7 +271,8 @@ def _reads(function: Any, place: int) -> bool:
     This is so if no instruction of its bytecode names the argument. Numba compiles no access to a local variable except
     by an instruction that names the variable.
     """
-    code = getattr(function, "py_func", function).__code__
+    function = getattr(function, "py_func", function)
+    code = getattr(getattr(function, "named", function), "py_func", function).__code__
     if code.co_argcount <= place:
         return True
     name = code.co_varnames[place]
@@ -301,6 +309,14 @@ def takes(function: Callable, count: int) -> bool:
     except TypeError:
         return False
     return True
+
+
+def form_of(rhs: Any) -> Form:
+    """Return the form of a right-hand side, from the number of its arguments."""
+    function = getattr(rhs, "py_func", rhs)
+    if not callable(function) or takes(function, len(SCALAR.rhs.args)):
+        return SCALAR  # if rhs is not a function, its check will say so
+    return VECTOR if takes(function, len(VECTOR.rhs.args)) else SCALAR
 
 
 def _described(returned: Any) -> str:

@@ -15,7 +15,7 @@ from .solution import TRANSIENT, Status
 
 _MOST = 2**63 - 1  # the largest count
 #: What the state of each run has.
-_GOES_ON = {"t0", "t_end", "start", "params", "inline", "has_jacobian", "times", "stepper"}
+_GOES_ON = {"t0", "t_end", "start", "params", "layout", "inline", "has_jacobian", "times", "stepper"}
 _GOES_ON_FIXED = _GOES_ON | {"h", "n_steps", "save_every", "growth"}
 _GOES_ON_VARIABLE = _GOES_ON | {"tolerances", "every", "rows", "events"}
 
@@ -67,11 +67,15 @@ def check_fields(fields: Mapping[str, Any]) -> None:
 
 def _is_state(x: Any, has_steps: bool) -> bool:
     """Whether a run may go on from here; what it has of numbers and arrays is checked when it goes on."""
-    if not (isinstance(x, dict) and (set(x) == _GOES_ON_FIXED or (has_steps and set(x) == _GOES_ON_VARIABLE))):
+    if not isinstance(x, dict):
+        return False
+    names = {*x, "layout"}  # which older files do not have
+    if not (names == _GOES_ON_FIXED or (has_steps and names == _GOES_ON_VARIABLE)):
         return False
     has_flags = isinstance(x["inline"], bool) and isinstance(x["has_jacobian"], bool)
     return (
         has_flags
+        and isinstance(x.get("layout", ""), str)
         and isinstance(x["start"], tuple)
         and len(x["start"]) == 2
         and _is_number(x["t0"])

@@ -127,6 +127,7 @@ class FixedRun(Run):
             "t_end": self.t_end,
             "start": stepper.start,
             "params": stepper.params,
+            "layout": stepper.system.layout.text if stepper.system.layout else "",
             "inline": stepper.inline,
             "has_jacobian": stepper.method.jacobian is not None,
             "n_steps": self.n_steps,

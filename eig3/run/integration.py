@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import check_state
 from ..functions.events import Event
+from ..functions.named import named
 from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
@@ -25,7 +26,7 @@ def integrate(
     h: float | None = None,
     rtol: float | None = None,
     atol: ArrayLike | None = None,
-    params: ArrayLike = (),
+    params: Any = (),
     method: str | Method | None = None,
     save_every: int | None = 1,
     t_eval: ArrayLike | None = None,
@@ -59,8 +60,9 @@ def integrate(
     rtol, atol : float; atol also array_like, shape (n,) or (2, n)
         Tolerances, which bound the estimated error of each step by ``atol + rtol * size``. Without atol, a size is the
         largest |u| so far of a degree of freedom, or its largest |v|; with atol, it is that of the value itself.
-    params : float or array_like
-        The parameters. rhs gets them as p, a one-dimensional array of float64.
+    params : float or array_like; or NamedTuple or dict
+        The parameters. rhs gets them as p, a one-dimensional array of float64. If they have names, all functions get
+        them as ``p.k``: numbers, arrays of one or two axes, integers, and sparse matrices of SciPy as `eig3.Sparse`.
     method : str or Method
         A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol
         "rk5", "rk8", "eig3" or "rkn12", which is the default up to 1e-6 if rhs ignores v; else "rk8" below 1e-4.
@@ -103,6 +105,7 @@ def integrate(
         raised too, with the same attribute.
     """
     u, v, form = check_state(u0, v0)
+    params = named(params)
     try:
         prepared = Prepared(
             rhs,
@@ -120,6 +123,7 @@ def integrate(
             first_step=first_step,
             max_steps=max_steps,
             inline=inline,
+            layout=getattr(params, "layout", None),
         )
     except KeyboardInterrupt as error:  # while a function was compiled
         error.solution = None  # type: ignore[attr-defined]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.events import Event, check_events
+from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
 from ..kernels.protocol import SCALAR, VECTOR
 from ..result import storage
@@ -94,6 +95,11 @@ def with_functions(
         if not solution.can_go_on:
             why = f"its status is {solution.status.name}"
         raise ValueError(f"this run cannot go on: {why}; load it without functions.")
+    if state.get("layout"):
+        with storage.going_on():
+            layout = Layout.of_text(state["layout"])
+        rhs, jacobian = layout.bind(rhs), layout.bind(jacobian)
+        events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
     given: dict[str, Any] = {"events": check_events(events), **check_functions(invariants, outputs)._asdict()}
     names: dict[str, Mapping[str, Any]]
     names = {"events": solution.events, "invariants": solution.drift, "outputs": solution.outputs}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import check_callback, takes
+from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import (
     check_count,
     check_flag,
@@ -24,8 +24,10 @@ from ..functions.checks import (
 )
 from ..functions.events import Event
 from ..functions.guard import guarded
+from ..functions.layout import Layout
+from ..functions.named import has_names, in_layout, named
 from ..functions.quantities import Functions, check_functions
-from ..kernels.protocol import SCALAR, VECTOR, Form
+from ..kernels.protocol import SCALAR, Form
 from ..methods import Method
 from ..result.labels import Labels
 from ..result.solution import Solution
@@ -80,7 +82,9 @@ class Prepared:
         labels: Labels | None = None,
         integrals: tuple[str, ...] = (),
         defaults: tuple = (),
+        layout: Layout | None = None,
     ) -> None:
+        self._rhs, self._layout = rhs, layout
         t_eval = t_eval.copy() if isinstance(t_eval, np.ndarray) else t_eval  # later changes do not matter
         self._options = {
             "h": h,
@@ -99,11 +103,16 @@ class Prepared:
             "labels": labels,
             "integrals": integrals,
             "defaults": defaults,
+            "layout": layout,
         }
+        if layout:
+            rhs, method = layout.bind(rhs), layout.bind_method(method)
+            events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
         self._defaults = defaults
         if defaults:  # arrays are checked faster than other sequences at each call
             own_span, own_u0, own_v0, own_params = defaults
-            self._defaults = own_span, *check_state(own_u0, own_v0)[:2], check_params(own_params)
+            own_params = own_params if layout else check_params(own_params)
+            self._defaults = own_span, *check_state(own_u0, own_v0)[:2], own_params
         if t_eval is not None and save_every not in (1, None):
             raise ValueError("save_every and t_eval exclude each other: give one of them.")
         self._atol = atol
@@ -144,7 +153,7 @@ class Prepared:
         t_span: Sequence[float] | None = None,
         u0: ArrayLike | None = None,
         v0: ArrayLike | None = None,
-        params: ArrayLike = (),
+        params: Any = (),
         *,
         progress: bool = False,
         raise_on_failure: bool = False,
@@ -157,7 +166,7 @@ class Prepared:
         ----------
         t_span : (float, float)
         u0, v0 : float or array_like, shape (n,)
-        params : float or array_like
+        params : float or array_like, NamedTuple or dict
             What is left out is that of the problem, for a run that `Problem.prepare` has prepared. Other runs need a
             span and a start.
         progress, raise_on_failure, cancel, save_to
@@ -183,6 +192,8 @@ class Prepared:
             raise self._wrong_form(u0)
         if self._system.integrals:
             u, v = (np.append(x, np.zeros(len(self._system.integrals))) for x in (u, v))
+        if self._layout or has_names(params):
+            params = in_layout(self._layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         if is_plain and self._may_be_short:
@@ -273,14 +284,14 @@ class Prepared:
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
-        return _prepared, (self._system.rhs, self._system.form, self._options)
+        return _prepared, (self._rhs, self._system.form, self._options)
 
 
 def _prepared(rhs: Any, form: Form, options: dict[str, Any]) -> Prepared:
     return Prepared(rhs, form, **options)
 
 
-def prepare(rhs: Any, **options: Any) -> Prepared:
+def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
     """Check, choose and compile all that runs of a right-hand side need, for many runs with different starts.
 
     Parameters
@@ -288,6 +299,8 @@ def prepare(rhs: Any, **options: Any) -> Prepared:
     rhs : jitted function
         The acceleration, in one of the two forms that `eig3.integrate` takes: with four arguments for one degree of
         freedom, with five for n.
+    params : NamedTuple or dict, optional
+        The parameters, or an example of them, if they have names. Those of a run may have arrays of other sizes.
     **options
         h or rtol, and atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps and
         inline, as for `eig3.integrate`.
@@ -309,13 +322,10 @@ def prepare(rhs: Any, **options: Any) -> Prepared:
     Values of global variables are those of the time when the run was prepared. With ``inline=True``, the loop is
     compiled at the first call for a number of degrees of freedom.
     """
-    return Prepared(rhs, _form_of(rhs), **options)
-
-
-def _form_of(rhs: Any) -> Form:
-    """Return the form of a right-hand side, from its number of arguments."""
-    function = getattr(rhs, "py_func", rhs)
-    return VECTOR if callable(function) and takes(function, 5) else SCALAR
+    if params is not None and not has_names(params):
+        raise TypeError("params is for parameters with names; give an array to each call: prepared(t_span, u0, v0, p).")
+    layout = None if params is None else named(params).layout
+    return Prepared(rhs, form_of(rhs), layout=layout, **options)
 
 
 def _refuse(given: dict[str, Any]) -> None:

@@ -109,6 +109,7 @@ class VariableRun(Run):
             "t_end": stepper.t_end,
             "start": stepper.start,
             "params": stepper.params,
+            "layout": stepper.system.layout.text if stepper.system.layout else "",
             "inline": stepper.inline,
             "has_jacobian": False,
             "tolerances": vars(stepper.tolerances),

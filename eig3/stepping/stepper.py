@@ -21,6 +21,7 @@ from ..functions.checks import (
 )
 from ..functions.guard import guarded
 from ..functions.inlining import inlined
+from ..functions.named import Parameters, named
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.loops import fixed
 from ..kernels.protocol import DEGREE, FAILED, ITERATIONS, RESIDUAL, SCALAR, TIME, Steps
@@ -95,13 +96,16 @@ class Stepper(March):
         *,
         h: float,
         t0: float = 0.0,
-        params: ArrayLike = (),
+        params: Any = (),
         method: str | Method = "eig3",
         inline: bool = False,
     ) -> None:
         h, t0 = check_h(h), check_time(t0, "t0")
         u, v, form = check_state(u0, v0)
-        system = System(rhs, form, check_method(method), inline=inline)
+        params, record = named(params), check_method(method)
+        if isinstance(params, Parameters):
+            rhs, record = params.layout.bind(rhs), params.layout.bind_method(record)
+        system = System(rhs, form, record, inline=inline)
         vars(self).update(vars(Stepper.of(system, t0, h, u, v, guarded(check_params(params)))))
 
     @classmethod

@@ -1,0 +1,99 @@
+"""Parameters with names for the members of an ensemble."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..functions.checks import shown
+from ..functions.layout import Sparse, unknown_name
+from ..functions.named import Parameters, in_layout
+from ..kernels.protocol import SCALAR, Form
+
+
+def of_members(changes: Any, base: Parameters) -> np.ndarray:
+    """Return the array p of each member, shape (m, k), or that of all, shape (1, k).
+
+    Parameters
+    ----------
+    changes : mapping
+        New values, for all members or with a first axis of members.
+    base : Parameters
+        The other values, and the kinds.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a name, a shape or a number of members is wrong.
+    """
+    layout, given = base.layout, _as_dict(changes)
+    each: dict[str, np.ndarray] = {}
+    shared = base._asdict()
+    for name, value in given.items():
+        if name not in layout.names:
+            raise unknown_name("params has", name, layout.names)
+        kind = layout.kinds[layout.names.index(name)]
+        if kind.ndim >= 0 and np.ndim(value) == kind.ndim + 1:
+            each[name] = np.asarray(value)
+        else:
+            shared[name] = value
+    m = _common_length(each)
+    first = in_layout(layout, {**shared, **{name: value[0] for name, value in each.items()}})
+    flat, places = np.tile(np.asarray(first), (m, 1)), layout.places(first._asdict())
+    for name, value in each.items():
+        is_whole_array = first._asdict()[name].dtype == np.int64 and value.ndim > 1
+        rows = np.ascontiguousarray(value, dtype=np.int64 if is_whole_array else np.float64).reshape(m, -1)
+        flat[:, places[name]] = rows.view(np.float64)
+    return flat
+
+
+def split(params: Any, form: Form, u0: ArrayLike, v0: ArrayLike, h: ArrayLike) -> tuple[np.ndarray, Parameters]:
+    """Return the array p of each member, and the parameters of the first one.
+
+    An array whose first axis is as long as there are members has a value for each of them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `of_members`, and if it is not clear how many members there are.
+    """
+    given, inner = _as_dict(params), 0 if form is SCALAR else 1
+    axes = (np.shape(u0)[: np.ndim(u0) - inner], np.shape(v0)[: np.ndim(v0) - inner], np.shape(h))
+    counts = {axis[0] for axis in axes if axis} - {1}
+    arrays = {name: len(value) for name, value in given.items() if not _is_sparse(value) and np.ndim(value)}
+    counts = counts or set(arrays.values())
+    if len(counts) > 1:
+        lengths = ", ".join(f"{name} {length}" for name, length in arrays.items())
+        raise ValueError(
+            f"params has arrays of different lengths ({lengths}): give u0 with a first axis of members, which says how "
+            "many there are."
+        )
+    if 0 in counts:
+        raise ValueError("params must hold at least one member, but an array is empty.")
+    each = {name: value for name, value in given.items() if arrays.get(name) in counts}
+    base = Parameters({name: np.asarray(value)[0] if name in each else value for name, value in given.items()})
+    return of_members(each, base), base
+
+
+def _as_dict(params: Any) -> Mapping[str, Any]:
+    if isinstance(params, Mapping):
+        return params
+    if hasattr(params, "_asdict"):
+        return params._asdict()
+    raise TypeError(f"params must be a dictionary of the parameters that change, not {shown(params)}.")
+
+
+def _common_length(each: Mapping[str, np.ndarray]) -> int:
+    """Return the number of members."""
+    lengths = {name: len(value) for name, value in each.items()}
+    if len(set(lengths.values())) > 1:
+        words = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise ValueError(f"params has values for different numbers of members: {words}.")
+    return next(iter(lengths.values()), 1)
+
+
+def _is_sparse(value: Any) -> bool:
+    return isinstance(value, Sparse) or hasattr(value, "tocsr")

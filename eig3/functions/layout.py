@@ -1,0 +1,259 @@
+"""How parameters with names are kept in the array p of a kernel, and functions that read them there.
+
+From a function that reads p by names, `Layout.bind` makes one that a kernel can call. It hands over views of p, which
+costs nothing. The sizes of the arrays are in front of the values: a function is compiled for the names and the kinds of
+the values, and not for their sizes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import dis
+import functools
+import inspect
+from collections import namedtuple
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..kernels.compile.numba_internals import Jitted
+from ..kernels.compile.source import define
+from .callbacks import jit
+from .events import Event
+from .quantities import EnergyLessWork
+
+_PLACE = 3  # of p among the arguments of a function
+
+
+class Sparse(NamedTuple):
+    """A sparse matrix in compressed rows, as functions get it.
+
+    The entries of row i are ``data[k]`` in the columns ``indices[k]``, for k from ``indptr[i]`` to ``indptr[i + 1]``.
+    """
+
+    data: np.ndarray
+    indices: np.ndarray
+    indptr: np.ndarray
+    shape: tuple[int, int]
+
+
+class Kind(NamedTuple):
+    """What a parameter is.
+
+    Attributes
+    ----------
+    is_whole : bool
+        Whether its values are integers.
+    ndim : int
+        The number of axes; -1 for a sparse matrix.
+    """
+
+    is_whole: bool
+    ndim: int
+
+    @property
+    def n_sizes(self) -> int:
+        """How many sizes are in front of the values: rows, columns and entries of a sparse matrix."""
+        return 3 if self.ndim < 0 else self.ndim
+
+    @property
+    def text(self) -> str:
+        """The kind in a word."""
+        return "sparse" if self.ndim < 0 else f"{'whole' if self.is_whole else 'real'}{self.ndim or ''}"
+
+
+MOST_AXES = 2
+SPARSE = Kind(is_whole=False, ndim=-1)
+_KINDS = [SPARSE, *(Kind(is_whole, ndim) for is_whole in (False, True) for ndim in range(MOST_AXES + 1))]
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """The names and kinds of parameters.
+
+    Attributes
+    ----------
+    names : tuple of str
+    kinds : tuple of Kind
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[Kind, ...]
+
+    @property
+    def text(self) -> str:
+        """The layout in one line, such as "k=real, tags=whole1, K=sparse": the number is that of the axes."""
+        return ", ".join(f"{name}={kind.text}" for name, kind in zip(self.names, self.kinds, strict=True))
+
+    @classmethod
+    def of_text(cls, text: str) -> Layout:
+        """Return the layout of a text.
+
+        Raises
+        ------
+        ValueError
+            If it is not one of a layout.
+        """
+        pairs = [entry.split("=") for entry in text.split(", ")]
+        known = {kind.text: kind for kind in _KINDS}
+        if not all(len(pair) == 2 and pair[0].isidentifier() and pair[1] in known for pair in pairs):
+            raise ValueError("the names of the parameters are damaged.")
+        return cls(tuple(name for name, _ in pairs), tuple(known[kind] for _, kind in pairs))
+
+    @property
+    def n_sizes(self) -> int:
+        """The number of sizes in front of the values."""
+        return sum(kind.n_sizes for kind in self.kinds)
+
+    def places(self, values: Mapping[str, Any]) -> dict[str, slice]:
+        """Return where the values of each parameter are in the array p."""
+        begin, found = self.n_sizes, {}
+        for name, kind in zip(self.names, self.kinds, strict=True):
+            value = values[name]
+            count = 2 * len(value.data) + value.shape[0] + 1 if kind.ndim < 0 else np.size(value)
+            found[name] = slice(begin, begin + count)
+            begin += count
+        return found
+
+    def flat(self, values: Mapping[str, Any]) -> np.ndarray:
+        """Return the array p of the kernels."""
+        sizes: list[float] = []
+        parts: list[np.ndarray] = []
+        for name, kind in zip(self.names, self.kinds, strict=True):
+            value = values[name]
+            if kind.ndim < 0:
+                sizes += [*value.shape, len(value.data)]
+                parts += [value.data, *(_bits(part) for part in (value.indices, value.indptr))]
+            else:
+                sizes += value.shape
+                is_array = kind.is_whole and kind.ndim > 0
+                parts.append(_bits(value.ravel()) if is_array else np.atleast_1d(value).ravel())
+        return np.concatenate([np.array(sizes, dtype=np.float64), *parts], dtype=np.float64)
+
+    def bind(self, function: Any) -> Any:
+        """Return a jitted function of the array p that calls `function` with the named parameters.
+
+        It is the same object at each call. What is no jitted function, and what is bound already, is returned as it is.
+
+        Raises
+        ------
+        TypeError
+            If the function reads a name that is not among those of the parameters.
+        """
+        if isinstance(function, EnergyLessWork):
+            return function._replace(energy=self.bind(function.energy))
+        if isinstance(function, tuple):  # an output and its number of values
+            return (self.bind(function[0]), *function[1:])
+        if isinstance(function, Event):
+            return dataclasses.replace(function, g=self.bind(function.g), apply=self.bind(function.apply))
+        if not isinstance(function, Jitted) or hasattr(function.py_func, "named") or hasattr(function, "callback"):
+            return function
+        known = _bound.setdefault(function, {})
+        if self not in known:
+            known[self] = self._bound(function)
+        return known[self]
+
+    def bind_all(self, functions: Any) -> Any:
+        """Return a dictionary of bound functions; what is no dictionary is returned as it is."""
+        if not isinstance(functions, Mapping):
+            return functions
+        return {name: self.bind(function) for name, function in functions.items()}
+
+    def bind_method(self, method: Any) -> Any:
+        """Return a method whose jacobian is bound, if it has one."""
+        jacobian = getattr(method, "jacobian", None)
+        return method if jacobian is None else dataclasses.replace(method, jacobian=self.bind(jacobian))
+
+    def _bound(self, function: Any) -> Any:
+        arguments = list(inspect.signature(function.py_func).parameters)
+        if len(arguments) <= _PLACE:
+            return function  # its check says which arguments it must have
+        p = arguments[_PLACE]
+        for name in _attributes(function.py_func.__code__, p):
+            if name not in self.names:
+                raise unknown_name(f"{function.__name__} reads {p}.{name}, but params has", name, self.names)
+        lines = [f"def {function.__name__}({', '.join(arguments)}):", *self._views(p)]
+        given = [*arguments[:_PLACE], f"Named({', '.join(self._fields())})", *arguments[_PLACE + 1 :]]
+        text = "\n    ".join([*lines, f"return function_of_names({', '.join(given)})", ""])
+        names = {"np": np, "Named": _tuple_of(self.names), "Sparse": Sparse, "function_of_names": function}
+        defined = define(text, "named", {**names, "__name__": function.py_func.__module__})[function.__name__]
+        defined.__wrapped__ = function.py_func  # so that checks and errors are about the user's arguments
+        defined.named, defined.layout = function, self  # these travel with the Python function to other processes
+        return jit(defined)
+
+    def _views(self, p: str) -> list[str]:
+        """Return lines that find where the values of each parameter begin: begin_k, and sizes_k_0, ..."""
+        lines, size = [f"begin_0 = {self.n_sizes}"], 0
+        for k, kind in enumerate(self.kinds):
+            lines += [f"size_{k}_{i} = int({p}[{size + i}])" for i in range(kind.n_sizes)]
+            size += kind.n_sizes
+            if kind.ndim < 0:
+                lines.append(f"indices_{k} = begin_{k} + size_{k}_2")
+                lines.append(f"indptr_{k} = indices_{k} + size_{k}_2")
+                lines.append(f"begin_{k + 1} = indptr_{k} + size_{k}_0 + 1")
+            else:
+                count = " * ".join(f"size_{k}_{i}" for i in range(kind.ndim)) or "1"
+                lines.append(f"begin_{k + 1} = begin_{k} + {count}")
+            lines += self._values(k, kind, p)
+        return lines
+
+    def _values(self, k: int, kind: Kind, p: str) -> list[str]:
+        """Return the lines that take a parameter out of p, as value_k."""
+        if kind.ndim == 0:
+            return [f"value_{k} = {f'int({p}[begin_{k}])' if kind.is_whole else f'{p}[begin_{k}]'}"]
+        if kind.ndim < 0:
+            parts = (
+                f"{p}[begin_{k}:indices_{k}]",
+                f"{p}[indices_{k}:indptr_{k}].view(np.int64)",
+                f"{p}[indptr_{k}:begin_{k + 1}].view(np.int64)",
+            )
+            return [f"value_{k} = Sparse({', '.join(parts)}, (size_{k}_0, size_{k}_1))"]
+        value = f"{p}[begin_{k}:begin_{k + 1}]" + ".view(np.int64)" * kind.is_whole
+        shape = ", ".join(f"size_{k}_{i}" for i in range(kind.ndim))
+        return [f"value_{k} = {value}" + (f".reshape(({shape}))" if kind.ndim > 1 else "")]
+
+    def _fields(self) -> list[str]:
+        return [f"value_{k}" for k in range(len(self.names))]
+
+
+# The references are weak, so that a program that makes many functions does not keep all of them in memory.
+_bound: WeakKeyDictionary[Any, dict[Layout, Any]] = WeakKeyDictionary()
+
+
+def layout_of(function: Any) -> Layout | None:
+    """Return the layout to which a function is bound, or None."""
+    return getattr(getattr(function, "py_func", None), "layout", None)
+
+
+def unknown_name(
+    said: str, name: str, names: Sequence[str], error: Callable[[str], Exception] = TypeError
+) -> Exception:
+    """Return the error of a name that is not among the names, with those that are like it."""
+    near = get_close_matches(name, names, cutoff=0.5) or [*names]
+    return error(f"{said} no {name}: did you mean {' or '.join(near)}?")
+
+
+@functools.cache
+def _tuple_of(names: tuple[str, ...]) -> Any:
+    """Return the class of the tuple that functions get: the same for the same names, so that Numba knows it."""
+    return namedtuple("Parameters", names)
+
+
+def _attributes(code: Any, variable: str) -> list[str]:
+    """Return the attributes of a variable that bytecode reads."""
+    found, last = [], None
+    for instruction in dis.get_instructions(code):
+        if instruction.opname in ("LOAD_ATTR", "LOAD_METHOD") and last == variable:
+            found.append(instruction.argval)
+        if instruction.opname not in ("CACHE", "EXTENDED_ARG"):
+            names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
+            last = names[-1] if "LOAD_FAST" in instruction.opname or "LOAD_DEREF" in instruction.opname else None
+    return found
+
+
+def _bits(whole: np.ndarray) -> np.ndarray:
+    """Return integers of 64 bits as float64 with the same bits."""
+    return np.ascontiguousarray(whole, dtype=np.int64).view(np.float64)

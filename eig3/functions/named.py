@@ -1,0 +1,176 @@
+"""Parameters with names: numbers, arrays and sparse matrices, which functions read as ``p.k``, ``p.K.data``, ..."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .checks import reals, shown
+from .layout import MOST_AXES, SPARSE, Kind, Layout, Sparse, unknown_name
+
+
+class Parameters:
+    """Parameters with names, which cannot be changed.
+
+    ``p.k`` and ``p["k"]`` are the parameter k. `numpy.asarray` gives the array that kernels get. `Problem.params` has
+    this type if the parameters have names.
+
+    Parameters
+    ----------
+    values : NamedTuple, or mapping of str
+        Numbers, integers, arrays of them with one or two axes, and sparse matrices of SciPy.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a name or a value is not valid.
+    """
+
+    __slots__ = ("_flat", "_values", "layout")
+
+    def __init__(self, values: Any) -> None:
+        given = values._asdict() if hasattr(values, "_asdict") else values
+        found, kinds = {}, []
+        for name, value in given.items():
+            _check_name(name)
+            found[name], kind = _converted(value, f"params[{name!r}]")
+            kinds.append(kind)
+        object.__setattr__(self, "_values", found)
+        object.__setattr__(self, "layout", Layout(tuple(found), tuple(kinds)))
+        object.__setattr__(self, "_flat", self.layout.flat(found))
+        self._flat.flags.writeable = False
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.array(self._flat, dtype=dtype)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return self[name]
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"parameters cannot be changed: take params._replace({name}=...).")
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._values:
+            raise unknown_name("params has", name, self.layout.names, AttributeError)
+        return self._values[name]
+
+    def __iter__(self) -> Any:
+        raise TypeError("parameters with names have no order: read params._asdict().")
+
+    def _asdict(self) -> dict[str, Any]:
+        return dict(self._values)
+
+    def _replace(self, **changes: Any) -> Parameters:
+        """Return parameters with some other values, of the same kinds."""
+        for name in changes:
+            if name not in self._values:
+                raise unknown_name("params has", name, self.layout.names)
+        return in_layout(self.layout, {**self._values, **changes})
+
+    def __eq__(self, other: object) -> bool:
+        same = isinstance(other, Parameters) and self.layout == other.layout
+        return same and self._flat.tobytes() == other._flat.tobytes()  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash((self.layout, self._flat.tobytes()))
+
+    def __reduce__(self) -> tuple:
+        return Parameters, (self._values,)
+
+    def __repr__(self) -> str:
+        return f"Parameters({', '.join(f'{name}={_brief(value)}' for name, value in self._values.items())})"
+
+
+def has_names(params: Any) -> bool:
+    """Whether parameters have names."""
+    return isinstance(params, Parameters | Mapping) or (isinstance(params, tuple) and hasattr(params, "_fields"))
+
+
+def named(params: Any) -> Any:
+    """Return `Parameters` for parameters with names; return others as they are."""
+    if isinstance(params, Mapping) and not params:
+        return ()
+    return Parameters(params) if has_names(params) and not isinstance(params, Parameters) else params
+
+
+def in_layout(layout: Layout | None, params: Any) -> Any:
+    """Return parameters for functions that are bound to a layout; None stands for functions of the array p.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If their names or kinds are others.
+    """
+    params = named(params)
+    if isinstance(params, Parameters) and params.layout == layout:
+        return params
+    if layout is None:
+        if isinstance(params, Parameters):
+            raise TypeError(
+                f"params has the names {', '.join(params.layout.names)}, but the run was prepared for an array: give "
+                "params, or an example of them, to eig3.prepare too."
+            )
+        return params
+    if not isinstance(params, Parameters):
+        raise TypeError(f"params must have the names {', '.join(layout.names)}, and not be {shown(params)}.")
+    for name in (*params.layout.names, *layout.names):
+        if name not in layout.names:
+            raise unknown_name("params has", name, layout.names, TypeError)
+        if name not in params.layout.names:
+            raise TypeError(f"params must have {name} too: its names are {', '.join(layout.names)}.")
+    values = {name: params[name] for name in layout.names}
+    for name, kind in zip(layout.names, layout.kinds, strict=True):
+        own = params.layout.kinds[params.layout.names.index(name)]
+        if own == kind._replace(is_whole=True) and not kind.is_whole:
+            values[name] = np.asarray(values[name], dtype=np.float64)  # 1 for 1.0
+        elif own != kind:
+            hint = "; write 1.0 at first for a number that may be whole" if own == kind._replace(is_whole=False) else ""
+            raise TypeError(f"params[{name!r}] must be {_described(kind)}, as at first, not {_described(own)}{hint}.")
+    return Parameters(values)
+
+
+def _converted(value: Any, what: str) -> tuple[Any, Kind]:
+    """Return a value of a parameter in the form that `Layout` takes, and its kind."""
+    if hasattr(value, "tocsr"):
+        rows = value.tocsr(copy=True)
+        rows.sum_duplicates()
+        indices, indptr = (np.array(x, dtype=np.int64) for x in (rows.indices, rows.indptr))
+        n_rows, n_columns = map(int, rows.shape)
+        return Sparse(reals(rows.data, f"{what}.data"), indices, indptr, (n_rows, n_columns)), SPARSE
+    if isinstance(value, Sparse):
+        return value, SPARSE
+    array = np.asarray(value)
+    is_whole = array.dtype.kind in "bui"
+    array = np.array(array, dtype=np.int64, order="C") if is_whole else reals(value, what)
+    if array.ndim > MOST_AXES:
+        raise ValueError(f"{what} must have at most {MOST_AXES} axes, not the shape {array.shape}.")
+    kind = Kind(is_whole, array.ndim)
+    if kind == Kind(is_whole=True, ndim=0) and abs(int(array)) >= 2**53:
+        raise ValueError(f"{what} must be an integer below 2^53, not {int(array)}.")
+    array.flags.writeable = False
+    return (array[()] if array.ndim == 0 else array), kind
+
+
+def _check_name(name: Any) -> None:
+    if not isinstance(name, str) or not name.isidentifier() or name.startswith("_"):
+        raise TypeError(f"the names in params must be names of Python without _ in front, not {shown(name)}.")
+
+
+def _described(kind: Kind) -> str:
+    if kind.ndim < 0:
+        return "a sparse matrix"
+    values = "integer" if kind.is_whole else "number"
+    article = "an" if kind.is_whole else "a"
+    return f"{article} {values}" if kind.ndim == 0 else f"an array of {values}s with {kind.ndim} axes"
+
+
+def _brief(value: Any) -> str:
+    if isinstance(value, Sparse):
+        return f"<sparse {value.shape[0]} x {value.shape[1]}, {len(value.data)} entries>"
+    if np.ndim(value) and np.size(value) > 8:
+        return f"<array {' x '.join(map(str, np.shape(value)))}>"
+    return repr(value.tolist() if hasattr(value, "tolist") else value)

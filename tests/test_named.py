@@ -1,0 +1,367 @@
+"""Parameters with names: the same numbers as with an array, in every kind of run, and clear errors."""
+
+import multiprocessing
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+import eig3
+from eig3.functions.layout import Layout
+from eig3.kernels.compile.numba_internals import compile_results
+
+H = {"h": 0.01}
+RTOL = {"rtol": 1e-8}
+KINDS = {"fixed": H, "tolerances": RTOL, "inline": {**H, "inline": True}, "ab3": {**H, "method": "ab3"}}
+
+
+class Spring(NamedTuple):
+    k: float
+    c: float
+    power: int
+
+
+@eig3.jit
+def spring(t, u, v, p):
+    return -p.k * u**p.power - p.c * v
+
+
+@eig3.jit
+def spring_of_array(t, u, v, p):
+    return -p[0] * u ** int(p[2]) - p[1] * v
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return v * v / 2 + p.k * u * u / 2
+
+
+@eig3.jit
+def force(t, u, v, p, out):
+    out[0], out[1] = p.k * u, p.c * v
+
+
+@eig3.jit
+def height(t, u, v, p):
+    return u
+
+
+@eig3.jit
+def bounce(t, u, v, p):
+    return u, -p.c * v
+
+
+@eig3.jit
+def chain(t, u, v, p, a):
+    """All kinds of parameters: a number, an integer, arrays, a matrix and a sparse matrix."""
+    for i in range(u.size):
+        total = p.gaps[p.group[i]]
+        for k in range(p.K.indptr[i], p.K.indptr[i + 1]):
+            total += p.K.data[k] * u[p.K.indices[k]]
+        for j in range(p.C.shape[1]):
+            total += p.C[i, j] * v[j]
+        a[i] = -p.scale * total - p.table[p.row, i % 2]
+
+
+def chain_parameters(n, scale=1.5):
+    K = scipy.sparse.diags_array([2.0 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1])
+    group = np.arange(n) % 3
+    table = np.array([[0.1, 0.2], [0.3, -0.4]])
+    C = 0.1 * np.eye(n)
+    return {"scale": scale, "row": 1, "gaps": [0.0, 0.2, -0.1], "group": group, "C": C, "K": K, "table": table}
+
+
+def chain_by_numpy(p, u, v):
+    K, table = p["K"].toarray(), np.asarray(p["table"])
+    total = np.asarray(p["gaps"])[p["group"]] + K @ u + p["C"] @ v
+    return -p["scale"] * total - table[p["row"], np.arange(len(u)) % 2]
+
+
+@pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("make", [dict, lambda **values: Spring(**values), lambda **values: eig3.Parameters(values)])
+def test_a_run_has_the_bits_of_one_with_an_array(options, make):
+    named = eig3.integrate(spring, (0, 3), 1.0, 0.0, params=make(k=4.0, c=0.1, power=1), **options)
+    array = eig3.integrate(spring_of_array, (0, 3), 1.0, 0.0, params=[4.0, 0.1, 1], **options)
+    np.testing.assert_array_equal(named.t, array.t)
+    np.testing.assert_array_equal(named.u, array.u)
+    np.testing.assert_array_equal(named.a, array.a)
+
+
+@pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
+def test_events_invariants_and_outputs_have_the_names_too(options):
+    given = {"events": {"floor": eig3.Event(height, -1, apply=bounce)}, "invariants": {"energy": energy}}
+    run = eig3.integrate(
+        spring,
+        (0, 3),
+        1.0,
+        0.0,
+        params=Spring(4.0, 0.5, 1),
+        outputs={"force": (force, 2), "u": height},
+        **given,
+        **options,
+    )
+    assert run.events["floor"].v_after == pytest.approx(-0.5 * run.events["floor"].v, rel=1e-15)
+    np.testing.assert_array_equal(run.outputs["force"], np.column_stack([4.0 * run.u, 0.5 * run.v]))
+    assert run.drift["energy"] > 0.1
+
+
+@pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
+def test_every_kind_of_parameter(options):
+    rng, n = np.random.default_rng(0), 7
+    u0, v0 = rng.normal(size=(2, n))
+    p = chain_parameters(n)
+    run = eig3.integrate(chain, (0, 0.1), u0, v0, params=p, **options)
+    np.testing.assert_allclose(run.a[-1], chain_by_numpy(p, run.u[-1], run.v[-1]), rtol=1e-13)
+
+
+def test_sizes_are_read_and_not_compiled():
+    layouts = {eig3.Parameters(chain_parameters(n)).layout for n in (3, 5, 8)}
+    (layout,) = layouts
+    bound = layout.bind(chain)
+    eig3.integrate(chain, (0, 0.1), np.ones(4), np.zeros(4), params=chain_parameters(4), **H)
+    count = len(compile_results(bound))
+    for n in (3, 5, 8):
+        p = chain_parameters(n)
+        run = eig3.integrate(chain, (0, 0.1), np.ones(n), np.zeros(n), params=p, **H)
+        np.testing.assert_allclose(run.a[0], chain_by_numpy(p, np.ones(n), np.zeros(n)), rtol=1e-13)
+    assert layout.bind(chain) is bound
+    assert len(compile_results(bound)) == count
+
+
+def test_what_the_force_reads_is_known():
+    """So "cd" stays explicit, and the default for tolerances is the method for forces without velocity."""
+
+    @eig3.jit
+    def undamped(t, u, v, p):
+        return -p.k * u
+
+    p = {"k": 4.0}
+    assert eig3.integrate(undamped, (0, 1), 1.0, 0.0, params=p, rtol=1e-9).method == eig3.RKN12()
+    problem = eig3.Problem("spring", undamped, 1.0, 0.0, p, (0.0, 1.0))
+    assert not problem.uses_velocity
+    assert eig3.Problem("spring", spring, 1.0, 0.0, Spring(4.0, 0.1, 1), (0.0, 1.0)).uses_velocity
+
+
+def make_problem(**changes):
+    params = Spring(4.0, 0.1, 1)._replace(**changes)
+    events = {"middle": eig3.Event(height)}
+    return eig3.Problem("spring", spring, 1.0, 0.0, params, (0.0, 3.0), energy=energy, events=events)
+
+
+@pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
+def test_a_problem(options, tmp_path):
+    problem = make_problem()
+    assert problem.params.k == problem.params["k"] == 4.0
+    run = problem.integrate(outputs={"force": (force, 2)}, **options)
+    plain = eig3.integrate(spring_of_array, (0, 3), 1.0, 0.0, params=[4.0, 0.1, 1], **options)
+    assert run.u[-1] == pytest.approx(plain.u[-1], abs=1e-12)
+    stiff = problem.with_(params={"k": 9.0, "c": 0.1, "power": 1})
+    assert stiff.params == problem.params._replace(k=9.0)
+    assert stiff.integrate(**options).u[-1] == problem.prepare(**options)(params=Spring(9.0, 0.1, 1)).u[-1]
+    run.save(tmp_path / "run.npz")
+    loaded = problem.load(tmp_path / "run.npz", outputs={"force": (force, 2)})
+    other = eig3.load(
+        tmp_path / "run.npz",
+        rhs=spring,
+        outputs={"force": (force, 2)},
+        invariants={"energy": energy},
+        events={"middle": eig3.Event(height)},
+    )
+    for each in (loaded, other):
+        np.testing.assert_array_equal(each.extend(4.0).u, run.extend(4.0).u)
+
+
+def test_integers_survive_a_file(tmp_path):
+    """Their bits are those of numbers that are not normal, or NaN."""
+    n = 4
+    p = chain_parameters(n) | {"group": np.array([0, 2, 1, -1])}
+    run = eig3.integrate(chain, (0, 0.1), np.ones(n), np.zeros(n), params=p, **H)
+    run.save(tmp_path / "run.npz")
+    loaded = eig3.load(tmp_path / "run.npz", rhs=chain)
+    np.testing.assert_array_equal(loaded.extend(0.2).u, run.extend(0.2).u)
+
+
+def test_steppers_critical_steps_and_plans():
+    problem = make_problem(c=0.0).with_(events={})
+    assert problem.critical_step().omega_max == pytest.approx(2.0, rel=1e-6)
+    assert eig3.critical_step(spring, 1.0, 0.0, Spring(9.0, 0.0, 1)).omega_max == pytest.approx(3.0, rel=1e-6)
+    stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.01, params=Spring(4.0, 0.1, 1))
+    stepper.advance(300)
+    assert stepper.u == eig3.integrate(spring, (0, 3), 1.0, 0.0, params=Spring(4.0, 0.1, 1), **H).u[-1]
+    assert eig3.plan(problem, 1e-3, methods=["eig3"]).best.h > 0
+
+
+def test_a_jacobian_has_the_names():
+    @eig3.jit
+    def derivative(t, u, v, p):
+        return -p.c
+
+    method = eig3.CentralDifference(solver="newton", jacobian=derivative)
+    run = eig3.integrate(spring, (0, 3), 1.0, 0.0, params=Spring(4.0, 0.1, 1), method=method, **H)
+    plain = eig3.CentralDifference(solver="newton")
+    assert run.u[-1] == pytest.approx(
+        eig3.integrate(spring, (0, 3), 1.0, 0.0, params=Spring(4.0, 0.1, 1), method=plain, **H).u[-1], abs=1e-9
+    )
+
+
+# Ensembles ------------------------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def switched(t, u, v, p):
+    return -p.k * u - p.is_damped * p.c * v
+
+
+def test_members_have_values_of_their_own():
+    k = np.linspace(1.0, 9.0, 40)
+    runs = eig3.ensemble(
+        switched, (0, 3), 1.0, 0.0, params={"k": k, "c": 0.1, "is_damped": 1}, outputs={"force": (force, 2)}, **H
+    )
+    assert not runs.notes  # they run in lanes
+    for i in (0, 39):
+        alone = eig3.integrate(
+            switched, (0, 3), 1.0, 0.0, params={"k": k[i], "c": 0.1, "is_damped": 1}, save_every=None, **H
+        )
+        assert runs.u[i, -1] == pytest.approx(alone.u[-1], abs=1e-12)
+
+
+@eig3.jit
+def springs(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -p.k[j] * u[j] - p.c * v[j]
+
+
+def test_arrays_and_sparse_matrices_of_members():
+    k = np.random.default_rng(1).uniform(1, 9, (20, 3))
+    runs = eig3.ensemble(springs, (0, 3), np.ones((20, 3)), np.zeros(3), params={"k": k, "c": 0.1}, **H)
+    assert not runs.notes
+    alone = eig3.integrate(springs, (0, 3), np.ones(3), np.zeros(3), params={"k": k[7], "c": 0.1}, **H)
+    np.testing.assert_allclose(runs.u[7, -1], alone.u[-1], rtol=0, atol=1e-12)
+    p = chain_parameters(4)
+    scales = np.linspace(1, 2, 5)
+    runs = eig3.ensemble(chain, (0, 1), np.ones((5, 4)), np.zeros(4), params={**p, "scale": scales}, **H)
+    alone = eig3.integrate(chain, (0, 1), np.ones(4), np.zeros(4), params={**p, "scale": scales[2]}, **H)
+    np.testing.assert_allclose(runs.u[2, -1], alone.u[-1], rtol=0, atol=1e-12)
+
+
+def test_an_ensemble_of_a_problem_changes_some_parameters():
+    problem = make_problem().with_(events={})
+    runs = problem.ensemble(params={"c": [0.1, 0.2, 0.3]}, **H)
+    assert runs.u[2, -1] == pytest.approx(problem.with_(params=Spring(4.0, 0.3, 1)).integrate(**H).u[-1], abs=1e-12)
+    assert len(problem.ensemble(u0=[1.0, 2.0], **H)) == 2
+    assert len(problem.ensemble(u0=[1.0, 2.0, 3.0], **H)) == 3  # as many members as parameters
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        ({"k": [1.0, 2.0], "c": [0.1, 0.2, 0.3], "power": 1}, "params has arrays of different lengths"),
+        ({"k": [], "c": 0.1, "power": 1}, "params must hold at least one member, but an array is empty."),
+    ],
+)
+def test_members_that_do_not_fit(params, message):
+    with pytest.raises(ValueError, match=message):
+        eig3.ensemble(spring, (0, 1), 1.0, 0.0, params=params, **H)
+
+
+def test_values_for_other_numbers_of_members():
+    with pytest.raises(ValueError, match=r"^params has values for different numbers of members: k 2, c 3\.$"):
+        make_problem().with_(events={}).ensemble(params={"k": [1.0, 2.0], "c": [0.1, 0.2, 0.3]}, **H)
+
+
+# Other processes ------------------------------------------------------------------------------------------------------
+
+
+def test_copies_have_the_same_numbers():
+    problem = make_problem()
+    run = problem.integrate(**H)
+    for copy in (pickle.loads(pickle.dumps(problem)), pickle.loads(pickle.dumps(problem.prepare(**H)))):
+        again = copy() if isinstance(copy, eig3.Prepared) else copy.integrate(**H)
+        np.testing.assert_array_equal(again.u, run.u)
+    params = pickle.loads(pickle.dumps(eig3.Parameters(chain_parameters(3))))
+    assert params == eig3.Parameters(chain_parameters(3))
+    assert hash(params) == hash(eig3.Parameters(chain_parameters(3)))
+
+
+@pytest.mark.system
+def test_parts_run_in_other_processes():
+    problem = make_problem().with_(events={})
+    c = np.linspace(0, 1, 300)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        runs = problem.ensemble(params={"c": c}, executor=pool, **H)
+    np.testing.assert_array_equal(runs.u, problem.ensemble(params={"c": c}, **H).u)
+
+
+# Errors ---------------------------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def misspelt(t, u, v, p):
+    return -p.kk * u
+
+
+@eig3.jit
+def writes(t, u, v, p, a):
+    p.k[0] = 1.0
+    a[0] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("rhs", "params", "error", "message"),
+    [
+        (misspelt, {"k": 4.0}, TypeError, "misspelt reads p.kk, but params has no kk: did you mean k?"),
+        (spring, {"k": 4.0, "_c": 1.0}, TypeError, "the names in params must be names of Python without _ in front"),
+        (spring, {"k": 4.0, "1c": 1.0}, TypeError, "the names in params must be names of Python"),
+        (spring, {"k": 4.0, 3: 1.0}, TypeError, "the names in params must be names of Python"),
+        (spring, {"k": 4 + 1j, "c": 1.0, "power": 1}, TypeError, r"params\['k'\] must be made of real numbers"),
+        (spring, {"k": "4", "c": 1.0, "power": 1}, TypeError, r"params\['k'\] must be made of real numbers"),
+        (spring, {"k": np.zeros((2, 2, 2))}, ValueError, r"params\['k'\] must have at most 2 axes, not the shape"),
+        (spring, {"k": 2**60, "c": 1.0, "power": 1}, ValueError, r"params\['k'\] must be an integer below 2\^53"),
+        (writes, {"k": [1.0]}, TypeError, "rhs must not write to u, v or p; it may only read them"),
+    ],
+)
+def test_bad_parameters(rhs, params, error, message):
+    u0 = 1.0 if rhs is not writes else [1.0]
+    with pytest.raises(error, match=message):
+        eig3.integrate(rhs, (0, 1), u0, 0 * np.asarray(u0), params=params, **H)
+
+
+def test_parameters_of_another_layout():
+    problem = make_problem()
+    with pytest.raises(TypeError, match=r"^params must have power too: its names are k, c, power\.$"):
+        problem.with_(params={"k": 1.0, "c": 0.1})
+    with pytest.raises(TypeError, match=r"^params has no cc: did you mean c\?$"):
+        problem.with_(params={"k": 1.0, "cc": 0.1, "power": 1})
+    with pytest.raises(
+        TypeError, match=r"^params\['power'\] must be an integer, as at first, not a number; write 1\.0 "
+    ):
+        problem.with_(params={"k": 1.0, "c": 0.1, "power": 1.5})
+    with pytest.raises(TypeError, match=r"^params must have the names k, c, power, and not be "):
+        problem.with_(params=[1.0, 0.1, 1])
+    assert problem.with_(params={"k": 9, "c": 0, "power": 1}).params.k == 9.0  # whole numbers are numbers too
+    with pytest.raises(TypeError, match="params has the names k, but the run was prepared for an array: give params"):
+        eig3.prepare(spring_of_array, **H)((0, 1), 1.0, 0.0, {"k": 4.0})
+    with pytest.raises(TypeError, match="params is for parameters with names"):
+        eig3.prepare(spring, params=[4.0], **H)
+    prepared = eig3.prepare(spring, params=Spring(4.0, 0.1, 1), **H)
+    assert prepared((0, 1), 1.0, 0.0, Spring(9.0, 0.1, 1)).success
+    with pytest.raises(AttributeError, match=r"^parameters cannot be changed: take params\._replace\(k=\.\.\.\)\.$"):
+        problem.params.k = 3.0
+    with pytest.raises(AttributeError, match=r"^params has no q: did you mean k or c or power\?$"):
+        _ = problem.params.q
+    with pytest.raises(TypeError, match=r"^params has no q: did you mean k or c or power\?$"):
+        problem.params._replace(q=1)
+    with pytest.raises(ValueError, match=r"^the names of the parameters are damaged\.$"):
+        Layout.of_text("k=real, os.system=real")
+
+
+def test_parameters_say_what_they_are():
+    text = repr(eig3.Parameters({**chain_parameters(20), "long": np.zeros(99)}))
+    assert text.startswith("Parameters(scale=1.5, row=1, gaps=[0.0, 0.2, -0.1], group=<array 20>, C=<array 20 x 20>, ")
+    assert "K=<sparse 20 x 20, 58 entries>" in text
+    layout = eig3.Parameters(chain_parameters(3)).layout
+    assert layout.text == "scale=real, row=whole, gaps=real1, group=whole1, C=real2, K=sparse, table=real2"
+    assert Layout.of_text(layout.text) == layout
