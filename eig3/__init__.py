@@ -10,8 +10,8 @@ from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import jit
 from .functions.events import Event, Occurrences
 from .functions.extremes import Extremes
-from .functions.layout import Sparse
 from .functions.named import Parameters
+from .functions.sparse import Sparse
 from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, RKN12, CentralDifference, Method
 from .planning.planner import Plan, plan
 from .problem import Problem

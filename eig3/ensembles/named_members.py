@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import shown
-from ..functions.layout import Sparse, unknown_name
+from ..functions.layout import unknown_name
 from ..functions.named import Parameters, in_layout
+from ..functions.sparse import Sparse
 from ..kernels.protocol import SCALAR, Form
 
 

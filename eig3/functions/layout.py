@@ -24,20 +24,9 @@ from ..kernels.compile.source import define
 from .callbacks import jit
 from .events import Event
 from .quantities import EnergyLessWork
+from .sparse import Sparse
 
 _PLACE = 3  # of p among the arguments of a function
-
-
-class Sparse(NamedTuple):
-    """A sparse matrix in compressed rows, as functions get it.
-
-    The entries of row i are ``data[k]`` in the columns ``indices[k]``, for k from ``indptr[i]`` to ``indptr[i + 1]``.
-    """
-
-    data: np.ndarray
-    indices: np.ndarray
-    indptr: np.ndarray
-    shape: tuple[int, int]
 
 
 class Kind(NamedTuple):

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from .checks import reals, shown
-from .layout import MOST_AXES, SPARSE, Kind, Layout, Sparse, unknown_name
+from .layout import MOST_AXES, SPARSE, Kind, Layout, unknown_name
+from .sparse import Sparse
 
 
 class Parameters:

@@ -61,8 +61,7 @@ def integrate(
         Tolerances, which bound the estimated error of each step by ``atol + rtol * size``. Without atol, a size is the
         largest |u| so far of a degree of freedom, or its largest |v|; with atol, it is that of the value itself.
     params : float or array_like; or NamedTuple or dict
-        The parameters. rhs gets them as p, a one-dimensional array of float64. If they have names, all functions get
-        them as ``p.k``: numbers, arrays of one or two axes, integers, and sparse matrices of SciPy as `eig3.Sparse`.
+        The parameters. rhs gets them as p, a one-dimensional array of float64, or with their names, as ``p.k``.
     method : str or Method
         A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol
         "rk5", "rk8", "eig3" or "rkn12", which is the default up to 1e-6 if rhs ignores v; else "rk8" below 1e-4.

@@ -44,6 +44,7 @@ from .progress import check_progress
 from .run import Run, carry_out
 from .variable_run import VariableRun
 
+_WITHOUT_NAMES = np.ndarray, tuple, list, float, int  # a NamedTuple is of another type
 _LONGER = 4  # a run with tolerances may be short if it takes at most so many times as long as the last one
 _LEAST_PACE = 1e-10  # seconds per step; a coarse clock may have measured none
 _SHORT = 1e-12  # a step of this part of the time may be too short for floating-point times
@@ -192,7 +193,7 @@ class Prepared:
             raise self._wrong_form(u0)
         if self._system.integrals:
             u, v = (np.append(x, np.zeros(len(self._system.integrals))) for x in (u, v))
-        if self._layout or has_names(params):
+        if self._layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
             params = in_layout(self._layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
