@@ -42,12 +42,14 @@ __all__ = [
     "Extremes",
     "IntegrationError",
     "Method",
+    "Modal",
     "NoCriticalStepError",
     "Occurrences",
     "Parameters",
     "Plan",
     "Prepared",
     "Problem",
+    "Rayleigh",
     "Solution",
     "Sparse",
     "Status",
@@ -58,6 +60,7 @@ __all__ = [
     "ensemble",
     "integrate",
     "jit",
+    "linear",
     "load",
     "math",
     "plan",
@@ -75,4 +78,8 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(f"eig3.{name}")
     if name == "report":
         return importlib.import_module("eig3.bench.report").report
+    if name in ("Modal", "Rayleigh"):
+        return getattr(importlib.import_module("eig3.structures.damping"), name)
+    if name == "linear":
+        return importlib.import_module("eig3.structures.linear").linear
     raise AttributeError(f"module 'eig3' has no attribute {name!r}")

@@ -73,7 +73,10 @@ def _arenstorf(symbols, u, v, p):
 
 
 def _hertz_impact(symbols, u, v, p):
-    """The event that switches the force on and off writes heyoka's own parameter 0."""
+    """With heyoka, the event that switches the force on and off writes parameter 0."""
+    if not hasattr(symbols, "par"):
+        pressed = symbols.maximum(-u[0], 0.0)
+        return [p[0] * pressed * symbols.sqrt(pressed)]
     touches = symbols.gt(symbols.par[0], 0.5)
     indentation = symbols.select(touches, -u[0], 1.0)
     return [symbols.select(touches, p[0] * indentation * symbols.sqrt(indentation), 0.0)]

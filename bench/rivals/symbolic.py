@@ -72,7 +72,8 @@ def jax_with_doubles() -> Any:
 def jax_symbols(t: Any) -> SimpleNamespace:
     """What the expressions need, at the time t."""
     jnp = jax_with_doubles().numpy
-    return SimpleNamespace(time=t, sin=jnp.sin, cos=jnp.cos, tanh=jnp.tanh, sum=sum)
+    functions = {name: getattr(jnp, name) for name in ("sin", "cos", "tanh", "sqrt", "maximum")}
+    return SimpleNamespace(time=t, sum=sum, **functions)
 
 
 def diffrax(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:

@@ -1,0 +1,1 @@
+"""Structures given by their matrices: M u'' + C u' + K u = f."""

@@ -1,0 +1,229 @@
+"""Structures by their matrices: closed forms, conserved quantities, every kind of mass and damping, and errors."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.sparse
+
+import eig3
+from eig3.structures.damping import natural_modes
+from eig3.structures.matrices import check_mass, factors
+
+N = 6
+
+
+def stiffness(n=N, k=100.0):
+    ones = np.ones(n - 1)
+    return k * scipy.sparse.diags_array([np.r_[2 * ones, 1.0], -ones, -ones], offsets=[0, 1, -1]).tocsr()
+
+
+def consistent(n=N):
+    """The mass of a bar of linear elements, fixed at one end."""
+    ones = np.ones(n - 1)
+    return scipy.sparse.diags_array([np.r_[4 * ones, 2.0], ones, ones], offsets=[0, 1, -1]).tocsr() / 6
+
+
+def exact(M, C, K, u0, v0, t):
+    """The free motion, by the exponential of the matrix of the first-order system."""
+    n = len(u0)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    return (scipy.linalg.expm(A * t) @ np.r_[u0, v0])[:n]
+
+
+U0 = np.random.default_rng(0).normal(size=N)
+V0 = np.random.default_rng(1).normal(size=N)
+MASSES = {
+    "numbers": np.linspace(1, 2, N),
+    "diagonal": np.diag(np.linspace(1, 2, N)),
+    "sparse diagonal": scipy.sparse.diags_array(np.linspace(1, 2, N)),
+    "consistent": consistent(),
+    "dense": consistent().toarray(),
+}
+
+
+@pytest.mark.parametrize("M", MASSES.values(), ids=MASSES)
+@pytest.mark.parametrize("has_damping", [False, True])
+def test_free_motion_is_the_exact_one(M, has_damping):
+    C = 0.3 * stiffness() / 100 + 0.1 * scipy.sparse.eye_array(N) if has_damping else None
+    problem = eig3.linear(M, C, stiffness(), t_span=(0, 2), u0=U0, v0=V0)
+    full = np.diag(M) if np.ndim(M) == 1 else check_mass(M, None).matrix.toarray()
+    C = np.zeros((N, N)) if C is None else C.toarray()
+    run = problem.integrate(rtol=1e-11)
+    np.testing.assert_allclose(run.u[-1], exact(full, C, stiffness().toarray(), U0, V0, 2.0), rtol=0, atol=1e-8)
+    assert problem.uses_velocity == has_damping
+    if not has_damping:
+        assert run.drift["energy"] < 1e-8 * problem.energy_of(U0, V0)
+        omega = np.sqrt(scipy.linalg.eigh(stiffness().toarray(), full, eigvals_only=True).max())
+        assert problem.critical_step().omega_max == pytest.approx(omega, rel=1e-5)
+
+
+def test_eig3_keeps_its_order_on_a_consistent_mass_with_damping():
+    problem = eig3.linear(
+        consistent(), None, stiffness(), damping=eig3.Rayleigh(0.02, 1.0, 20.0), t_span=(0, 1), u0=U0, v0=V0
+    )
+    fine = problem.integrate(rtol=1e-12).u[-1]
+    errors = [np.abs(problem.integrate(h=h).u[-1] - fine).max() for h in (2e-3, 1e-3)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.05)
+
+
+@pytest.mark.parametrize("mass", ["numbers", "consistent"])
+def test_damping_ratios_are_those_asked_for(mass):
+    """A mode decays as exp(-xi omega t): 1 s of each of the modes, alone."""
+    M, K = MASSES[mass], stiffness()
+    omega, shapes = natural_modes(check_mass(M, None), K, N)
+    ratios = [0.01, 0.02, 0.03]
+    modal = eig3.linear(M, None, K, damping=eig3.Modal(ratios, 3), t_span=(0, 1))
+    rayleigh = eig3.linear(M, None, K, damping=eig3.Rayleigh((0.01, 0.04), omega[0], omega[-1]), t_span=(0, 1))
+    a, b = eig3.Rayleigh((0.01, 0.04), omega[0], omega[-1]).coefficients
+    for j in range(N):
+        for problem, xi in ((modal, [*ratios, 0, 0, 0][j]), (rayleigh, a / (2 * omega[j]) + b * omega[j] / 2)):
+            end = problem.with_(u0=shapes[:, j], v0=-xi * omega[j] * shapes[:, j]).integrate(rtol=1e-11).u[-1]
+            expected = np.exp(-xi * omega[j]) * np.cos(omega[j] * np.sqrt(1 - xi**2)) * shapes[:, j]
+            np.testing.assert_allclose(end, expected, rtol=0, atol=1e-8)
+
+
+def test_modes_of_a_large_structure_are_those_of_the_closed_form():
+    n, k = 1200, 1.0
+    omega, _ = natural_modes(check_mass(np.ones(n), None), stiffness(n, k), 5)
+    expected = 2 * np.sin((2 * np.arange(5) + 1) * np.pi / (2 * (2 * n + 1)))
+    np.testing.assert_allclose(omega, expected, rtol=1e-8)
+
+
+@eig3.jit
+def gap(t, u, v, p, out):
+    """A stop at the last mass."""
+    if u[5] > 0.1:
+        out[5] -= 1e3 * (u[5] - 0.1)
+
+
+GROUND = np.linspace(0, 1, 11), np.sin(np.linspace(0, 9, 11))
+
+
+@pytest.mark.parametrize("mass", ["numbers", "consistent"])
+@pytest.mark.parametrize("load", ["ground", "table", "function"])
+def test_loads(mass, load):
+    """The acceleration at some times is that of NumPy; the energy less the work stays."""
+    M, K, t = MASSES[mass], stiffness(), 0.33
+    influence = np.array([1.0, 0.0] * 3)
+    table = np.column_stack([np.cos(GROUND[0]), GROUND[0] ** 2])
+    given = {
+        "ground": {"ground": (*GROUND, influence)},
+        "table": {"force": (GROUND[0], table, [4, 1])},
+        "function": {"force": gap},
+    }[load]
+    options = {"t_span": (0, 2), "u0": U0, "v0": V0, "damping": eig3.Rayleigh(0.05, 1.0, 10.0)}
+    problem = eig3.linear(M, None, K, work=True, **given, **options)
+    full = check_mass(M, None).matrix.toarray()
+    a, b = eig3.Rayleigh(0.05, 1.0, 10.0).coefficients
+    f = np.zeros(N)
+    if load == "table":
+        f[[4, 1]] = [np.interp(t, GROUND[0], column) for column in table.T]
+    if load == "function":
+        f[5] = -1e3 * max(U0[5] - 0.1, 0.0)
+    expected = np.linalg.solve(full, f - K @ U0 - (a * full + b * K) @ V0)
+    expected -= influence * np.interp(t, *GROUND) * (load == "ground")
+    run = problem.with_(t_span=(t, 2.0)).integrate(h=1e-3, method="rk8")
+    np.testing.assert_allclose(run.a[0], expected, rtol=1e-12, atol=1e-12)
+    # the record has corners between the steps, of which each costs h^2
+    assert run.drift["energy"] < 1e-6 * problem.energy_of(U0, V0)
+    assert abs(run.integrals["work"][-1]) > 1
+
+
+def test_outside_a_record_nothing_acts():
+    rest = eig3.linear(np.ones(N), None, stiffness(), ground=GROUND, t_span=(1.5, 3.0))
+    assert not rest.integrate(h=0.01).u.any()
+
+
+def test_lumped_masses():
+    """Both keep the mass of each direction; the row sums of a bar are those of its elements' halves."""
+    bar = consistent()
+    np.testing.assert_allclose(check_mass(bar, "row").diagonal[1:-1], 1.0, rtol=1e-15)
+    plane = scipy.sparse.block_diag([bar, 3 * bar])
+    for lump in ("row", "hrz"):
+        diagonal = check_mass(plane, lump).diagonal
+        assert diagonal[:N].sum() == pytest.approx(bar.sum(), rel=1e-14)
+        assert diagonal[N:].sum() == pytest.approx(3 * bar.sum(), rel=1e-14)
+        assert (
+            eig3.linear(plane, None, scipy.sparse.eye_array(2 * N), lump=lump, t_span=(0, 1)).integrate(h=0.1).success
+        )
+
+
+def test_factors_of_a_mass_solve_in_place():
+    rng = np.random.default_rng(3)
+    random = scipy.sparse.random_array((40, 40), density=0.05, rng=rng)
+    M = (random @ random.T + scipy.sparse.eye_array(40)).tocsr()
+    order, L, U, inverse = factors(M)
+    b = rng.normal(size=40)
+    x = b.copy()
+    for row, i in enumerate(order):
+        x[i] -= (L[[row]] @ x).item()
+    for row in range(39, -1, -1):
+        x[order[row]] = ((x[order[row]] - U[[row]] @ x) * inverse[row]).item()
+    np.testing.assert_allclose(M @ x, b, rtol=0, atol=1e-12)
+
+
+def test_structures_with_the_same_parts_share_code():
+    one, two = (eig3.linear(np.ones(n), None, stiffness(n), t_span=(0, 1)) for n in (3, 9))
+    assert one.rhs is two.rhs
+    assert one.energy is two.energy
+
+
+def test_parameters_can_be_changed_and_members_have_their_own():
+    problem = eig3.linear(np.ones(N), None, stiffness(), ground=GROUND, t_span=(0, 1))
+    twice = problem.with_(params=problem.params._replace(ground_scale=2.0))
+    np.testing.assert_allclose(twice.integrate(h=1e-2).u, 2 * problem.integrate(h=1e-2).u, rtol=1e-12, atol=1e-15)
+    runs = problem.ensemble(params={"ground_scale": [1.0, 2.0]}, h=1e-2)
+    np.testing.assert_allclose(runs.u[1, -1], 2 * runs.u[0, -1], rtol=1e-12)
+
+
+K = stiffness()
+M = np.ones(N)
+UNSYMMETRIC = K.toarray() + np.eye(N, k=2)
+BAD = [
+    ({"M": np.ones((2, 3))}, ValueError, r"M must be a square matrix, not one of the shape \(2, 3\)"),
+    ({"M": np.zeros(N)}, ValueError, "M must have positive, finite masses, but that of degree of freedom 0 is 0"),
+    (
+        {"M": np.diag([1.0, 1, 1, 1, 1, 0])},
+        ValueError,
+        "M must have positive, finite masses, but that of .* 5 is 0",
+    ),
+    ({"M": np.ones((N, N))}, ValueError, "M must be positive definite: some motion has no mass, or a negative one"),
+    ({"M": consistent() - scipy.sparse.eye_array(N)}, ValueError, "M must be positive definite"),
+    ({"M": UNSYMMETRIC}, ValueError, r"M must be symmetric, but M\[0, 2\] and M\[2, 0\] differ"),
+    ({"M": []}, ValueError, "M must have at least one degree of freedom, but it is empty"),
+    ({"M": 1j * M}, TypeError, "M must be made of real numbers"),
+    ({"K": UNSYMMETRIC}, ValueError, r"K must be symmetric, but K\[0, 2\] and K\[2, 0\] differ"),
+    ({"K": stiffness(4)}, ValueError, r"K must have the shape \(6, 6\) of M, not \(4, 4\)"),
+    ({"K": K * np.nan}, ValueError, "K must be made of finite numbers, but it has nan"),
+    ({"K": K * 1j}, TypeError, "K must be made of real numbers"),
+    ({"C": np.ones((N, 2))}, ValueError, "C must be a square matrix"),
+    ({"C": "stiff"}, TypeError, "C must be made of real numbers"),
+    ({"u0": np.zeros(4)}, ValueError, r"u0 must be a finite number, or 6 of them, not of the shape \(4,\)"),
+    ({"lump": "best"}, ValueError, 'lump must be "row" or "hrz"'),
+    ({"damping": 0.05}, TypeError, r"damping must be eig3\.Rayleigh\(\.\.\.\) or eig3\.Modal\(\.\.\.\), not 0\.05"),
+    ({"damping": eig3.Modal(0.05, 7)}, ValueError, "modes must be at most the 6 degrees of freedom, not 7"),
+    ({"K": None, "damping": eig3.Rayleigh(0.05, 1, 2)}, ValueError, "damping needs K"),
+    ({"ground": GROUND[1]}, TypeError, r"ground must be \(times, accelerations\) or"),
+    ({"ground": (GROUND[0], GROUND[1][:5])}, ValueError, "ground must have a finite value for each of its 11 times"),
+    ({"ground": (GROUND[0][::-1], GROUND[1])}, ValueError, "the times of ground must be two or more finite numbers"),
+    ({"ground": (*GROUND, np.ones(3))}, ValueError, "the influence of ground must be 6 finite numbers"),
+    ({"ground": (GROUND[0], np.ones((11, 2)))}, ValueError, "ground must have one acceleration for each time"),
+    ({"force": lambda t: 1.0}, TypeError, "force must be a jitted function"),
+    ({"force": (*GROUND, [9])}, ValueError, "the degrees of force must be whole numbers from 0 to 5"),
+    ({"force": (*GROUND, [1, 2])}, ValueError, r"force must have 2 values for each time, not values of the shape"),
+]
+
+
+@pytest.mark.parametrize(("changes", "error", "message"), BAD)
+def test_bad_arguments(changes, error, message):
+    given = {"M": M, "C": None, "K": K, **changes}
+    with pytest.raises(error, match=f"^{message}"):
+        eig3.linear(given.pop("M"), given.pop("C"), given.pop("K"), t_span=(0, 1), **given)
+
+
+@pytest.mark.parametrize("bad", [{"xi": -0.1}, {"xi": [0.1, 0.2, 0.3]}, {"omega1": 0.0}, {"omega2": 1.0}])
+def test_bad_damping(bad):
+    with pytest.raises(ValueError, match=r"^(xi|omega1 and omega2) must be "):
+        eig3.Rayleigh(**{"xi": 0.05, "omega1": 1.0, "omega2": 2.0, **bad})
+    with pytest.raises(ValueError, match=r"^(xi|modes) must be "):
+        eig3.Modal(-0.1, 3) if "xi" in bad else eig3.Modal(0.1, 0)
