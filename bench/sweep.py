@@ -38,6 +38,7 @@ _BETWEEN = (2 ** (2 / 3), 2 ** (1 / 3))  # steps to try between an unstable step
 _HOPELESS = 20  # a method is given up when its next run would take this multiple of `longest`
 _ENOUGH = 0.3  # of the smallest target; no smaller step is tried
 _SHORT = 1e-3  # s
+_SLOW = 1.0  # s; a run with tolerances may last so long: a solver in Python takes long with its loosest tolerance too
 _DIGITS = 5  # of times and errors in JSON
 _USELESS = 10.0  # only an unstable run has such a relative error
 _MODE = " --mode "  # the option of `eig3 bench precision`
@@ -238,14 +239,13 @@ def measure(
         for key, own in TOLERANCES.items() if chosen.tolerances else ():
             method_name = key.partition(" ")[0]
             if method_name in methods and not (METHODS[method_name]().ignores_velocity and problem.uses_velocity):
-                found += sweep_tolerances(problem, chosen.targets, judge, key, own, longest, mode)
+                found += sweep_tolerances(problem, chosen.targets, judge, key, own, max(longest, _SLOW), mode)
     skipped = []
     for key, rival in RIVALS.items() if rivals else ():
         if why := rival.refusal(problem):
             skipped.append(f"{rival.label} ({why})")
         else:
-            # a solver in Python takes long even with its loosest tolerance: its runs may take a second
-            found += sweep_tolerances(problem, chosen.targets, judge, key, rival, max(longest, 1.0))
+            found += sweep_tolerances(problem, chosen.targets, judge, key, rival, max(longest, _SLOW))
     points = [point for point, _ in found]
     timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
     for i, seconds in interleave(timed, repeats, name, ENOUGH).items():

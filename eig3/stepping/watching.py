@@ -138,9 +138,10 @@ class Watching:
         near = _ROUND_OFF * math.ulp(max(abs(t0), abs(t)))
         first, last = self.times.searchsorted([t, t + near])
         some = slice(min(first, int(tally[NEXT])), last)
-        for row in (row for block in self._found[-1:] for row in block if row[1] >= t - near):
-            u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]
-            break
+        for block in self._found[-1:]:
+            row = block[min(int(np.searchsorted(block[:, 1], t - near)), len(block) - 1)]  # they are in order of time
+            if row[1] >= t - near:
+                u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]
         self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, h
         tally[NEXT] = max(last, int(tally[NEXT]))
 
