@@ -320,7 +320,7 @@ def sweep(
         yield found
         was_stable, taken = found[0].stable, n_steps
         pace = solution.kernel_seconds / max(1, solution.n_steps)
-        if solution.kernel_seconds > longest or is_enough(found[0], chosen.targets):
+        if found[0].stable and (solution.kernel_seconds > longest or is_enough(found[0], chosen.targets)):
             break
 
 

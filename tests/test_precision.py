@@ -4,6 +4,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from eig3.bench.rivals import general
 from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.bench.tolerances import TOLERANCES
 from eig3.cli import main
+from eig3.stability import limit
 
 pytestmark = pytest.mark.system
 
@@ -416,6 +418,20 @@ def test_unknown_names_are_refused(option, tmp_path):
         with pytest.raises(SystemExit, match=r"eig3 bench: --(problem|method) must be one of"):
             main(["bench", *command, *option])
     assert not list(tmp_path.iterdir())
+
+
+def test_a_long_run_that_is_unstable_does_not_end_the_sweep(monkeypatch):
+    """The first run of a method is beyond its limit, and may take long."""
+
+    def timed(problem, options):
+        success, n_steps = options["h"] * 4.0 < limit("rk4"), round(problem.t_span[1] / options["h"])
+        return lambda: (0.03, SimpleNamespace(success=success, kernel_seconds=0.03, n_steps=n_steps, n_rhs=4 * n_steps))
+
+    monkeypatch.setitem(sweep.MODES, "slow", SimpleNamespace(timed=timed, is_whole=True, is_inline=True))
+    judge = SimpleNamespace(of_run=lambda solution: {"trajectory": 0.5})
+    problem, chosen = problems.single_dof(), BenchmarkProblem(problems.single_dof, 4.0, "oscillator")
+    found = sweep.sweep(problem, chosen, judge, "rk4", eig3.RK4(), 0.02, None, "slow")
+    assert [point.stable for point, _ in found] == [False, True]
 
 
 @pytest.mark.usefixtures("small")
