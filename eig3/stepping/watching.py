@@ -138,7 +138,7 @@ class Watching:
         near = _ROUND_OFF * math.ulp(max(abs(t0), abs(t)))
         first, last = self.times.searchsorted([t, t + near])
         some = slice(min(first, int(tally[NEXT])), last)
-        for block in self._found[-1:]:
+        for block in (found for found in self._found[-1:] if len(found)):
             row = block[min(int(np.searchsorted(block[:, 1], t - near)), len(block) - 1)]  # they are in order of time
             if row[1] >= t - near:
                 u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]

@@ -14,6 +14,7 @@ from ..functions.checks import check_count, reals
 from .matrices import Mass
 
 _ALL = 0.5  # part of the modes from which on all of them are computed by full matrices
+_SHIFT = 1e-9  # of the largest square of a frequency
 _FULL = 500  # degrees of freedom of full matrices
 
 
@@ -102,7 +103,8 @@ def natural_modes(mass: Mass, K: Any, count: int) -> tuple[np.ndarray, np.ndarra
     if n <= _FULL or count > _ALL * n:
         squares, shapes = scipy.linalg.eigh(K.toarray(), mass.matrix.toarray(), subset_by_index=(0, count - 1))
     else:
-        squares, shapes = scipy.sparse.linalg.eigsh(K, count, mass.matrix, sigma=0.0)
+        shift = -_SHIFT * K.diagonal().max() / mass.matrix.diagonal().max()  # also K of a free structure has an inverse
+        squares, shapes = scipy.sparse.linalg.eigsh(K, count, mass.matrix, sigma=shift)
         order = np.argsort(squares)
         squares, shapes = squares[order], shapes[:, order]
     return np.sqrt(np.maximum(squares, 0.0)), shapes
