@@ -300,9 +300,6 @@ class Problem:
             if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
                 params = params[None]  # they are shared also if there are as many parameters as members
         options |= {"h": h, "params": params, "method": method}
-        for name in ("invariants", "outputs"):
-            if self._layout and name in options:
-                options[name] = self._layout.bind_all(options[name])
         if not self.integrals:
             return self._ensemble(span, *start, **options)
         n = np.size(self.u0)

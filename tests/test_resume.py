@@ -215,18 +215,31 @@ def test_the_jacobian_of_the_method_is_given_again(tmp_path):
     assert_same(eig3.load(path, rhs=rub, jacobian=rub_derivative).extend(6.0), whole)
 
 
-def test_problems_with_integrals_go_on(tmp_path):
+@eig3.jit
+def far(t, u, v, p):
+    return u[0] - 1e-4
+
+
+@eig3.jit
+def brake(t, u, v, p):
+    v[0] *= 0.5
+
+
+def test_problems_with_integrals_and_events_go_on(tmp_path):
     problem = eig3.problems.shear_building(work=True)
-    whole = problem.integrate(h=2.0**-10, t_end=0.25)
-    first = problem.integrate(h=2.0**-10, t_end=0.125)
-    problem.integrate(h=2.0**-10, t_end=0.125, save_to=tmp_path / "directory")
+    options = {"h": 2.0**-10, "events": {"far": eig3.Event(far, apply=brake)}}
+    whole = problem.integrate(**options, t_end=0.25)
+    first = problem.integrate(**options, t_end=0.125)
+    assert len(first.events["far"].jumps) > 0
+    problem.integrate(**options, t_end=0.125, save_to=tmp_path / "directory")
     for path in (first.save(tmp_path / "file"), tmp_path / "directory"):
-        loaded = problem.load(path)
+        loaded = problem.load(path, events=options["events"])
         assert_same(loaded, first)
         assert_same(loaded.extend(0.1875).extend(0.25), whole)
         extended = loaded.extend(0.1875, save_to=tmp_path / f"to {path.name}")
-        assert_same(problem.load(tmp_path / f"to {path.name}"), extended)
-        assert_same(problem.load(tmp_path / f"to {path.name}").extend(0.25), whole)
+        again = problem.load(tmp_path / f"to {path.name}", events=options["events"])
+        assert_same(again, extended)
+        assert_same(again.extend(0.25), whole)
     with pytest.raises(ValueError, match="which is not one of bouncing_ball"):
         eig3.problems.bouncing_ball().load(path)
 

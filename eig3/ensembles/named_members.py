@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import shown
 from ..functions.layout import unknown_name
 from ..functions.named import Parameters, in_layout
-from ..functions.sparse import Sparse
+from ..functions.sparse import Sparse, is_of_scipy
 from ..kernels.protocol import SCALAR, Form
 
 
@@ -45,9 +45,9 @@ def of_members(changes: Any, base: Parameters) -> np.ndarray:
     first = in_layout(layout, {**shared, **{name: value[0] for name, value in each.items()}})
     flat, places = np.tile(np.asarray(first), (m, 1)), layout.places(first._asdict())
     for name, value in each.items():
-        is_whole_array = first._asdict()[name].dtype == np.int64 and value.ndim > 1
-        rows = np.ascontiguousarray(value, dtype=np.int64 if is_whole_array else np.float64).reshape(m, -1)
-        flat[:, places[name]] = rows.view(np.float64)
+        kind = layout.kinds[layout.names.index(name)]
+        dtype = np.int64 if kind.is_whole and kind.ndim else np.float64
+        flat[:, places[name]] = np.ascontiguousarray(value, dtype=dtype).reshape(m, -1).view(np.float64)
     return flat
 
 
@@ -64,7 +64,8 @@ def split(params: Any, form: Form, u0: ArrayLike, v0: ArrayLike, h: ArrayLike) -
     given, inner = _as_dict(params), 0 if form is SCALAR else 1
     axes = (np.shape(u0)[: np.ndim(u0) - inner], np.shape(v0)[: np.ndim(v0) - inner], np.shape(h))
     counts = {axis[0] for axis in axes if axis} - {1}
-    arrays = {name: len(value) for name, value in given.items() if not _is_sparse(value) and np.ndim(value)}
+    dense = {name: value for name, value in given.items() if not (isinstance(value, Sparse) or is_of_scipy(value))}
+    arrays = {name: len(value) for name, value in dense.items() if np.ndim(value)}
     counts = counts or set(arrays.values())
     if len(counts) > 1:
         lengths = ", ".join(f"{name} {length}" for name, length in arrays.items())
@@ -94,7 +95,3 @@ def _common_length(each: Mapping[str, np.ndarray]) -> int:
         words = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ValueError(f"params has values for different numbers of members: {words}.")
     return next(iter(lengths.values()), 1)
-
-
-def _is_sparse(value: Any) -> bool:
-    return isinstance(value, Sparse) or hasattr(value, "tocsr")

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import check_count, check_method
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
+from ..functions.layout import bound_layout
 from ..functions.named import has_names
 from ..functions.quantities import Functions, check_functions
 from ..kernels.compile.interrupt import DeferredInterrupt
@@ -123,8 +124,11 @@ def ensemble(
         check_reduce(reduce)
         if has_names(params):
             params, first = split(params, form_of(rhs), u0, v0, h)
-            bind_all, method = first.layout.bind_all, first.layout.bind_method(method)
-            rhs, invariants, outputs = first.layout.bind(rhs), bind_all(invariants), bind_all(outputs)
+            rhs = first.layout.bind(rhs)
+        layout = bound_layout(rhs)  # a problem's function is bound already
+        if layout:
+            method = layout.bind_method(method)
+            invariants, outputs = layout.bind_all(invariants), layout.bind_all(outputs)
         members = check_members(rhs, t_span, u0, v0, params, h)
         every = save_every if save_every is None else check_count(save_every, "save_every")
         cores = _cores() if threads is None else check_count(threads, "threads")

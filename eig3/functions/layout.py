@@ -165,7 +165,8 @@ class Layout:
             if name not in self.names:
                 raise unknown_name(f"{function.__name__} reads {p}.{name}, but params has", name, self.names)
         lines = [f"def {function.__name__}({', '.join(arguments)}):", *self._views(p)]
-        given = [*arguments[:_PLACE], f"Named({', '.join(self._fields())})", *arguments[_PLACE + 1 :]]
+        values = ", ".join(f"value_{k}" for k in range(len(self.names)))
+        given = [*arguments[:_PLACE], f"Named({values})", *arguments[_PLACE + 1 :]]
         text = "\n    ".join([*lines, f"return function_of_names({', '.join(given)})", ""])
         names = {"np": np, "Named": _tuple_of(self.names), "Sparse": Sparse, "function_of_names": function}
         defined = define(text, "named", {**names, "__name__": function.py_func.__module__})[function.__name__]
@@ -174,7 +175,7 @@ class Layout:
         return jit(defined)
 
     def _views(self, p: str) -> list[str]:
-        """Return lines that find where the values of each parameter begin: begin_k, and sizes_k_0, ..."""
+        """Return the lines that take each parameter out of p, as value_k: they read its sizes, and find its place."""
         lines, size = [f"begin_0 = {self.n_sizes}"], 0
         for k, kind in enumerate(self.kinds):
             lines += [f"size_{k}_{i} = int({p}[{size + i}])" for i in range(kind.n_sizes)]
@@ -204,15 +205,12 @@ class Layout:
         shape = ", ".join(f"size_{k}_{i}" for i in range(kind.ndim))
         return [f"value_{k} = {value}" + (f".reshape(({shape}))" if kind.ndim > 1 else "")]
 
-    def _fields(self) -> list[str]:
-        return [f"value_{k}" for k in range(len(self.names))]
-
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
 _bound: WeakKeyDictionary[Any, dict[Layout, Any]] = WeakKeyDictionary()
 
 
-def layout_of(function: Any) -> Layout | None:
+def bound_layout(function: Any) -> Layout | None:
     """Return the layout to which a function is bound, or None."""
     return getattr(getattr(function, "py_func", None), "layout", None)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from .checks import reals, shown
 from .layout import MOST_AXES, SPARSE, Kind, Layout, unknown_name
-from .sparse import Sparse
+from .sparse import Sparse, is_of_scipy
 
 
 class Parameters:
@@ -136,7 +136,7 @@ def in_layout(layout: Layout | None, params: Any) -> Any:
 
 def _converted(value: Any, what: str) -> tuple[Any, Kind]:
     """Return a value of a parameter in the form that `Layout` takes, and its kind."""
-    if hasattr(value, "tocsr"):
+    if is_of_scipy(value):
         rows = value.tocsr(copy=True)
         rows.sum_duplicates()
         indices, indptr = (np.array(x, dtype=np.int64) for x in (rows.indices, rows.indptr))

@@ -20,3 +20,8 @@ class Sparse(NamedTuple):
     indices: Any
     indptr: Any
     shape: Any
+
+
+def is_of_scipy(value: Any) -> bool:
+    """Whether a value is a sparse matrix of SciPy, which need not be installed."""
+    return hasattr(value, "tocsr")

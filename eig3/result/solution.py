@@ -367,9 +367,9 @@ class Solution:
 
     def _separate(self, names: Sequence[str]) -> None:
         """Move the last degrees of freedom, whose velocities are integrals with these names, to `integrals`."""
-        n, self._whole = self.u.shape[1] - len(names), (self.u, self.v)
-        self.integrals = {name: self.v[:, n + k] for k, name in enumerate(names)}
-        self.u, self.v = self.u[:, :n], self.v[:, :n]
+        self._whole = self.u, self.v
+        self.u, self.v, self.integrals = separated(*self._whole, names)
+        n = self.u.shape[1]
         self.events = {name: occurrences.of(slice(n)) for name, occurrences in self.events.items()}
 
     def _states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -514,6 +514,14 @@ class Solution:
 
 #: The functions that make the value of a field which nobody gave.
 _EMPTY = {each.name: each.default_factory for each in dataclasses.fields(Solution) if callable(each.default_factory)}
+
+
+def separated(
+    u: np.ndarray, v: np.ndarray, names: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Return u and v without their last columns, and the integrals with these names, which are the velocities there."""
+    n = u.shape[1] - len(names)
+    return u[:, :n], v[:, :n], {name: v[:, n + k] for k, name in enumerate(names)}
 
 
 def _steps_to(saved: np.ndarray, h: float, steps: np.ndarray | None, t: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from ..functions.extremes import Extremes
 from ..methods import METHODS, Method, shown
 from .labels import Labels
 from .mapped import check_directory, output_files, read_mapped
-from .solution import TRANSIENT, Solution, Status
+from .solution import TRANSIENT, Solution, Status, separated
 from .soundness import check_fields
 
 _VERSION = 3  # raise it with every change that an older eig3 would read wrongly
@@ -170,9 +170,13 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
         raise ValueError(f"{rows} is not a number of rows.")
     arrays = read_mapped(directory, [*_ROWS, *files.values()], rows)
     given: dict[str, Any] = {name: arrays.get(name) for name in _ROWS}
+    whole, names = (given["u"], given["v"]), [str(name) for name in record["integrals"]]
+    if names:
+        given["u"], given["v"], given["integrals"] = separated(*whole, names)
     if files:
         given["outputs"] = {name: arrays[file] for name, file in files.items()}
     result = _solution(record["solution"], others, given)
+    result._whole = whole if names else None
     if not record["has_ended"]:
         vars(result).update(counts)
         if counts and result.steps is not None:  # with tolerances, h is the mean of the steps
@@ -182,8 +186,6 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
             f"The process of this run was killed after t = {result.t[-1]:g}, the last state here, or it is still "
             "running."
         )
-    if record["integrals"]:
-        result._separate([str(name) for name in record["integrals"]])
     return result
 
 

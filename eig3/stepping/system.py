@@ -10,7 +10,7 @@ import numpy as np
 from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_flag
 from ..functions.events import Event, check_events
-from ..functions.layout import layout_of
+from ..functions.layout import bound_layout
 from ..functions.quantities import Functions
 from ..kernels.protocol import FOLLOWS, SEARCHES, Form
 from ..methods import Method
@@ -110,7 +110,7 @@ class System:
         labels: Labels | None = None,
         integrals: tuple[str, ...] = (),
     ) -> None:
-        self.labels, self.integrals, self.layout = labels, integrals, layout_of(rhs)
+        self.labels, self.integrals, self.layout = labels, integrals, bound_layout(rhs)
         self.rhs, self.form, self.method, self.functions = rhs, form, method, functions
         self.inline = check_flag(inline, "inline")
         self.events: Mapping[str, Event] = check_events(events)

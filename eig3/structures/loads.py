@@ -17,14 +17,11 @@ def check_ground(ground: Any, n: int) -> dict[str, Any]:
     TypeError, ValueError
         If it is not (times, accelerations) or (times, accelerations, influence), or they do not fit.
     """
-    if not (isinstance(ground, tuple) and len(ground) in (2, 3)):
-        raise TypeError(
-            f"ground must be (times, accelerations) or (times, accelerations, influence), not {shown(ground)}."
-        )
-    times, values = _record(ground[0], ground[1], "ground")
+    wanted = "(times, accelerations) or (times, accelerations, influence)"
+    times, values, *rest = _record(ground, "ground", wanted)
     if values.ndim != 1:
         raise ValueError(f"ground must have one acceleration for each time, not values of the shape {values.shape}.")
-    influence = reals(ground[2], "the influence of ground") if len(ground) == 3 else np.ones(n)
+    influence = reals(rest[0], "the influence of ground") if rest else np.ones(n)
     if influence.shape != (n,) or not np.isfinite(influence).all():
         raise ValueError(f"the influence of ground must be {n} finite numbers, not of the shape {influence.shape}.")
     return {"ground_times": times, "ground": values, "influence": influence, "ground_scale": 1.0}
@@ -38,13 +35,9 @@ def check_table(force: Any, n: int) -> dict[str, Any]:
     TypeError, ValueError
         If it is not (times, forces) or (times, forces, degrees), or they do not fit.
     """
-    if not (isinstance(force, tuple) and len(force) in (2, 3)):
-        raise TypeError(
-            "force must be a jitted function f(t, u, v, p, out), or a table (times, forces) or (times, forces, "
-            f"degrees), not {shown(force)}."
-        )
-    times, values = _record(force[0], force[1], "force")
-    degrees = np.arange(n) if len(force) == 2 else np.atleast_1d(np.asarray(force[2]))
+    wanted = "a jitted function f(t, u, v, p, out), or a table (times, forces) or (times, forces, degrees)"
+    times, values, *rest = _record(force, "force", wanted)
+    degrees = np.atleast_1d(np.asarray(rest[0])) if rest else np.arange(n)
     values = values[:, None] if values.ndim == 1 else values
     if degrees.dtype.kind not in "ui" or degrees.ndim != 1 or not ((degrees >= 0) & (degrees < n)).all():
         raise ValueError(f"the degrees of force must be whole numbers from 0 to {n - 1}.")
@@ -55,10 +48,13 @@ def check_table(force: Any, n: int) -> dict[str, Any]:
     return {"force_times": times, "forces": values, "degrees": degrees.astype(np.int64), "force_scale": 1.0}
 
 
-def _record(times: Any, values: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
-    t, x = reals(times, f"the times of {name}"), reals(values, name)
+def _record(given: Any, name: str, wanted: str) -> tuple:
+    """Return the times and the values of a record as arrays, and what is given beside them as it is."""
+    if not (isinstance(given, tuple) and len(given) in (2, 3)):
+        raise TypeError(f"{name} must be {wanted}, not {shown(given)}.")
+    t, x = reals(given[0], f"the times of {name}"), reals(given[1], name)
     if t.ndim != 1 or t.size < 2 or not (np.isfinite(t).all() and (np.diff(t) > 0).all()):
         raise ValueError(f"the times of {name} must be two or more finite numbers that increase.")
     if x.ndim == 0 or len(x) != t.size or not np.isfinite(x).all():
         raise ValueError(f"{name} must have a finite value for each of its {t.size} times.")
-    return t, x
+    return (t, x, *given[2:])

@@ -11,6 +11,7 @@ import scipy.sparse.csgraph
 import scipy.sparse.linalg
 
 from ..functions.checks import reals, shown
+from ..functions.sparse import is_of_scipy
 
 _SYMMETRIC = 1e-9  # part of the largest entry by which a symmetric matrix may differ from its transpose
 
@@ -34,12 +35,6 @@ class Mass:
         """Number of degrees of freedom."""
         return self.matrix.shape[0]
 
-    def solve(self, x: np.ndarray) -> np.ndarray:
-        """Return M^-1 x."""
-        if self.diagonal is not None:
-            return (x.T / self.diagonal).T
-        return scipy.sparse.linalg.splu(self.matrix.tocsc()).solve(x)
-
 
 def check_mass(M: Any, lump: str | None) -> Mass:
     """Return the mass.
@@ -51,7 +46,7 @@ def check_mass(M: Any, lump: str | None) -> Mass:
     """
     if lump not in (None, "row", "hrz"):
         raise ValueError(f'lump must be "row" or "hrz", not {shown(lump)}.')
-    given = None if _is_sparse(M) else reals(M, "M")
+    given = None if is_of_scipy(M) else reals(M, "M")
     if given is not None and given.ndim == 1:
         _check_masses(given, "M")
         return Mass(given, scipy.sparse.diags_array(given).tocsr())
@@ -76,7 +71,7 @@ def check_matrix(matrix: Any, name: str, n: int | None = None) -> Any:
     TypeError, ValueError
         If it is not square or has not the shape (n, n), or is not made of finite real numbers.
     """
-    if not _is_sparse(matrix):
+    if not is_of_scipy(matrix):
         matrix = np.atleast_2d(reals(matrix, name))
     if len(matrix.shape) != 2 or matrix.shape[0] != matrix.shape[1]:
         raise ValueError(f"{name} must be a square matrix, not one of the shape {matrix.shape}.")
@@ -162,7 +157,3 @@ def _check_masses(masses: np.ndarray, name: str) -> None:
         raise ValueError(
             f"{name} must have positive, finite masses, but that of degree of freedom {bad[0]} is {masses[bad[0]]:g}."
         )
-
-
-def _is_sparse(matrix: Any) -> bool:
-    return hasattr(matrix, "tocsr")

@@ -22,14 +22,12 @@ LOADED = frozenset({"C", "rayleigh", "modal", "ground", "force", "table"})
 
 _PRODUCT = """\
     for i in range(n):
-        total = 0.0
-        for k in range(p.{A}.indptr[i], p.{A}.indptr[i + 1]):
-            total += p.{A}.data[k] * {x}
-        a[i] -= total
+        a[i] -= {row}
 """
-_STATE = "u[p.K.indices[k]]"
-_BLENDED = "(u[p.K.indices[k]] + p.b * v[p.K.indices[k]])"
-_FIRST = _PRODUCT.replace("        a[i] -= total", "        a[i] = -total")
+_FIRST = """\
+    for i in range(n):
+        a[i] = -{row}
+"""
 _TABLE = """\
     place, part = weight(t, p.force_times)
     if place >= 0:
@@ -43,15 +41,10 @@ _LUMPED = """\
 """
 _CONSISTENT = """\
     for row in range(n):
-        i, total = p.order[row], 0.0
-        for k in range(p.L.indptr[row], p.L.indptr[row + 1]):
-            total += p.L.data[k] * a[p.L.indices[k]]
-        a[i] -= total
+        a[p.order[row]] -= of_row(p.L, row, a)
     for row in range(n - 1, -1, -1):
-        i, total = p.order[row], 0.0
-        for k in range(p.U.indptr[row], p.U.indptr[row + 1]):
-            total += p.U.data[k] * a[p.U.indices[k]]
-        a[i] = (a[i] - total) * p.inverse[row]
+        i = p.order[row]
+        a[i] = (a[i] - of_row(p.U, row, a)) * p.inverse[row]
 """
 _RAYLEIGH = """\
     for i in range(n):
@@ -74,10 +67,7 @@ _GROUND = """\
 """
 _FORM = """\
     for i in range(n):
-        total = 0.0
-        for k in range(p.{A}.indptr[i], p.{A}.indptr[i + 1]):
-            total += p.{A}.data[k] * {x}[p.{A}.indices[k]]
-        energy += 0.5 * {x}[i] * total
+        energy += 0.5 * {x}[i] * of_row(p.{A}, i, {x})
 """
 _KINETIC = """\
     for i in range(n):
@@ -87,19 +77,28 @@ _POWER = """\
     if u.size > n:
         power = 0.0
         for i in range(n):
-            load = 0.0
-            for k in range(p.{M}.indptr[i], p.{M}.indptr[i + 1]):
-                load += p.{M}.data[k] * a[p.{M}.indices[k]]
-            power += load * v[i]
-{elastic}        a[n] = power
+            power += v[i] * ({force})
+        a[n] = power
 """
-_ELASTIC = """\
-        for i in range(n):
-            load = 0.0
-            for k in range(p.K.indptr[i], p.K.indptr[i + 1]):
-                load += p.K.data[k] * u[p.K.indices[k]]
-            power += load * v[i]
-"""
+
+
+@element
+def of_row(A: Any, i: Any, x: Any) -> Any:
+    """Return row i of A x."""
+    total = 0.0
+    for k in range(A.indptr[i], A.indptr[i + 1]):
+        total += A.data[k] * x[A.indices[k]]
+    return total
+
+
+@element
+def of_row_with_rate(A: Any, i: Any, x: Any, b: Any, v: Any) -> Any:
+    """Return row i of A (x + b v)."""
+    total = 0.0
+    for k in range(A.indptr[i], A.indptr[i + 1]):
+        j = A.indices[k]
+        total += A.data[k] * (x[j] + b * v[j])
+    return total
 
 
 @element
@@ -112,6 +111,9 @@ def weight(t: Any, times: Any) -> Any:
     return i, (t - times[i]) / (times[i + 1] - times[i])
 
 
+_NAMES = {"__name__": __name__, "weight": weight, "of_row": of_row, "of_row_with_rate": of_row_with_rate}
+
+
 @functools.lru_cache(_KEPT)
 def right_hand_side(has: frozenset[str], force: Any) -> Any:
     """Return the jitted right-hand side of a structure that has these parts: structures of the same parts share it."""
@@ -119,9 +121,10 @@ def right_hand_side(has: frozenset[str], force: Any) -> Any:
     if "force" in has:
         lines += ["    for i in range(a.size):\n        a[i] = 0.0\n", "    force(t, u, v, p, a)\n"]
     first = "force" not in has
-    for name, x in (("K", _BLENDED if "rayleigh" in has else _STATE), ("C", "v[p.C.indices[k]]")):
+    stiffness = "of_row_with_rate(p.K, i, u, p.b, v)" if "rayleigh" in has else "of_row(p.K, i, u)"
+    for name, row in (("K", stiffness), ("C", "of_row(p.C, i, v)")):
         if name in has:
-            lines.append((_FIRST if first else _PRODUCT).format(A=name, x=x))
+            lines.append((_FIRST if first else _PRODUCT).format(row=row))
             first = False
     if first:
         lines.append("    for i in range(n):\n        a[i] = 0.0\n")
@@ -130,9 +133,8 @@ def right_hand_side(has: frozenset[str], force: Any) -> Any:
     for name, text in (("rayleigh", _RAYLEIGH), ("modal", _MODAL), ("ground", _GROUND)):
         lines.append(text if name in has else "")
     if "work" in has:
-        lines.append(_POWER.format(M="M", elastic=_ELASTIC if "K" in has else ""))
-    names = {"__name__": __name__, "weight": weight, "force": force}
-    return jit(define("".join(lines), "structure", names)["rhs"])
+        lines.append(_POWER.format(force="of_row(p.M, i, a)" + " + of_row(p.K, i, u)" * ("K" in has)))
+    return jit(define("".join(lines), "structure", {**_NAMES, "force": force})["rhs"])
 
 
 @functools.lru_cache(_KEPT)
@@ -142,4 +144,4 @@ def energy(has: frozenset[str]) -> Any:
     lines.append(_FORM.format(A="M", x="v") if "consistent" in has else _KINETIC)
     lines.append(_FORM.format(A="K", x="u") if "K" in has else "")
     lines.append("    if v.size > n:\n        energy -= v[n]\n" if "work" in has else "")
-    return jit(define("".join([*lines, "    return energy\n"]), "structure", {"__name__": __name__})["energy"])
+    return jit(define("".join([*lines, "    return energy\n"]), "structure", _NAMES)["energy"])
