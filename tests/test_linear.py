@@ -7,7 +7,8 @@ import scipy.sparse
 
 import eig3
 from eig3.structures.damping import natural_modes
-from eig3.structures.matrices import check_mass, factors
+from eig3.structures.factors import copies_in, factors, solution
+from eig3.structures.matrices import check_mass
 
 N = 6
 
@@ -148,17 +149,19 @@ def test_lumped_masses():
         )
 
 
-def test_factors_of_a_mass_solve_in_place():
+@pytest.mark.parametrize("directions", [1, 2, 3])
+def test_factors_of_a_mass_solve_in_place(directions):
+    """A mass that is the same in each direction is factored for one of them."""
     rng = np.random.default_rng(3)
     random = scipy.sparse.random_array((40, 40), density=0.05, rng=rng)
-    M = (random @ random.T + scipy.sparse.eye_array(40)).tocsr()
-    order, L, U, inverse = factors(M)
-    b = rng.normal(size=40)
+    one = random @ random.T + scipy.sparse.eye_array(40)
+    M = check_mass(scipy.sparse.kron(one, scipy.sparse.eye_array(directions)), None).matrix
+    assert copies_in(M) == directions
+    found = factors(M[::directions][:, ::directions])
+    assert {*np.diff(found.panels[:, 0])} == {1, 2, 3}
+    b = rng.normal(size=40 * directions)
     x = b.copy()
-    for row, i in enumerate(order):
-        x[i] -= (L[[row]] @ x).item()
-    for row in range(39, -1, -1):
-        x[order[row]] = ((x[order[row]] - U[[row]] @ x) * inverse[row]).item()
+    solution(directions)(*found, x)
     np.testing.assert_allclose(M @ x, b, rtol=0, atol=1e-12)
 
 

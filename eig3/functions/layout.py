@@ -37,7 +37,7 @@ class Kind(NamedTuple):
     is_whole : bool
         Whether its values are integers.
     ndim : int
-        The number of axes; -1 for a sparse matrix.
+        The number of axes; -1 for a sparse matrix, and -2 for one of blocks.
     """
 
     is_whole: bool
@@ -45,18 +45,20 @@ class Kind(NamedTuple):
 
     @property
     def n_sizes(self) -> int:
-        """How many sizes are in front of the values: rows, columns and entries of a sparse matrix."""
-        return 3 if self.ndim < 0 else self.ndim
+        """How many sizes are in front of the values: rows, columns, entries and edges of a sparse matrix."""
+        return 2 - self.ndim if self.ndim < 0 else self.ndim
 
     @property
     def text(self) -> str:
         """The kind in a word."""
-        return "sparse" if self.ndim < 0 else f"{'whole' if self.is_whole else 'real'}{self.ndim or ''}"
+        if self.ndim < 0:
+            return "sparse" if self == SPARSE else "blocks"
+        return f"{'whole' if self.is_whole else 'real'}{self.ndim or ''}"
 
 
 MOST_AXES = 2
-SPARSE = Kind(is_whole=False, ndim=-1)
-_KINDS = [SPARSE, *(Kind(is_whole, ndim) for is_whole in (False, True) for ndim in range(MOST_AXES + 1))]
+SPARSE, BLOCKS = (Kind(is_whole=False, ndim=ndim) for ndim in (-1, -2))
+_KINDS = [SPARSE, BLOCKS, *(Kind(is_whole, ndim) for is_whole in (False, True) for ndim in range(MOST_AXES + 1))]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +104,7 @@ class Layout:
         begin, found = self.n_sizes, {}
         for name, kind in zip(self.names, self.kinds, strict=True):
             value = values[name]
-            count = 2 * len(value.data) + value.shape[0] + 1 if kind.ndim < 0 else np.size(value)
+            count = sum(map(len, _parts(value))) if kind.ndim < 0 else np.size(value)
             found[name] = slice(begin, begin + count)
             begin += count
         return found
@@ -114,8 +116,8 @@ class Layout:
         for name, kind in zip(self.names, self.kinds, strict=True):
             value = values[name]
             if kind.ndim < 0:
-                sizes += [*value.shape, len(value.data)]
-                parts += [value.data, *(_bits(part) for part in (value.indices, value.indptr))]
+                sizes += [*value.shape, len(value.data), *([value.edge] if kind == BLOCKS else [])]
+                parts += _parts(value)
             else:
                 sizes += value.shape
                 is_array = kind.is_whole and kind.ndim > 0
@@ -181,9 +183,10 @@ class Layout:
             lines += [f"size_{k}_{i} = int({p}[{size + i}])" for i in range(kind.n_sizes)]
             size += kind.n_sizes
             if kind.ndim < 0:
-                lines.append(f"indices_{k} = begin_{k} + size_{k}_2")
-                lines.append(f"indptr_{k} = indices_{k} + size_{k}_2")
-                lines.append(f"begin_{k + 1} = indptr_{k} + size_{k}_0 + 1")
+                edge = f"size_{k}_3" if kind == BLOCKS else "1"
+                lines.append(f"indices_{k} = begin_{k} + size_{k}_2 * {edge} * {edge}")
+                lines.append(f"indptr_{k} = indices_{k} + (size_{k}_2 + 1) // 2")
+                lines.append(f"begin_{k + 1} = indptr_{k} + size_{k}_0 // {edge} + 1")
             else:
                 count = " * ".join(f"size_{k}_{i}" for i in range(kind.ndim)) or "1"
                 lines.append(f"begin_{k + 1} = begin_{k} + {count}")
@@ -195,9 +198,10 @@ class Layout:
         if kind.ndim == 0:
             return [f"value_{k} = {f'int({p}[begin_{k}])' if kind.is_whole else f'{p}[begin_{k}]'}"]
         if kind.ndim < 0:
+            shape = f".reshape((size_{k}_2, size_{k}_3, size_{k}_3))" if kind == BLOCKS else ""
             parts = (
-                f"{p}[begin_{k}:indices_{k}]",
-                f"{p}[indices_{k}:indptr_{k}].view(np.int64)",
+                f"{p}[begin_{k}:indices_{k}]{shape}",
+                f"{p}[indices_{k}:indptr_{k}].view(np.int32)[:size_{k}_2]",
                 f"{p}[indptr_{k}:begin_{k + 1}].view(np.int64)",
             )
             return [f"value_{k} = Sparse({', '.join(parts)}, (size_{k}_0, size_{k}_1))"]
@@ -239,6 +243,13 @@ def _attributes(code: Any, variable: str) -> list[str]:
             names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
             last = names[-1] if "LOAD_FAST" in instruction.opname or "LOAD_DEREF" in instruction.opname else None
     return found
+
+
+def _parts(matrix: Sparse) -> list[np.ndarray]:
+    """Return the arrays of a sparse matrix as float64. Two columns are in one number, for the sake of speed."""
+    columns = np.zeros(matrix.indices.size + matrix.indices.size % 2, dtype=np.int32)
+    columns[: matrix.indices.size] = matrix.indices
+    return [matrix.data.ravel(), columns.view(np.float64), _bits(matrix.indptr)]
 
 
 def _bits(whole: np.ndarray) -> np.ndarray:

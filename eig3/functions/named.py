@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from .checks import reals, shown
-from .layout import MOST_AXES, SPARSE, Kind, Layout, unknown_name
-from .sparse import Sparse, is_of_scipy
+from .layout import BLOCKS, MOST_AXES, SPARSE, Kind, Layout, unknown_name
+from .sparse import Sparse, has_blocks, is_of_scipy
+
+_MOST_COLUMNS = 2**31  # the indices of columns have 32 bits
 
 
 class Parameters:
@@ -137,13 +139,15 @@ def in_layout(layout: Layout | None, params: Any) -> Any:
 def _converted(value: Any, what: str) -> tuple[Any, Kind]:
     """Return a value of a parameter in the form that `Layout` takes, and its kind."""
     if is_of_scipy(value):
-        rows = value.tocsr(copy=True)
+        rows = (value.tobsr if has_blocks(value) else value.tocsr)(copy=True)
         rows.sum_duplicates()
-        indices, indptr = (np.array(x, dtype=np.int64) for x in (rows.indices, rows.indptr))
         n_rows, n_columns = map(int, rows.shape)
-        return Sparse(reals(rows.data, f"{what}.data"), indices, indptr, (n_rows, n_columns)), SPARSE
+        if n_columns > _MOST_COLUMNS:
+            raise ValueError(f"{what} must have at most 2^31 columns, not {n_columns}.")
+        indices, indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int64)
+        value = Sparse(reals(rows.data, f"{what}.data"), indices, indptr, (n_rows, n_columns))
     if isinstance(value, Sparse):
-        return value, SPARSE
+        return value, SPARSE if value.edge == 1 else BLOCKS
     array = np.asarray(value)
     is_whole = array.dtype.kind in "bui"
     array = np.array(array, dtype=np.int64, order="C") if is_whole else reals(value, what)
@@ -163,7 +167,7 @@ def _check_name(name: Any) -> None:
 
 def _described(kind: Kind) -> str:
     if kind.ndim < 0:
-        return "a sparse matrix"
+        return "a sparse matrix" if kind == SPARSE else "a sparse matrix of blocks"
     values = "integer" if kind.is_whole else "number"
     article = "an" if kind.is_whole else "a"
     return f"{article} {values}" if kind.ndim == 0 else f"an array of {values}s with {kind.ndim} axes"
@@ -171,7 +175,7 @@ def _described(kind: Kind) -> str:
 
 def _brief(value: Any) -> str:
     if isinstance(value, Sparse):
-        return f"<sparse {value.shape[0]} x {value.shape[1]}, {len(value.data)} entries>"
+        return f"<sparse {value.shape[0]} x {value.shape[1]}, {value.data.size} entries>"
     if np.ndim(value) and np.size(value) > 8:
         return f"<array {' x '.join(map(str, np.shape(value)))}>"
     return repr(value.tolist() if hasattr(value, "tolist") else value)

@@ -8,26 +8,26 @@ with Rayleigh's coefficients a_R and b, the ground's acceleration g and its infl
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 from typing import Any
+
+import numba
 
 from ..effects.sampled_motion import interval
 from ..functions.callbacks import jit
 from ..kernels.compile.jit import element
 from ..kernels.compile.source import define
+from .factors import solution
+from .products import product
 
 _KEPT = 64  # functions; one of the user would otherwise stay in memory for ever
 
 #: The parts that change the energy.
 LOADED = frozenset({"C", "rayleigh", "modal", "ground", "force", "table"})
+#: What a run follows with `work=True`.
+INTEGRALS = "work", "dissipated"
+_LOADS = frozenset({"force", "table"})  # of single degrees of freedom, which are computed first
 
-_PRODUCT = """\
-    for i in range(n):
-        a[i] -= {row}
-"""
-_FIRST = """\
-    for i in range(n):
-        a[i] = -{row}
-"""
 _TABLE = """\
     place, part = weight(t, p.force_times)
     if place >= 0:
@@ -35,20 +35,11 @@ _TABLE = """\
             low, high = p.forces[place, k], p.forces[place + 1, k]
             a[p.degrees[k]] += p.force_scale * (low + part * (high - low))
 """
-_LUMPED = """\
-    for i in range(n):
-        a[i] = a[i] / p.m[i]
-"""
-_CONSISTENT = """\
-    for row in range(n):
-        a[p.order[row]] -= of_row(p.L, row, a)
-    for row in range(n - 1, -1, -1):
-        i = p.order[row]
-        a[i] = (a[i] - of_row(p.U, row, a)) * p.inverse[row]
-"""
-_RAYLEIGH = """\
-    for i in range(n):
-        a[i] -= p.a * v[i]
+_GROUND = """\
+    place, part = weight(t, p.ground_times)
+    g = 0.0
+    if place >= 0:
+        g = p.ground_scale * (p.ground[place] + part * (p.ground[place + 1] - p.ground[place]))
 """
 _MODAL = """\
     for j in range(p.modes.shape[0]):
@@ -58,47 +49,26 @@ _MODAL = """\
         for i in range(n):
             a[i] -= p.modes[j, i] * speed
 """
-_GROUND = """\
-    place, part = weight(t, p.ground_times)
-    if place >= 0:
-        g = p.ground_scale * (p.ground[place] + part * (p.ground[place + 1] - p.ground[place]))
-        for i in range(n):
-            a[i] -= p.influence[i] * g
-"""
-_FORM = """\
-    for i in range(n):
-        energy += 0.5 * {x}[i] * of_row(p.{A}, i, {x})
-"""
-_KINETIC = """\
-    for i in range(n):
-        energy += 0.5 * p.m[i] * v[i] * v[i]
-"""
-_POWER = """\
-    if u.size > n:
-        power = 0.0
-        for i in range(n):
-            power += v[i] * ({force})
-        a[n] = power
-"""
 
 
-@element
-def of_row(A: Any, i: Any, x: Any) -> Any:
-    """Return row i of A x."""
-    total = 0.0
-    for k in range(A.indptr[i], A.indptr[i + 1]):
-        total += A.data[k] * x[A.indices[k]]
-    return total
+@dataclass(frozen=True)
+class Parts:
+    """What the compiled code of a structure depends on.
 
+    Attributes
+    ----------
+    has : frozenset of str
+    edge : int
+        The rows of a block of K and C.
+    copies : int
+        A consistent mass is the same matrix for this number of directions.
+    threads : int
+    """
 
-@element
-def of_row_with_rate(A: Any, i: Any, x: Any, b: Any, v: Any) -> Any:
-    """Return row i of A (x + b v)."""
-    total = 0.0
-    for k in range(A.indptr[i], A.indptr[i + 1]):
-        j = A.indices[k]
-        total += A.data[k] * (x[j] + b * v[j])
-    return total
+    has: frozenset[str]
+    edge: int = 1
+    copies: int = 1
+    threads: int = 1
 
 
 @element
@@ -111,37 +81,132 @@ def weight(t: Any, times: Any) -> Any:
     return i, (t - times[i]) / (times[i + 1] - times[i])
 
 
-_NAMES = {"__name__": __name__, "weight": weight, "of_row": of_row, "of_row_with_rate": of_row_with_rate}
-
-
 @functools.lru_cache(_KEPT)
-def right_hand_side(has: frozenset[str], force: Any) -> Any:
+def right_hand_side(parts: Parts, force: Any) -> Any:
     """Return the jitted right-hand side of a structure that has these parts: structures of the same parts share it."""
-    lines = ["def rhs(t, u, v, p, a):\n", "    n = p.size\n"]
-    if "force" in has:
-        lines += ["    for i in range(a.size):\n        a[i] = 0.0\n", "    force(t, u, v, p, a)\n"]
-    first = "force" not in has
-    stiffness = "of_row_with_rate(p.K, i, u, p.b, v)" if "rayleigh" in has else "of_row(p.K, i, u)"
-    for name, row in (("K", stiffness), ("C", "of_row(p.C, i, v)")):
-        if name in has:
-            lines.append((_FIRST if first else _PRODUCT).format(row=row))
-            first = False
-    if first:
-        lines.append("    for i in range(n):\n        a[i] = 0.0\n")
-    lines.append(_TABLE if "table" in has else "")
-    lines.append(_CONSISTENT if "consistent" in has else _LUMPED)
-    for name, text in (("rayleigh", _RAYLEIGH), ("modal", _MODAL), ("ground", _GROUND)):
-        lines.append(text if name in has else "")
-    if "work" in has:
-        lines.append(_POWER.format(force="of_row(p.M, i, a)" + " + of_row(p.K, i, u)" * ("K" in has)))
-    return jit(define("".join(lines), "structure", {**_NAMES, "force": force})["rhs"])
+    has, edge = parts.has, parts.edge
+    lines = ["def rhs(t, u, v, p, a):", "    n = p.size"]
+    if has & _LOADS:
+        lines += ["    for i in range(a.size):", "        a[i] = 0.0"]
+    lines += ["    force(t, u, v, p, a)"] * ("force" in has)
+    text = "\n".join([*lines, ""]) + _TABLE * ("table" in has) + _GROUND * ("ground" in has)
+    lines = _arrays("K", "C", has=has)
+    rows, own = f"n // {edge}", ["m", "influence"]
+    lines += [f"    {name} = p.{name}" for name, part in zip(own, ("lumped", "ground"), strict=True) if part in has]
+    lines += ["    rate, decay = p.b, p.a"] * ("rayleigh" in has)
+    if parts.threads == 1:
+        lines.append(f"    for row in range({rows}):")
+        lines += [f"        {line}" for line in _row(parts)]
+    else:
+        lines += [f"    rows = {rows}", f"    for part in prange({parts.threads}):"]
+        share = f"part * rows // {parts.threads}, (part + 1) * rows // {parts.threads}"
+        lines.append(f"        for row in range({share}):")
+        lines += [f"            {line}" for line in _row(parts)]
+    if "consistent" in has:
+        lines.append("    solution(p.order, p.panels, p.rows, p.values, p.inverse, a)")
+        later = _without_mass(parts, "i")
+        lines += ["    for i in range(n):", f"        a[i] -= {later}"] if later else []
+    text += "\n".join([*lines, ""]) + _MODAL * ("modal" in has)
+    text += "\n".join(_power(parts)) * ("work" in has)
+    names = {
+        "__name__": __name__,
+        "prange": numba.prange,
+        "weight": weight,
+        "force": force,
+        "stiff": product(edge, "rayleigh" in has),
+        "product": product(edge, False),
+        "of_mass": product(1, False),
+        "solution": solution(parts.copies),
+    }
+    return jit(define(text, "structure", names)["rhs"], parallel=parts.threads > 1)
 
 
 @functools.lru_cache(_KEPT)
-def energy(has: frozenset[str]) -> Any:
+def energy(parts: Parts) -> Any:
     """Return the jitted energy of a structure: kinetic and elastic, less the work if a run follows it."""
-    lines = ["def energy(t, u, v, p):\n", "    n, energy = p.size, 0.0\n"]
-    lines.append(_FORM.format(A="M", x="v") if "consistent" in has else _KINETIC)
-    lines.append(_FORM.format(A="K", x="u") if "K" in has else "")
-    lines.append("    if v.size > n:\n        energy -= v[n]\n" if "work" in has else "")
-    return jit(define("".join([*lines, "    return energy\n"]), "structure", _NAMES)["energy"])
+    lines = ["def energy(t, u, v, p):", "    n, energy = p.size, 0.0"]
+    if "consistent" in parts.has:
+        lines += [*_arrays("M", has={"M"}), "    for i in range(n):"]
+        lines.append("        energy += 0.5 * v[i] * of_mass(M_data, M_indices, M_indptr, i, v)[0]")
+    else:
+        lines += ["    for i in range(n):", "        energy += 0.5 * p.m[i] * v[i] * v[i]"]
+    if "K" in parts.has:
+        lines += [*_arrays("K", has={"K"}), f"    for row in range(n // {parts.edge}):"]
+        lines.append("        sums = product(K_data, K_indices, K_indptr, row, u)")
+        lines += [f"        energy += 0.5 * u[{_at(parts.edge, i)}] * sums[{i}]" for i in range(parts.edge)]
+    if "work" in parts.has:
+        lines += ["    if v.size > n:", "        energy -= v[n]"]
+    names = {"__name__": __name__, "product": product(parts.edge, False), "of_mass": product(1, False)}
+    return jit(define("\n".join([*lines, "    return energy", ""]), "structure", names)["energy"])
+
+
+def _row(parts: Parts) -> list[str]:
+    """Return the lines of a row of blocks: the accelerations, or the forces on a consistent mass."""
+    has, lines = parts.has, []
+    if "K" in has:
+        further = ", rate, v" * ("rayleigh" in has)
+        lines.append(f"elastic = stiff(K_data, K_indices, K_indptr, row, u{further})")
+    if "C" in has:
+        lines.append("viscous = product(C_data, C_indices, C_indptr, row, v)")
+    for k in range(parts.edge):
+        i = f"i_{k}"
+        lines.append(f"{i} = {_at(parts.edge, k)}")
+        terms = [f" - elastic[{k}]"] * ("K" in has) + [f" - viscous[{k}]"] * ("C" in has)
+        f = (f"a[{i}]" if has & _LOADS else "0.0") + "".join(terms)
+        if "lumped" in has:
+            f = f"({f}) / m[{i}]"
+            later = _without_mass(parts, i)
+            f += f" - ({later})" if later else ""
+        lines.append(f"a[{i}] = {f}")
+    return lines
+
+
+def _without_mass(parts: Parts, i: str) -> str:
+    """Return the part of an acceleration, with the other sign, that does not depend on the mass."""
+    terms = [f"decay * v[{i}]"] * ("rayleigh" in parts.has) + [f"influence[{i}] * g"] * ("ground" in parts.has)
+    return " + ".join(terms)
+
+
+def _power(parts: Parts) -> list[str]:
+    """Return the lines of the powers which only a run that follows them needs.
+
+    That of loads, ground and damping is v (M a + K u), and that of the damping alone is v (C v + ...).
+    """
+    has, lines = parts.has, ["    if u.size > n:", "        power, lost = 0.0, 0.0"]
+    inertia, momentum = "m[i] * a[i]", "m[i] * v[i]"
+    if "consistent" in has:
+        lines += [f"    {line}" for line in _arrays("M", has={"M"})]
+        inertia, momentum = (f"of_mass(M_data, M_indices, M_indptr, i, {x})[0]" for x in "av")
+    lines += ["        for i in range(n):", f"            power += v[i] * {inertia}"]
+    lines += [f"            lost += decay * v[i] * {momentum}"] * ("rayleigh" in has)
+    for name, x, powers in (
+        ("K", "u", {"power": ""}),
+        ("K", "v", {"lost": "rate * "} if "rayleigh" in has else {}),
+        ("C", "v", {"lost": ""}),
+    ):
+        if name in has and powers:
+            lines += [f"        for row in range(n // {parts.edge}):"]
+            lines.append(f"            sums = product({name}_data, {name}_indices, {name}_indptr, row, {x})")
+            for power, factor in powers.items():
+                lines += [
+                    f"            {power} += {factor}v[{_at(parts.edge, k)}] * sums[{k}]" for k in range(parts.edge)
+                ]
+    if "modal" in has:
+        lines += ["        for j in range(p.modes.shape[0]):", "            speed, amount = 0.0, 0.0"]
+        lines += ["            for i in range(n):", "                speed += p.rates[j, i] * v[i]"]
+        lines += [f"                amount += p.modes[j, i] * {momentum}", "            lost += speed * amount"]
+    return [*lines, "        a[n] = power", "        a[n + 1] = lost", ""]
+
+
+def _at(edge: int, k: int) -> str:
+    """Return the text of the degree of freedom k of a row of blocks."""
+    return "row" if edge == 1 else f"{edge} * row + {k}"
+
+
+def _arrays(*names: str, has: Any) -> list[str]:
+    """Return the lines that take the arrays of matrices: a parallel loop takes arrays, but not tuples of tuples."""
+    return [
+        f"    {name}_data, {name}_indices, {name}_indptr = p.{name}.data.reshape(-1), p.{name}.indices, p.{name}.indptr"
+        for name in names
+        if name in has
+    ]

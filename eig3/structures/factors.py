@@ -1,0 +1,188 @@
+"""The factors of a consistent mass, and the compiled solution of systems with them.
+
+Neighbouring columns of a factor have entries in nearly the same rows. Some of them are a panel, whose entries that are
+zero are kept too: a solution then reads the number of a row, and its value, once for the panel.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from ..kernels.compile.jit import element
+from ..kernels.compile.source import define
+from .products import EDGES
+
+_SAME = 1e-14  # part of the largest entry by which the masses of two directions may differ
+_WIDTHS = 3, 2, 1  # of panels
+_FILLED = 1.5  # times the entries, with the zeros in a panel
+
+
+class Factors(NamedTuple):
+    """The factors L D L^T of a mass, as compiled code takes them.
+
+    Attributes
+    ----------
+    order : ndarray of int, shape (n,)
+        The degrees of freedom in the order of elimination.
+    panels : ndarray of int, shape (panels + 1, 3)
+        Where the columns, the rows and the values of each panel begin.
+    rows : ndarray of int
+        The degrees of freedom below each panel.
+    values : ndarray
+        The entries of L below the diagonal: in each panel first those of its own rows, and then those of each row.
+    inverse : ndarray, shape (n,)
+        1 / D.
+    """
+
+    order: np.ndarray
+    panels: np.ndarray
+    rows: np.ndarray
+    values: np.ndarray
+    inverse: np.ndarray
+
+
+def copies_in(mass: Any) -> int:
+    """Return the number of directions that a mass does not mix, and that have the same mass, or 1.
+
+    Their degrees of freedom take turns: the mass is the Kronecker product of that of one direction and a unit matrix.
+    """
+    return next(count for count in EDGES if _has_copies(mass, count))
+
+
+def factors(mass: Any) -> Factors:
+    """Return the factors of a sparse mass, which SciPy computes.
+
+    Raises
+    ------
+    ValueError
+        If the mass is not positive definite.
+    """
+    options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    try:
+        lu = scipy.sparse.linalg.splu(mass.tocsc(), **options)
+    except RuntimeError:  # it is exactly singular
+        raise _not_definite() from None
+    pivots = lu.U.diagonal()
+    if not (np.array_equal(lu.perm_r, lu.perm_c) and (pivots > 0).all() and np.isfinite(pivots).all()):
+        raise _not_definite()
+    order = np.argsort(lu.perm_c)
+    panels, rows, values = _in_panels(scipy.sparse.csc_array(scipy.sparse.tril(lu.L, -1)))
+    return Factors(order, panels, order[rows], values, 1 / pivots)
+
+
+@functools.cache
+def solution(copies: int) -> Any:
+    """Return the compiled solution in place of L D L^T x = b for some vectors, whose entries take turns in x.
+
+    It takes `Factors` one by one, and x.
+    """
+    lines = ["def solution(order, panels, rows, values, inverse, x):"]
+    for loop, passed in (("range(panels.shape[0] - 1)", _forward), ("range(panels.shape[0] - 2, -1, -1)", _backward)):
+        lines += [f"    for s in {loop}:", "        j, width = panels[s, 0], panels[s + 1, 0] - panels[s, 0]"]
+        for k, width in enumerate(_WIDTHS):
+            lines.append(f"        {'elif' if k else 'if'} width == {width}:")
+            lines += [f"            {line}" for line in passed(width, copies)]
+    names = {"__name__": __name__, "unsigned": np.uint64}
+    return element(define("\n".join([*lines, ""]), "solution", names)["solution"])
+
+
+def _forward(width: int, copies: int) -> list[str]:
+    """Return the lines that take the columns of a panel away from the later rows."""
+    own = [(k, c) for k in range(width) for c in range(copies)]
+    lines = _own_rows(width, copies) + [f"x_{k}_{c} = x[i_{k} + unsigned({c})]" for k, c in own]
+    lines += [
+        f"x_{i}_{c} -= values[first + unsigned({_place(i, k)})] * x_{k}_{c}" for i, c in own for k in range(i)
+    ]
+    lines += [f"x[i_{k} + unsigned({c})] = x_{k}_{c}" for k, c in own] + _below(width, copies)
+    for c in range(copies):
+        terms = [f"values[at + unsigned({k})] * x_{k}_{c}" for k in range(width)]
+        lines.append(f"    x[i + unsigned({c})] -= {' + '.join(terms)}")
+    return [*lines, f"    at += unsigned({width})"]
+
+
+def _backward(width: int, copies: int) -> list[str]:
+    """Return the lines that take the later rows away from those of a panel."""
+    own = [(k, c) for k in range(width) for c in range(copies)]
+    lines = _own_rows(width, copies)
+    lines += [f"x_{k}_{c} = x[i_{k} + unsigned({c})] * inverse[j + {k}]" for k, c in own] + _below(width, copies)
+    lines += [f"    y_{c} = x[i + unsigned({c})]" for c in range(copies)]
+    lines += [f"    x_{k}_{c} -= values[at + unsigned({k})] * y_{c}" for k, c in own]
+    lines.append(f"    at += unsigned({width})")
+    lines += [
+        f"x_{k}_{c} -= values[first + unsigned({_place(i, k)})] * x_{i}_{c}"
+        for i, c in reversed(own)
+        for k in range(i)
+    ]
+    return lines + [f"x[i_{k} + unsigned({c})] = x_{k}_{c}" for k, c in own]
+
+
+def _own_rows(width: int, copies: int) -> list[str]:
+    lines = [f"i_{k} = unsigned({copies}) * unsigned(order[j + {k}])" for k in range(width)]
+    return [*lines, "first = unsigned(panels[s, 2])"]
+
+
+def _below(width: int, copies: int) -> list[str]:
+    """Return the beginning of the loop over the rows below a panel."""
+    return [
+        f"at = first + unsigned({_place(width, 0)})",
+        "for q in range(unsigned(panels[s, 1]), unsigned(panels[s + 1, 1])):",
+        f"    i = unsigned({copies}) * unsigned(rows[q])",
+    ]
+
+
+def _place(i: int, k: int) -> int:
+    """Return the place of row i and column k among the values of a panel's own rows."""
+    return i * (i - 1) // 2 + k
+
+
+def _in_panels(L: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the panels, rows and values of a triangle without its diagonal, in compressed columns."""
+    begins, rows, values = [(0, 0, 0)], [], []
+    while begins[-1][0] < L.shape[0]:
+        column, row, value = begins[-1]
+        width, below = _panel(L, column)
+        full = np.zeros((width + len(below), width))
+        for k in range(width):
+            entries = slice(*L.indptr[column + k : column + k + 2])
+            i = L.indices[entries]
+            full[np.where(i < column + width, i - column, width + np.searchsorted(below, i)), k] = L.data[entries]
+        rows.append(below)
+        values += [full[i, :i] for i in range(width)] + [full[width:].ravel()]
+        begins.append((column + width, row + len(below), value + _place(width, 0) + full[width:].size))
+    return np.array(begins), np.concatenate(rows), np.concatenate(values)
+
+
+def _panel(L: Any, column: int) -> tuple[int, np.ndarray]:
+    """Return the width of the panel that begins with a column, and the rows below it."""
+    for width in _WIDTHS:
+        end = column + width
+        if end <= L.shape[0]:
+            entries = slice(*L.indptr[[column, end]])
+            below = np.unique(L.indices[entries])
+            below = below[below >= end]
+            if width == 1 or width * len(below) + _place(width, 0) <= _FILLED * (entries.stop - entries.start):
+                return width, below
+    raise AssertionError("a column is a panel.")
+
+
+def _has_copies(mass: Any, count: int) -> bool:
+    """Whether a matrix is the Kronecker product of another one with the unit matrix of this size."""
+    if mass.shape[0] % count:
+        return False
+    entries = mass.tocoo()
+    if ((entries.row - entries.col) % count).any():
+        return False
+    first, *others = (mass[i::count][:, i::count] for i in range(count))
+    return all(abs(first - other).max() <= _SAME * abs(first).max() for other in others)
+
+
+def _not_definite() -> ValueError:
+    return ValueError(
+        "M must be positive definite: some motion has no mass, or a negative one; remove the degrees of freedom "
+        'without mass, or lump it with lump="hrz".'
+    )

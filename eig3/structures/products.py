@@ -1,0 +1,65 @@
+"""Compiled products with sparse matrices.
+
+Indices are unsigned: Numba checks signed ones for being negative, which takes as long as the products themselves.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from ..kernels.compile.jit import element
+from ..kernels.compile.source import define
+
+#: The edges of blocks for which there is code.
+EDGES = 3, 2, 1
+
+_NAMES = {"__name__": __name__, "unsigned": np.uint64, "one": np.uint64(1), "two": np.uint64(2)}
+
+# One sum would wait for itself at each entry: two take turns.
+_ROW = """\
+def product(data, indices, indptr, row, x{further}):
+    first, last = unsigned(indptr[row]), unsigned(indptr[row + 1])
+    total, other = 0.0, 0.0
+    for k in range(first + one, last, two):
+        i, j = unsigned(indices[k - one]), unsigned(indices[k])
+        total += data[k - one] * ({at_i})
+        other += data[k] * ({at_j})
+    if (last - first) & one:
+        i = unsigned(indices[last - one])
+        total += data[last - one] * ({at_i})
+    return (total + other,)
+"""
+
+
+@functools.cache
+def product(edge: int, has_rate: bool) -> Any:
+    """Return the compiled rows of a product A x or, with a rate, A (x + rate v).
+
+    It takes the three arrays of A, with blocks in one axis, a row of blocks, x, and with a rate this and v. It returns
+    `edge` sums.
+    """
+    further = ", rate, v" if has_rate else ""
+    at = "x[{0}] + rate * v[{0}]" if has_rate else "x[{0}]"
+    if edge == 1:
+        text = _ROW.format(further=further, at_i=at.format("i"), at_j=at.format("j"))
+    else:
+        lines = [f"def product(data, indices, indptr, row, x{further}):", f"    {_each(edge, 'sum')} = {_zeros(edge)}"]
+        lines.append("    for k in range(unsigned(indptr[row]), unsigned(indptr[row + 1])):")
+        lines.append(f"        i, b = unsigned({edge}) * unsigned(indices[k]), unsigned({edge * edge}) * k")
+        lines += [f"        x_{j} = {at.format(f'i + unsigned({j})')}" for j in range(edge)]
+        for i in range(edge):
+            terms = [f"data[b + unsigned({edge * i + j})] * x_{j}" for j in range(edge)]
+            lines.append(f"        sum_{i} += {' + '.join(terms)}")
+        text = "\n".join([*lines, f"    return {_each(edge, 'sum')}", ""])
+    return element(define(text, "product", _NAMES)["product"])
+
+
+def _each(count: int, name: str) -> str:
+    return ", ".join(f"{name}_{i}" for i in range(count))
+
+
+def _zeros(count: int) -> str:
+    return ", ".join(["0.0"] * count)
