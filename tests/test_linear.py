@@ -91,6 +91,41 @@ def test_modes_of_a_large_structure_are_those_of_the_closed_form():
 
 
 @eig3.jit
+def push(t, u, v, p, out):
+    out[1] += 3.0
+
+
+@pytest.mark.parametrize(
+    ("edge", "mass", "has_damping", "threads"),
+    [(1, "numbers", True, 2), (2, "consistent", False, 1), (3, "numbers", False, 1), (3, "consistent", True, 2)],
+)
+def test_blocks_and_threads(edge, mass, has_damping, threads):
+    """Matrices of blocks give the accelerations of NumPy, and threads change no bit of them."""
+    n = N * edge
+    block = np.eye(edge) + 0.3
+    K, C = scipy.sparse.kron(stiffness(), block), scipy.sparse.kron(0.01 * stiffness(), block)
+    M = np.linspace(1, 2, n) if mass == "numbers" else scipy.sparse.kron(consistent(), scipy.sparse.eye_array(edge))
+    damping = eig3.Rayleigh(0.05, 1.0, 10.0) if has_damping else None
+    a, b = damping.coefficients if damping else (0.0, 0.0)
+    u0, v0 = np.random.default_rng(5).normal(size=(2, n))
+    options = {"ground": GROUND, "force": push, "t_span": (0.33, 1.0), "damping": damping, "work": True}
+    problem = eig3.linear(M, C, K, u0=u0, v0=v0, **options)
+    assert problem.params.K.edge == edge
+    full = check_mass(M, None).matrix.toarray()
+    f = 3.0 * (np.arange(n) == 1) - K @ u0 - C @ v0 - b * (K @ v0) - a * (full @ v0)
+    expected = np.linalg.solve(full, f) - np.interp(0.33, *GROUND)
+    run = problem.integrate(h=1e-3)
+    np.testing.assert_allclose(run.a[0], expected, rtol=1e-12, atol=1e-10)
+    power = v0 @ (C @ v0 + b * (K @ v0) + a * (full @ v0))
+    assert run.integrals["dissipated"][1] / 1e-3 == pytest.approx(power, rel=0.05)  # the mean of a step
+    if threads > 1:
+        shared = eig3.linear(M, C, K, u0=u0, v0=v0, **options, threads=threads)
+        np.testing.assert_array_equal(shared.integrate(h=1e-3).u, run.u)
+        with pytest.raises(ValueError, match="^rhs shares its work between threads, but the members already do so"):
+            shared.ensemble(params={"ground_scale": [1.0, 2.0]}, h=1e-3)
+
+
+@eig3.jit
 def gap(t, u, v, p, out):
     """A stop at the last mass."""
     if u[5] > 0.1:
@@ -202,6 +237,7 @@ BAD = [
     ({"C": np.ones((N, 2))}, ValueError, "C must be a square matrix"),
     ({"C": "stiff"}, TypeError, "C must be made of real numbers"),
     ({"u0": np.zeros(4)}, ValueError, r"u0 must be a finite number, or 6 of them, not of the shape \(4,\)"),
+    ({"threads": 0}, ValueError, "threads must be a whole number of at least 1"),
     ({"lump": "best"}, ValueError, 'lump must be "row" or "hrz"'),
     ({"damping": 0.05}, TypeError, r"damping must be eig3\.Rayleigh\(\.\.\.\) or eig3\.Modal\(\.\.\.\), not 0\.05"),
     ({"damping": eig3.Modal(0.05, 7)}, ValueError, "modes must be at most the 6 degrees of freedom, not 7"),

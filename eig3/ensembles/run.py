@@ -20,7 +20,7 @@ from ..functions.layout import bound_layout
 from ..functions.named import has_names
 from ..functions.quantities import Functions, check_functions
 from ..kernels.compile.interrupt import DeferredInterrupt
-from ..kernels.compile.numba_internals import gist
+from ..kernels.compile.numba_internals import Jitted, gist, options_of
 from ..kernels.lanes import compile_quantity, compile_rhs
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS
@@ -129,6 +129,7 @@ def ensemble(
         if layout:
             method = layout.bind_method(method)
             invariants, outputs = layout.bind_all(invariants), layout.bind_all(outputs)
+        _refuse_parallel(rhs)
         members = check_members(rhs, t_span, u0, v0, params, h)
         every = save_every if save_every is None else check_count(save_every, "save_every")
         cores = _cores() if threads is None else check_count(threads, "threads")
@@ -140,6 +141,16 @@ def ensemble(
         if not hasattr(error, "solution"):  # it came before the first member began
             error.solution = None  # type: ignore[attr-defined]
         raise
+
+
+def _refuse_parallel(rhs: Any) -> None:
+    """Refuse a function with threads of its own: with some of Numba's threading layers they would end the process."""
+    inner = getattr(getattr(rhs, "py_func", None), "named", rhs)
+    if isinstance(inner, Jitted) and options_of(inner).get("parallel"):
+        raise ValueError(
+            "rhs shares its work between threads, but the members already do so: compile it without parallel=True, or "
+            "give threads=1 to eig3.linear."
+        )
 
 
 def _in_parts(

@@ -160,14 +160,12 @@ def _in_panels(L: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _panel(L: Any, column: int) -> tuple[int, np.ndarray]:
     """Return the width of the panel that begins with a column, and the rows below it."""
     for width in _WIDTHS:
-        end = column + width
-        if end <= L.shape[0]:
-            entries = slice(*L.indptr[[column, end]])
-            below = np.unique(L.indices[entries])
-            below = below[below >= end]
-            if width == 1 or width * len(below) + _place(width, 0) <= _FILLED * (entries.stop - entries.start):
-                return width, below
-    raise AssertionError("a column is a panel.")
+        end = min(column + width, L.shape[0])
+        entries = L.indices[slice(*L.indptr[[column, end]])]
+        below = np.unique(entries[entries >= end])
+        if end == column + width and width * len(below) + _place(width, 0) <= _FILLED * entries.size:
+            break
+    return width, below
 
 
 def _has_copies(mass: Any, count: int) -> bool:
