@@ -69,17 +69,16 @@ __all__ = [
     "report",
     "scene",
     "stability",
+    "structures",
 ]
 
 
 def __getattr__(name: str) -> Any:
     # These modules are imported on first access, so that `import eig3` stays fast.
-    if name in ("effects", "math", "problems", "scene", "stability"):
+    if name in ("effects", "math", "problems", "scene", "stability", "structures"):
         return importlib.import_module(f"eig3.{name}")
     if name == "report":
         return importlib.import_module("eig3.bench.report").report
-    if name in ("Modal", "Rayleigh"):
-        return getattr(importlib.import_module("eig3.structures.damping"), name)
-    if name == "linear":
-        return importlib.import_module("eig3.structures.linear").linear
+    if name in ("Modal", "Rayleigh", "linear"):
+        return getattr(importlib.import_module("eig3.structures"), name)
     raise AttributeError(f"module 'eig3' has no attribute {name!r}")

@@ -121,7 +121,7 @@ def test_blocks_and_threads(edge, mass, has_damping, threads):
     if threads > 1:
         shared = eig3.linear(M, C, K, u0=u0, v0=v0, **options, threads=threads)
         np.testing.assert_array_equal(shared.integrate(h=1e-3).u, run.u)
-        with pytest.raises(ValueError, match="^rhs shares its work between threads, but the members already do so"):
+        with pytest.raises(ValueError, match=r"^rhs shares its work between threads, but the members already do so"):
             shared.ensemble(params={"ground_scale": [1.0, 2.0]}, h=1e-3)
 
 
@@ -266,3 +266,80 @@ def test_bad_damping(bad):
         eig3.Rayleigh(**{"xi": 0.05, "omega1": 1.0, "omega2": 2.0, **bad})
     with pytest.raises(ValueError, match=r"^(xi|modes) must be "):
         eig3.Modal(-0.1, 3) if "xi" in bad else eig3.Modal(0.1, 0)
+
+
+# Closed forms --------------------------------------------------------------------------------------------------------
+
+TABLE = GROUND[0], np.column_stack([np.cos(GROUND[0]), GROUND[0] ** 2]), [4, 1]
+EXACT = {
+    "free": {},
+    "Rayleigh": {"damping": eig3.Rayleigh(0.05, 1.0, 10.0), "ground": GROUND},
+    "modal": {"damping": eig3.Modal([0.0, 0.3, 1.0, 2.0], 4), "force": TABLE},
+    "both": {"ground": (GROUND[0] + 0.2, GROUND[1], [1, 0] * 3), "force": TABLE},
+}
+
+
+@pytest.mark.parametrize("given", EXACT.values(), ids=EXACT)
+@pytest.mark.parametrize("mass", ["numbers", "consistent"])
+def test_the_exact_motion_by_modes_is_that_of_small_steps(given, mass):
+    """RK8 keeps its order: its steps end at the corners of the records."""
+    problem = eig3.linear(MASSES[mass], None, stiffness(), t_span=(0, 1), u0=U0, v0=V0, **given)
+    run = problem.integrate(h=0.001, method="rk8")
+    u, v = problem.exact(run.t)
+    np.testing.assert_allclose(u, run.u, rtol=0, atol=1e-11 * np.abs(u).max())
+    np.testing.assert_allclose(v, run.v, rtol=0, atol=1e-11 * np.abs(v).max())
+
+
+@pytest.mark.parametrize("damping", [None, eig3.Rayleigh(0.05, 1.0, 10.0)])
+def test_the_exact_motion_of_a_free_structure(damping):
+    """Without supports the centre of mass is pushed by the record alone."""
+    K = stiffness().toarray()
+    K[0, 0] = 100.0  # no spring to the ground
+    problem = eig3.linear(np.ones(N), None, K, t_span=(0, 1), u0=U0, v0=V0, ground=GROUND, damping=damping)
+    run = problem.integrate(h=0.001, method="rk8")
+    np.testing.assert_allclose(problem.exact(run.t)[0], run.u, rtol=0, atol=1e-11)
+
+
+def test_modal_solutions_of_changed_problems_and_of_some_modes():
+    C = 0.002 * stiffness() + 0.1 * scipy.sparse.eye_array(N)
+    problem = eig3.linear(np.ones(N), C, stiffness(), t_span=(0, 1), u0=U0)
+    t = np.linspace(0, 1, 11)
+    _, shapes = natural_modes(check_mass(np.ones(N), None), stiffness(), N)
+    for start in (U0, 2 * U0):
+        changed = problem.with_(u0=start)
+        u, _ = eig3.structures.modal_solution(changed, t)
+        np.testing.assert_allclose(u[-1], exact(np.eye(N), C.toarray(), stiffness().toarray(), start, 0 * U0, 1.0))
+        first, _ = eig3.structures.modal_solution(changed, t, modes=1)
+        np.testing.assert_allclose(first, np.outer(u @ shapes[:, 0], shapes[:, 0]), rtol=0, atol=1e-12)
+    for bad, error, message in (
+        (eig3.problems.bouncing_ball(), TypeError, r"problem must be one of eig3\.linear"),
+        (
+            problem.with_(params=problem.params._replace(C=np.diag(1.0 + np.arange(N)) * scipy.sparse.eye_array(N))),
+            ValueError,
+            "C couples the modes",
+        ),
+        (eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1), force=gap), ValueError, "the force of this problem"),
+    ):
+        with pytest.raises(error, match=f"^{message}"):
+            eig3.structures.modal_solution(bad, t)
+    with pytest.raises(ValueError, match=r"^t must be finite times from the start 0 on"):
+        eig3.structures.modal_solution(problem, [-1.0])
+
+
+def test_base_shear_drifts_and_absolute_motion():
+    names = [f"floor {k}" for k in range(1, N + 1)]
+    problem = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1.5), ground=GROUND, names=names, work=True)
+    drifts = eig3.structures.storey_drifts(problem, names)
+    run = problem.integrate(
+        h=1e-3, method="rk8", outputs={"shear": eig3.structures.base_shear(problem), "drifts": drifts}
+    )
+    np.testing.assert_allclose(run.outputs["drifts"], np.diff(run.u, axis=1, prepend=0), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(run.outputs["shear"], 100 * run.u[:, 0], rtol=0, atol=1e-10)  # the spring to the ground
+    u, v, a = eig3.structures.absolute_motion(problem, run)
+    # Newton's law for all masses together: the spring to the ground is the only force
+    np.testing.assert_allclose(a.sum(axis=1), -run.outputs["shear"], rtol=0, atol=1e-10)
+    moved, speed, _ = eig3.structures.ground_motion(problem, [1.0, 1.5])
+    assert speed[0] == pytest.approx(np.trapezoid(GROUND[1], GROUND[0]), rel=1e-14)
+    assert moved[1] - moved[0] == pytest.approx(0.5 * speed[0], rel=1e-13)
+    np.testing.assert_allclose(u[-1] - run.u[-1], moved[1], rtol=1e-12)
+    np.testing.assert_allclose(np.gradient(u[:, 0], run.t)[500], v[500, 0], rtol=1e-4)

@@ -95,9 +95,7 @@ def _forward(width: int, copies: int) -> list[str]:
     """Return the lines that take the columns of a panel away from the later rows."""
     own = [(k, c) for k in range(width) for c in range(copies)]
     lines = _own_rows(width, copies) + [f"x_{k}_{c} = x[i_{k} + unsigned({c})]" for k, c in own]
-    lines += [
-        f"x_{i}_{c} -= values[first + unsigned({_place(i, k)})] * x_{k}_{c}" for i, c in own for k in range(i)
-    ]
+    lines += [f"x_{i}_{c} -= values[first + unsigned({_place(i, k)})] * x_{k}_{c}" for i, c in own for k in range(i)]
     lines += [f"x[i_{k} + unsigned({c})] = x_{k}_{c}" for k, c in own] + _below(width, copies)
     for c in range(copies):
         terms = [f"values[at + unsigned({k})] * x_{k}_{c}" for k in range(width)]
@@ -114,9 +112,7 @@ def _backward(width: int, copies: int) -> list[str]:
     lines += [f"    x_{k}_{c} -= values[at + unsigned({k})] * y_{c}" for k, c in own]
     lines.append(f"    at += unsigned({width})")
     lines += [
-        f"x_{k}_{c} -= values[first + unsigned({_place(i, k)})] * x_{i}_{c}"
-        for i, c in reversed(own)
-        for k in range(i)
+        f"x_{k}_{c} -= values[first + unsigned({_place(i, k)})] * x_{i}_{c}" for i, c in reversed(own) for k in range(i)
     ]
     return lines + [f"x[i_{k} + unsigned({c})] = x_{k}_{c}" for k, c in own]
 

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, check_span, reals, shown
+from ..functions.named import Parameters
 from ..kernels.compile.numba_internals import Jitted
 from ..problem import Problem
 from .damping import Modal, Rayleigh
 from .factors import copies_in, factors
 from .loads import check_ground, check_table
 from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks
+from .modal import exact_motion
 from .source import INTEGRALS, LOADED, Parts, energy, right_hand_side
 
 
@@ -69,7 +71,8 @@ def linear(
     Returns
     -------
     Problem
-        Its `params` are M, C, K and the others by name. Its energy is the kinetic and the elastic one.
+        Its `params` are M, C, K and the others by name. Its energy is the kinetic and the elastic one. Its exact motion
+        is known if there are no functions of force and no C, and at most 1000 degrees of freedom.
 
     Raises
     ------
@@ -99,15 +102,18 @@ def linear(
         params |= {} if is_function else check_table(force, n)
         has.add("force" if is_function else "table")
     parts = Parts(frozenset(has), edge, copies, threads)
+    u0, v0, t_span = _start(u0, "u0", n), _start(v0, "v0", n), check_span(t_span)
+    values = Parameters(params)
     return Problem(
         name="structure",
         rhs=right_hand_side(parts, force if "force" in has else None),
-        u0=_start(u0, "u0", n),
-        v0=_start(v0, "v0", n),
-        params=params,
-        t_span=check_span(t_span),
+        u0=u0,
+        v0=v0,
+        params=values,
+        t_span=t_span,
+        exact=None if "force" in has else exact_motion(values, u0, v0, t_span[0]),
         energy=energy(parts) if work or not has & LOADED else None,
-        names=tuple(names),
+        names=_names(names, n),
         units=units if isinstance(units, str) else tuple(units),
         integrals=INTEGRALS if work else (),
     )
@@ -130,6 +136,13 @@ def _of_damping(damping: Any, mass: Mass, K: Any) -> dict[str, Any]:
     names = ("a", "b") if isinstance(damping, Rayleigh) else ("modes", "rates")
     values: Any = damping.coefficients if isinstance(damping, Rayleigh) else damping.factors(mass, K)
     return dict(zip(names, values, strict=True))
+
+
+def _names(names: Any, n: int) -> tuple[str, ...]:
+    given = tuple(names)
+    if given and not (len(given) == len({*given}) == n and all(isinstance(name, str) for name in given)):
+        raise ValueError(f"names must be {n} different texts, one for each degree of freedom.")
+    return given
 
 
 def _start(x: Any, name: str, n: int) -> np.ndarray:

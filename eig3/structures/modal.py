@@ -1,0 +1,201 @@
+"""The exact motion of a linear structure by its modes, with forces and ground motions that are records."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import ArrayLike
+
+from ..functions.checks import check_count, reals
+from ..problem import Problem
+from .damping import natural_modes
+from .matrices import Mass
+
+_LARGEST = 1000  # degrees of freedom of a structure all of whose modes are computed, in some tenths of a second
+_RIGID = 1e-10  # part of the largest square of a frequency: below it, a mode has no stiffness
+_MIXED = 1e-8  # part of the largest rate of damping that may couple two modes
+_SERIES = 1e-2  # up to which sinh(x) is a series of three terms, to the last digit
+_TIMES = 4096  # that are evaluated at once
+
+
+def modal_solution(problem: Problem, t: ArrayLike, modes: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the exact motion of a problem of `eig3.linear`, by its modes.
+
+    Each mode is a linear oscillator. Between two times of a record its force is linear, and its motion has a closed
+    form: see Chopra, Dynamics of Structures, section 5.2.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its damping must not couple the modes, and its forces must be records.
+    t : array_like, shape (s,)
+        Times, s, from the start of the problem on.
+    modes : int, optional
+        The number of the lowest modes; without it, all of them. The others are left out, with their part of the start.
+
+    Returns
+    -------
+    u, v : ndarray, shape (s, n)
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not valid, or the modes do not move on their own.
+    """
+    if not isinstance(problem, Problem) or not {"size", "K"} <= set(getattr(problem._layout, "names", ())):
+        raise TypeError("problem must be one of eig3.linear with a stiffness K.")
+    if getattr(problem.rhs.py_func, "named", problem.rhs).py_func.__globals__.get("force") is not None:
+        raise ValueError("the force of this problem is a function: the motion of its modes has no closed form.")
+    count = None if modes is None else check_count(modes, "modes")
+    return ModalMotion(problem.params, problem.u0, problem.v0, problem.t_span[0], count)(t)
+
+
+def exact_motion(params: Any, u0: np.ndarray, v0: np.ndarray, t0: float) -> ModalMotion | None:
+    """Return the exact motion if it can be known at little cost."""
+    is_known = "K" in params.layout.names and "C" not in params.layout.names and params.size <= _LARGEST
+    return ModalMotion(params, u0, v0, t0) if is_known else None
+
+
+class ModalMotion:
+    """The motion of a linear structure: a function of an array of times, which returns u and v.
+
+    Parameters
+    ----------
+    params : Parameters
+        Of a problem of `eig3.linear`.
+    u0, v0 : ndarray, shape (n,)
+    t0 : float
+    modes : int, optional
+        Number of modes; without it, all.
+    """
+
+    def __init__(self, params: Any, u0: Any, v0: Any, t0: float, modes: int | None = None) -> None:
+        self._params, self._start, self._t0, self._count = params._asdict(), (u0, v0), t0, modes
+
+    def __call__(self, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        times = np.atleast_1d(reals(t, "t"))
+        if not (np.isfinite(times).all() and (times >= self._t0).all()):
+            raise ValueError(f"t must be finite times from the start {self._t0:g} on.")
+        u, v = np.empty((2, times.size, self._params["size"]))
+        knots, q, rate, force, slope = self._at_knots
+        for begin in range(0, times.size, _TIMES):
+            some = slice(begin, begin + _TIMES)
+            k = np.searchsorted(knots, times[some], side="right") - 1
+            state = self._moved(times[some] - knots[k], q[k], rate[k], force[k], slope[k])
+            u[some], v[some] = (x @ self._shapes.T for x in state)
+        return u, v
+
+    @cached_property
+    def _modes(self) -> tuple[np.ndarray, np.ndarray]:
+        count = self._params["size"] if self._count is None else self._count
+        return natural_modes(self._mass, _matrix(self._params["K"]), count)
+
+    @property
+    def _shapes(self) -> np.ndarray:
+        return self._modes[1]
+
+    @cached_property
+    def _mass(self) -> Mass:
+        m = self._params.get("m")
+        return Mass(m, _matrix(self._params["M"]) if m is None else scipy.sparse.diags_array(m).tocsr())
+
+    @cached_property
+    def _rates(self) -> np.ndarray:
+        """The rates of damping, 2 xi omega, of the modes."""
+        (omega, shapes), has = self._modes, self._params
+        rates = np.zeros_like(omega)
+        if "b" in has:
+            rates += has["a"] + has["b"] * omega**2
+        if "rates" in has:
+            own = np.einsum("ji,ji->j", has["modes"], has["rates"])[: rates.size]
+            rates[: own.size] += own
+        if "C" in has:
+            full = shapes.T @ (_matrix(has["C"]) @ shapes)
+            mixed = np.abs(full - np.diag(np.diag(full))).max()
+            if mixed > _MIXED * np.abs(full).max():
+                raise ValueError("C couples the modes: their motion has no closed form of its own.")
+            rates += np.diag(full)
+        return rates
+
+    @cached_property
+    def _at_knots(self) -> tuple[np.ndarray, ...]:
+        """The times from which on forces are linear; there, coordinates and rates of the modes, forces and slopes."""
+        records = self._records()
+        knots = np.unique(np.concatenate([[self._t0], *(t[t > self._t0] for t, *_ in records)]))
+        force, slope = np.zeros((2, knots.size, self._shapes.shape[1]))
+        for times, values, parts in records:
+            inside = np.flatnonzero((knots[:-1] >= times[0]) & (knots[1:] <= times[-1]))
+            low, high = (
+                np.stack([np.interp(knots[k], times, column) for column in values.T], axis=1)
+                for k in (inside, inside + 1)
+            )
+            force[inside] += low @ parts
+            slope[inside] += (high - low) / np.diff(knots)[inside, None] @ parts
+        q, rate = np.empty((2, *force.shape))
+        q[0], rate[0] = (self._shapes.T @ (self._mass.matrix @ x) for x in self._start)
+        for k, step in enumerate(np.diff(knots)):
+            q[k + 1], rate[k + 1] = (
+                x[0] for x in self._moved(np.array([step]), q[k : k + 1], rate[k : k + 1], force[k], slope[k])
+            )
+        return knots, q, rate, force, slope
+
+    def _records(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Return the records: times, values, and the force of each value on each mode, shape (values, modes)."""
+        has, found = self._params, []
+        if "ground" in has:
+            parts = -has["ground_scale"] * (self._mass.matrix @ has["influence"]) @ self._shapes
+            found.append((has["ground_times"], has["ground"][:, None], parts[None]))
+        if "forces" in has:
+            found.append((has["force_times"], has["forces"], has["force_scale"] * self._shapes[has["degrees"]]))
+        return found
+
+    def _moved(self, tau: np.ndarray, q: Any, rate: Any, force: Any, slope: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates and their rates after the times tau of a linear force, by the closed form.
+
+        It is the particular solution, which is linear in time, and the free motion of what is left of the start.
+        """
+        omega, c, tau = self._modes[0], self._rates, tau[:, None]
+        square = omega**2
+        rigid = square <= _RIGID * max(square.max(), np.finfo(float).tiny)
+        w = np.where(rigid, 1.0, square)
+        velocity = slope / w
+        place = (force - c * velocity) / w
+        free = _free(np.where(rigid, 1.0, omega), c, tau, q - place, rate - velocity)
+        u, v = free[0] + place + velocity * tau, free[1] + velocity
+        if rigid.any():
+            u, v = (np.where(rigid, a, b) for a, b in zip(_pushed(c, tau, q, rate, force, slope), (u, v), strict=True))
+        return u, v
+
+
+def _free(omega: np.ndarray, c: np.ndarray, tau: np.ndarray, q: Any, rate: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the free motion of oscillators, also of those with critical and with more damping."""
+    root = np.sqrt((0.5 * c) ** 2 - omega**2 + 0j)
+    plus, minus = (np.exp((-0.5 * c + sign * root) * tau) for sign in (1, -1))
+    cosine = (0.5 * (plus + minus)).real
+    x = root * tau
+    is_small = np.abs(x) < _SERIES  # near critical damping: the difference of plus and minus would have few digits
+    series = tau * np.exp(-0.5 * c * tau) * (1 + x**2 / 6 * (1 + x**2 / 20)).real
+    sine = np.where(is_small, series, ((plus - minus) / np.where(is_small, 1, 2 * root)).real)
+    u = (cosine + 0.5 * c * sine) * q + sine * rate
+    return u, -(omega**2) * sine * q + (cosine - 0.5 * c * sine) * rate
+
+
+def _pushed(c: np.ndarray, tau: np.ndarray, q: Any, rate: Any, force: Any, slope: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the motion of masses without springs, with and without damping."""
+    freely = (q + tau * (rate + tau * (force / 2 + tau * slope / 6)), rate + tau * (force + tau * slope / 2))
+    is_damped = c > 0
+    k = np.where(is_damped, c, 1.0)
+    last = (force - slope / k) / k  # the velocity in the long run, with slope / k times the time
+    decay = np.exp(-k * tau)
+    v = (rate - last) * decay + last + slope / k * tau
+    u = q + (rate - last) * (1 - decay) / k + last * tau + slope / k * tau**2 / 2
+    return np.where(is_damped, u, freely[0]), np.where(is_damped, v, freely[1])
+
+
+def _matrix(A: Any) -> Any:
+    """Return the sparse matrix of SciPy for one among parameters."""
+    make = scipy.sparse.csr_array if A.edge == 1 else scipy.sparse.bsr_array
+    return make((A.data, A.indices, A.indptr), shape=A.shape).tocsr()

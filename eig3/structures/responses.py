@@ -1,0 +1,163 @@
+"""What engineers ask of a structure's motion: base shear, storey drifts, and the motion relative to a fixed point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
+
+from ..functions.callbacks import jit
+from ..functions.checks import reals, shown
+from ..functions.layout import unknown_name
+from ..problem import Problem
+from .products import product
+
+
+def base_shear(problem: Problem) -> Any:
+    """Return the base shear of a structure on moving ground, as an output for `Problem.integrate`.
+
+    It is the sum of the elastic forces in the direction of the ground's motion, r^T K u.
+
+    Parameters
+    ----------
+    problem : Problem
+        One of `eig3.linear` with K and a ground motion.
+
+    Returns
+    -------
+    jitted function
+        Its values have the unit of a force.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the problem has no K or no ground motion.
+    """
+    p = _params(problem, "K", "ground")
+    rows, edge = product(p.K.edge, False), p.K.edge
+
+    @jit
+    def shear(t, u, v, p):  # type: ignore[no-untyped-def]
+        data, total = p.K.data.reshape(-1), 0.0
+        for row in range(p.size // edge):
+            forces = rows(data, p.K.indices, p.K.indptr, row, u)
+            for k in range(edge):
+                total += p.influence[edge * row + k] * forces[k]
+        return total
+
+    return shear
+
+
+def storey_drifts(problem: Problem, floors: Sequence[int | str]) -> tuple[Any, int]:
+    """Return the drifts of storeys, as an output for `Problem.integrate`.
+
+    Parameters
+    ----------
+    problem : Problem
+    floors : sequence of int or str
+        The degree of freedom of each floor, from the lowest one on, by number or name. The drift of the first storey is
+        relative to the ground.
+
+    Returns
+    -------
+    (jitted function, int)
+        The function and its number of values, which have the unit of the displacements.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a floor is not known.
+    """
+    places = tuple(_place(problem, floor) for floor in floors)
+    if not places:
+        raise ValueError("floors must name at least one degree of freedom.")
+
+    @jit
+    def drifts(t, u, v, p, out):  # type: ignore[no-untyped-def]
+        below = 0.0
+        for k in range(len(places)):
+            out[k] = u[places[k]] - below
+            below = u[places[k]]
+
+    return drifts, len(places)
+
+
+def ground_motion(problem: Problem, t: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the displacement, velocity and acceleration of the ground, which is at rest before its record.
+
+    They are the integrals of the acceleration, which is linear between the times of the record and zero outside.
+
+    Parameters
+    ----------
+    problem : Problem
+        One of `eig3.linear` with a ground motion.
+    t : array_like
+
+    Returns
+    -------
+    displacement, velocity, acceleration : ndarray
+        They have the shape of t.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the problem has no ground motion, or t is not made of numbers.
+    """
+    p, t = _params(problem, "ground"), reals(t, "t")
+    record = make_interp_spline(p.ground_times, p.ground_scale * p.ground, k=1)
+    inside = np.clip(t, p.ground_times[0], p.ground_times[-1])
+    velocity = record.antiderivative(1)(inside)
+    displacement = record.antiderivative(2)(inside) + velocity * (t - inside)
+    return displacement, velocity, np.where(t == inside, record(inside), 0.0)
+
+
+def absolute_motion(problem: Problem, solution: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the motion of a run relative to a fixed point: u, v and a, to which those of the ground are added.
+
+    Parameters
+    ----------
+    problem : Problem
+        One of `eig3.linear` with a ground motion.
+    solution : Solution
+        A run of it.
+
+    Returns
+    -------
+    u, v, a : ndarray, shape (s, n)
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the problem has no ground motion.
+    """
+    influence = _params(problem, "ground").influence
+    ground = ground_motion(problem, solution.t)
+    relative = solution.u, solution.v, solution.a
+    u, v, a = (x + np.outer(g, influence) for x, g in zip(relative, ground, strict=True))
+    return u, v, a
+
+
+def _params(problem: Any, *names: str) -> Any:
+    """Return the parameters of a problem, which must have these names."""
+    known = getattr(getattr(getattr(problem, "params", None), "layout", None), "names", ())
+    if not isinstance(problem, Problem) or "size" not in known:
+        raise TypeError(f"problem must be one of eig3.linear, not {shown(problem)}.")
+    for name in names:
+        if name not in known:
+            raise ValueError(f"problem must have {name}: give it to eig3.linear.")
+    return problem.params
+
+
+def _place(problem: Problem, floor: Any) -> int:
+    """Return the number of a degree of freedom."""
+    n = np.size(problem.u0)
+    if isinstance(floor, str):
+        if floor not in problem.names:
+            raise unknown_name("the problem has", floor, problem.names or ("numbers",), ValueError)
+        return list(problem.names).index(floor)
+    if not isinstance(floor, int | np.integer) or isinstance(floor, bool) or not 0 <= floor < n:
+        raise ValueError(f"floors must be numbers from 0 to {n - 1}, or names, not {shown(floor)}.")
+    return int(floor)
