@@ -23,6 +23,7 @@ from .shear_building import shear_building
 from .single_dof import single_dof
 from .softening_spring import softening_spring
 from .spring_pendulum import spring_pendulum
+from .ten_storey_frame import ten_storey_frame
 from .two_frequency_oscillator import two_frequency_oscillator
 from .van_der_pol import van_der_pol
 
@@ -50,6 +51,7 @@ __all__ = [
     "single_dof",
     "softening_spring",
     "spring_pendulum",
+    "ten_storey_frame",
     "two_frequency_oscillator",
     "van_der_pol",
 ]

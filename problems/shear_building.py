@@ -15,22 +15,29 @@ MAGNIFIED = 40  # displacements in animations
 STOREY, WIDTH = 3.0, 6.0  # in animations, m
 
 
-def quake(duration: float, spacing: float, peak: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a record similar to an earthquake record: times, s, and displacements of the ground, m.
+def shaking(duration: float, spacing: float, peak: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a record similar to an earthquake record: times, s, and accelerations of the ground, m/s^2.
 
     It is white noise through the filter of Kanai and Tajimi for firm ground (15 rad/s, damping 0.6). The envelope rises
-    during an eighth of the duration and falls from half of it. This acceleration is integrated twice, without the part
-    below some 0.2 Hz, as is usual for measured records.
+    during an eighth of the duration and falls from half of it.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration + spacing / 2, spacing)
-    omega = 2 * np.pi * np.fft.rfftfreq(2 * t.size, spacing)
-    ratio = omega / 15.0
+    ratio = 2 * np.pi * np.fft.rfftfreq(2 * t.size, spacing) / 15.0
     ground = (1 + 1.2j * ratio) / (1 - ratio**2 + 1.2j * ratio)
     noise = np.fft.irfft(ground * np.fft.rfft(rng.standard_normal(2 * t.size)))[: t.size]
     share = t / duration
     a = noise * np.minimum(1, 8 * share) ** 2 * np.exp(-6 * np.maximum(0, share - 0.5))
-    a *= peak / np.abs(a).max()
+    return t, a * peak / np.abs(a).max()
+
+
+def quake(duration: float, spacing: float, peak: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the displacements of the ground, m, of such a record, and their times, s.
+
+    The accelerations are integrated twice, without the part below some 0.2 Hz, as is usual for measured records.
+    """
+    t, a = shaking(duration, spacing, peak, seed)
+    omega = 2 * np.pi * np.fft.rfftfreq(2 * t.size, spacing)
     slow = (omega / (2 * np.pi * 0.2)) ** 4
     twice = np.zeros_like(omega)
     twice[1:] = -slow[1:] / (1 + slow[1:]) / omega[1:] ** 2

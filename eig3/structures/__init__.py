@@ -1,13 +1,22 @@
-"""Structures given by their matrices, M u'' + C u' + K u = f, or built from members."""
+"""Structures given by their matrices, M u'' + C u' + K u = f, or built from nodes and members."""
+
+try:
+    import scipy  # noqa: F401
+except ImportError as error:
+    raise ImportError("structures need SciPy: pip install 'eig3[structures]'.") from error
 
 from .damping import Modal, Rayleigh
+from .frame import Frame
 from .linear import linear
+from .members import Section
 from .modal import modal_solution
 from .responses import absolute_motion, base_shear, ground_motion, storey_drifts
 
 __all__ = [
+    "Frame",
     "Modal",
     "Rayleigh",
+    "Section",
     "absolute_motion",
     "base_shear",
     "ground_motion",

@@ -36,6 +36,7 @@ def linear(
     units: str | Sequence[str] = "m",
     work: bool = False,
     threads: int = 1,
+    params: Any = None,
 ) -> Problem:
     """Return the problem M u'' + C u' + K u = f of a structure that is given by its matrices.
 
@@ -67,6 +68,8 @@ def linear(
     threads : int
         The rows are shared between this number of threads, which changes no bit of the results. It pays from some 10^4
         degrees of freedom on. The members of an ensemble have one thread each.
+    params : NamedTuple or dict
+        Parameters that `force` reads, such as ``p.gap``.
 
     Returns
     -------
@@ -89,29 +92,33 @@ def linear(
     edge = edge_of_blocks(matrices.values())
     blocks = {name: matrix.tobsr((edge, edge)) if edge > 1 else matrix for name, matrix in matrices.items()}
     copies, of_mass = _of_mass(mass)
-    params = {"size": n} | of_mass | blocks
+    values = {"size": n} | of_mass | blocks
     has |= set(matrices)
     if damping is not None:
-        params |= _of_damping(damping, mass, matrices.get("K"))
+        values |= _of_damping(damping, mass, matrices.get("K"))
         has.add("rayleigh" if isinstance(damping, Rayleigh) else "modal")
     if ground is not None:
-        params |= check_ground(ground, n)
+        values |= check_ground(ground, n)
         has.add("ground")
     if force is not None:
         is_function = isinstance(force, Jitted)
-        params |= {} if is_function else check_table(force, n)
+        values |= {} if is_function else check_table(force, n)
         has.add("force" if is_function else "table")
+    own = {} if params is None else Parameters(params)._asdict()
+    taken = sorted({*own} & {*values})
+    if taken:
+        raise ValueError(f"params must not have the name {taken[0]}, which the structure has already.")
     parts = Parts(frozenset(has), edge, copies, threads)
     u0, v0, t_span = _start(u0, "u0", n), _start(v0, "v0", n), check_span(t_span)
-    values = Parameters(params)
+    every = Parameters(values | own)
     return Problem(
         name="structure",
         rhs=right_hand_side(parts, force if "force" in has else None),
         u0=u0,
         v0=v0,
-        params=values,
+        params=every,
         t_span=t_span,
-        exact=None if "force" in has else exact_motion(values, u0, v0, t_span[0]),
+        exact=None if "force" in has else exact_motion(every, u0, v0, t_span[0]),
         energy=energy(parts) if work or not has & LOADED else None,
         names=_names(names, n),
         units=units if isinstance(units, str) else tuple(units),
@@ -134,8 +141,8 @@ def _of_damping(damping: Any, mass: Mass, K: Any) -> dict[str, Any]:
     if K is None:
         raise ValueError("damping needs K: the frequencies of the structure depend on it.")
     names = ("a", "b") if isinstance(damping, Rayleigh) else ("modes", "rates")
-    values: Any = damping.coefficients if isinstance(damping, Rayleigh) else damping.factors(mass, K)
-    return dict(zip(names, values, strict=True))
+    found: Any = damping.coefficients if isinstance(damping, Rayleigh) else damping.factors(mass, K)
+    return dict(zip(names, found, strict=True))
 
 
 def _names(names: Any, n: int) -> tuple[str, ...]:

@@ -1,0 +1,77 @@
+"""Corotational members in the plane: large displacements and rotations, with small strains in the members' own frames.
+
+See Crisfield, Non-linear Finite Element Analysis of Solids and Structures, volume 1, section 7.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import atan2, pi, sqrt
+from typing import Any
+
+import numpy as np
+
+from ..functions.callbacks import jit
+from ..kernels.compile.jit import element
+from .members import DIRECTIONS, Member
+
+
+def chords(members: Sequence[tuple[list[str], str, str, Member]]) -> dict[str, np.ndarray]:
+    """Return the parameters of corotational members.
+
+    Parameters
+    ----------
+    members : sequence of (names, start, end, Member)
+        The names of all degrees of freedom, the names of its nodes, and the member.
+
+    Returns
+    -------
+    dict
+        `ends`, shape (members, 6): the degrees of freedom of both nodes, -1 where they are fixed; `chords`, shape
+        (members, 2): the vectors between the nodes, m; `stiffness`, shape (members, 9): see
+        `Member.stiffness_of_chord`.
+    """
+    ends = []
+    for names, start, end, _ in members:
+        number = {name: i for i, name in enumerate(names)}
+        ends.append([number.get(f"{node}.{direction}", -1) for node in (start, end) for direction in DIRECTIONS[2]])
+    return {
+        "ends": np.array(ends),
+        "chords": np.array([member.end - member.start for *_, member in members]),
+        "stiffness": np.array([member.stiffness_of_chord.ravel() for *_, member in members]),
+    }
+
+
+@element
+def _at(u: Any, i: Any) -> Any:
+    return u[i] if i >= 0 else 0.0
+
+
+@element
+def _turned(angle: Any) -> Any:
+    """Return an angle between -pi and pi."""
+    return angle - 2 * pi * round(angle / (2 * pi))
+
+
+@jit
+def turning_members(t, u, v, p, out):  # type: ignore[no-untyped-def]
+    """Add the forces of the members to those on the nodes."""
+    for m in range(p.ends.shape[0]):
+        x, y = p.chords[m, 0], p.chords[m, 1]
+        ends = p.ends[m]
+        dx = x + _at(u, ends[3]) - _at(u, ends[0])
+        dy = y + _at(u, ends[4]) - _at(u, ends[1])
+        length, rest = sqrt(dx * dx + dy * dy), sqrt(x * x + y * y)
+        c, s = dx / length, dy / length
+        angle = atan2(x * dy - y * dx, x * dx + y * dy)  # by which the chord has turned
+        longer = ((dx - x) * (dx + x) + (dy - y) * (dy + y)) / (length + rest)
+        turn_0, turn_1 = _turned(_at(u, ends[2]) - angle), _turned(_at(u, ends[5]) - angle)
+        k = p.stiffness[m]
+        pull = k[0] * longer
+        moment_0, moment_1 = k[4] * turn_0 + k[5] * turn_1, k[7] * turn_0 + k[8] * turn_1
+        shear = (moment_0 + moment_1) / length
+        fx, fy = -c * pull - s * shear, -s * pull + c * shear
+        forces = (fx, fy, moment_0, -fx, -fy, moment_1)
+        for j in range(6):
+            if ends[j] >= 0:
+                out[ends[j]] -= forces[j]

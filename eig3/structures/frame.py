@@ -1,0 +1,286 @@
+"""`Frame`: trusses and frames built from nodes and members."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+
+from ..animation.mechanism import Mechanism
+from ..functions.checks import reals, shown
+from ..functions.layout import unknown_name
+from ..problem import Problem
+from .corotational import chords, turning_members
+from .linear import linear
+from .members import DIRECTIONS, Member, Section
+
+_UNITS = {"u": "m", "r": "rad"}
+_LEAST = 1e-12  # part of the largest stiffness; a direction with less has none
+
+
+class Frame:
+    """A truss or a frame of nodes, members, masses and supports, in the plane or in space.
+
+    Degrees of freedom have the name of their node and the direction, such as ``"roof.ux"``: ux, uy and rz in the plane,
+    and ux, uy, uz, rx, ry and rz in space. Supports, and directions without stiffness and mass, have none.
+
+    Parameters
+    ----------
+    dimension : {2, 3}
+
+    Raises
+    ------
+    ValueError
+        If the dimension is another one.
+    """
+
+    def __init__(self, dimension: int = 2) -> None:
+        if dimension not in DIRECTIONS:
+            raise ValueError(f"dimension must be 2 or 3, not {shown(dimension)}.")
+        self.dimension = dimension
+        self._places: dict[str, np.ndarray] = {}
+        self._members: list[tuple[str, str, Member]] = []
+        self._masses: dict[str, float] = {}
+        self._inertias: dict[str, float] = {}
+        self._fixed: set[str] = set()
+
+    def node(self, name: str, *place: float) -> None:
+        """Add a node at a place, m.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the name is taken, or the place has not `dimension` coordinates.
+        """
+        if not isinstance(name, str) or not name or "." in name:
+            raise TypeError(f"the name of a node must be a text without a point, not {shown(name)}.")
+        if name in self._places:
+            raise ValueError(f"there is a node {name} already: give each node its own name.")
+        at = reals(place, f"the place of {name}")
+        if at.shape != (self.dimension,) or not np.isfinite(at).all():
+            raise ValueError(f"the place of {name} must have {self.dimension} finite coordinates.")
+        self._places[name] = at
+
+    def member(
+        self,
+        start: str,
+        end: str,
+        section: Section,
+        *,
+        releases: Iterable[str] = (),
+        up: Sequence[float] = (0.0, 0.0, 1.0),
+    ) -> None:
+        """Add a straight member between two nodes.
+
+        Parameters
+        ----------
+        start, end : str
+        section : Section
+        releases : iterable of {"start", "end"}
+            The ends that are hinges.
+        up : sequence of float, shape (3,)
+            In space: a direction in the plane in which the section bends with I. For a member along it, x takes its
+            place.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is not valid.
+        """
+        if not isinstance(section, Section):
+            raise TypeError(f"section must be an eig3.structures.Section, not {shown(section)}.")
+        free = frozenset([releases] if isinstance(releases, str) else releases)
+        if not free <= {"start", "end"}:
+            raise ValueError(f'releases must be some of "start" and "end", not {shown(releases)}.')
+        member = Member(section, self._place(start), self._place(end), free, _direction(up))
+        if member.length == 0:
+            raise ValueError(f"the member from {start} to {end} must have a length.")
+        self._members.append((start, end, member))
+
+    def mass(self, node: str, m: float, inertia: float = 0.0) -> None:
+        """Add a mass, kg, to a node, and a moment of inertia, kg m^2, to its rotations.
+
+        Raises
+        ------
+        ValueError
+            If a value is negative, or the node is not known.
+        """
+        self._place(node)
+        values = reals([m, inertia], "m and inertia")
+        if not (np.isfinite(values).all() and (values >= 0).all()):
+            raise ValueError(f"m and inertia must be at least 0, not {m} and {inertia}.")
+        self._masses[node] = self._masses.get(node, 0.0) + float(m)
+        self._inertias[node] = self._inertias.get(node, 0.0) + float(inertia)
+
+    def support(self, node: str, directions: str = "") -> None:
+        """Fix a node, or some of its directions, such as ``"ux uy"``.
+
+        Raises
+        ------
+        ValueError
+            If the node or a direction is not known.
+        """
+        self._place(node)
+        known = DIRECTIONS[self.dimension]
+        for direction in directions.split() or known:
+            if direction not in known:
+                raise unknown_name(f"{node} has", direction, known, ValueError)
+            self._fixed.add(f"{node}.{direction}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the degrees of freedom."""
+        return tuple(self._assembled()[0])
+
+    @property
+    def matrices(self) -> tuple[np.ndarray, Any]:
+        """The lumped masses, shape (n,), and the sparse stiffness."""
+        return self._assembled()[1:]
+
+    def highest_frequency(self) -> float:
+        """Return a bound of the angular frequencies, rad/s: the highest one of a member with its part of the masses.
+
+        By Rayleigh's theorem no frequency of the frame is higher (Irons, 1970). The nodes' masses are left out.
+        """
+        largest = 0.0
+        for _, _, member in self._members:
+            K, m = member.matrices
+            some = m > 0
+            stiff = np.abs(K[~some]).max(initial=0.0) > _LEAST * np.abs(K).max()
+            if stiff or not some.any():
+                raise ValueError("each member must have a density, so that its frequencies are known.")
+            root = np.sqrt(m[some])
+            squares = np.linalg.eigvalsh(K[np.ix_(some, some)] / np.outer(root, root))
+            largest = max(largest, float(np.sqrt(squares.max())))
+        return largest
+
+    def problem(
+        self,
+        t_span: Sequence[float],
+        *,
+        ground: Any = None,
+        direction: str = "ux",
+        corotational: bool = False,
+        **options: Any,
+    ) -> Problem:
+        """Return the problem of the frame's motion.
+
+        Parameters
+        ----------
+        t_span : (float, float)
+        ground : tuple
+            The times, s, and the accelerations, m/s^2, of the ground.
+        direction : str
+            The direction of the ground's motion.
+        corotational : bool
+            In the plane: let members turn and move as far as they do, with small strains of their own. Otherwise the
+            motion is small, and the frame linear.
+        **options
+            The others of `eig3.linear`, such as `damping`, `force`, `u0` and `work`.
+
+        Returns
+        -------
+        Problem
+            Its `view` shows the frame, with magnified displacements if it is linear.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is not valid, or a direction has stiffness and no mass.
+        """
+        names, masses, K = self._assembled()
+        without = [name for name, m in zip(names, masses, strict=True) if m == 0]
+        if without:
+            raise ValueError(f"{without[0]} must have a mass: give its members a density, or the node a mass.")
+        if ground is not None:
+            if direction not in DIRECTIONS[self.dimension][: self.dimension]:
+                raise unknown_name(
+                    "the ground has", direction, DIRECTIONS[self.dimension][: self.dimension], ValueError
+                )
+            options["ground"] = *ground, np.array([float(name.endswith(f".{direction}")) for name in names])
+        units = tuple(_UNITS[name.rpartition(".")[2][0]] for name in names)
+        if corotational:
+            if self.dimension == 3:
+                raise ValueError("corotational members are for frames in the plane: a frame in space must be linear.")
+            if "force" in options or "damping" in options:
+                raise ValueError("force and damping are for linear frames: leave out corotational=True.")
+            members = [(names, start, end, member) for start, end, member in self._members]
+            options |= {"force": turning_members, "params": chords(members)}
+            K = None
+        problem = linear(masses, None, K, t_span=t_span, names=names, units=units, **options)
+        return problem.with_(name="frame", view=self._view(names, 1.0))
+
+    def view(self, factor: float = 1.0) -> Mechanism:
+        """Return the view of the frame for `Problem.animate`, with displacements that are `factor` times as large."""
+        return self._view(list(self.names), factor)
+
+    def places(self, u: np.ndarray) -> np.ndarray:
+        """Return the places of all nodes, shape (s, nodes, dimension), m, for displacements of the shape (s, n)."""
+        return _moved(None, np.atleast_2d(u), *self._drawn(list(self.names)), 1.0)
+
+    def _view(self, names: list[str], factor: float) -> Mechanism:
+        nodes = list(self._places)
+        links = [(nodes.index(start), nodes.index(end)) for start, end, _ in self._members]
+        axes = DIRECTIONS[self.dimension][: self.dimension]
+        held = [nodes.index(n) for n in nodes if all(f"{n}.{axis}" in self._fixed for axis in axes)]
+        rest, columns = self._drawn(names)
+        return Mechanism(
+            partial(_moved, rest=rest, columns=columns, factor=factor),
+            links=np.array(links).reshape(-1, 2),
+            fixed=np.array(held, dtype=int),
+            labels=("x (m)", "y (m)", "z (m)")[: self.dimension],
+            note="" if factor == 1 else f"displacements {factor:g} times as large",
+        )
+
+    def _drawn(self, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the places at rest, and the degree of freedom of each coordinate, -1 where it is fixed."""
+        number = {name: i for i, name in enumerate(names)}
+        axes = DIRECTIONS[self.dimension][: self.dimension]
+        columns = np.array([[number.get(f"{node}.{axis}", -1) for axis in axes] for node in self._places])
+        return np.array(list(self._places.values())), columns
+
+    def _assembled(self) -> tuple[list[str], np.ndarray, Any]:
+        """Return the names of the degrees of freedom, their masses, and the stiffness."""
+        if not self._members:
+            raise ValueError("the frame must have at least one member.")
+        every = [f"{node}.{direction}" for node in self._places for direction in DIRECTIONS[self.dimension]]
+        number = {name: i for i, name in enumerate(every)}
+        d = len(DIRECTIONS[self.dimension])
+        rows, columns, entries, masses = [], [], [], np.zeros(len(every))
+        for start, end, member in self._members:
+            first = [number[f"{node}.ux"] for node in (start, end)]
+            places = np.concatenate([np.arange(i, i + d) for i in first])
+            K, m = member.matrices
+            masses[places] += m
+            rows.append(np.repeat(places, 2 * d))
+            columns.append(np.tile(places, 2 * d))
+            entries.append(K.ravel())
+        for values, part in ((self._masses, slice(self.dimension)), (self._inertias, slice(self.dimension, d))):
+            for node, value in values.items():
+                masses[number[f"{node}.ux"] :][:d][part] += value
+        given = np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))
+        K = scipy.sparse.coo_array(given, shape=(len(every),) * 2).tocsr()
+        moves = (masses > 0) | (K.diagonal() > _LEAST * K.diagonal().max())
+        free = [i for i, name in enumerate(every) if moves[i] and name not in self._fixed]
+        return [every[i] for i in free], masses[free], K[free][:, free]
+
+    def _place(self, node: str) -> np.ndarray:
+        if node not in self._places:
+            raise unknown_name("the frame has", str(node), list(self._places) or ["node"], ValueError)
+        return self._places[node]
+
+
+def _moved(t: Any, u: np.ndarray, rest: np.ndarray, columns: np.ndarray, factor: float) -> np.ndarray:
+    """Return the places of the nodes, shape (s, nodes, dimension)."""
+    values = np.concatenate([u, np.zeros((len(u), 1))], axis=1)  # its last column, -1, stands for fixed coordinates
+    return rest + factor * values[:, columns]
+
+
+def _direction(up: Any) -> np.ndarray:
+    vector = reals(up, "up")
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise ValueError("up must be a direction in space: three numbers that are not all 0.")
+    return vector / np.linalg.norm(vector)

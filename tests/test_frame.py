@@ -1,0 +1,214 @@
+"""Frames and trusses: closed forms of statics and of vibrations, large rotations, the ready frame, and errors."""
+
+import numpy as np
+import pytest
+import scipy.sparse.linalg
+
+import eig3
+from eig3.structures import Frame, Section
+from eig3.structures.damping import natural_modes
+from eig3.structures.matrices import check_mass
+
+L = 4.0
+SECTION = Section(E=2e11, A=1e-2, I=1e-5, density=7800.0)
+IN_SPACE = Section(E=2e11, A=1e-2, I=1e-5, density=7800.0, I_side=4e-5, G=8e10, J=3e-5)
+UNIT = np.sqrt(SECTION.E * SECTION.I / (SECTION.density * SECTION.A * L**4))
+
+
+def line(n, section=SECTION, along=(1.0, 0.0), hinges=False):
+    frame = Frame(len(along))
+    for k in range(n + 1):
+        frame.node(f"n{k}", *(np.array(along) * k * L / n))
+    for k in range(n):
+        releases = ["start"] * (hinges and k == 0) + ["end"] * (hinges and k == n - 1)
+        frame.member(f"n{k}", f"n{k + 1}", section, releases=releases)
+    return frame
+
+
+def frequencies(frame, count):
+    M, K = frame.matrices
+    return natural_modes(check_mass(M, None), K, count)[0]
+
+
+def test_the_frequencies_of_a_cantilever_converge_to_the_closed_form():
+    """cos(x) cosh(x) = -1; the error of lumped masses falls with the square of the length of a member."""
+    errors = []
+    for n in (20, 40):
+        frame = line(n)
+        frame.support("n0")
+        errors.append(frequencies(frame, 2) / UNIT / np.square([1.8751040687, 4.6940911330]) - 1)
+    assert np.abs(errors[1]).max() < 2e-3
+    np.testing.assert_allclose(errors[0] / errors[1], 4, rtol=0.05)
+
+
+def test_a_beam_on_hinges():
+    frame = line(40, hinges=True)
+    frame.support("n0")
+    frame.support("n40")
+    np.testing.assert_allclose(frequencies(frame, 2) / UNIT, np.square([np.pi, 2 * np.pi]), rtol=2e-3)
+
+
+def test_a_cantilever_in_space_bends_with_both_stiffnesses():
+    frame = line(20, IN_SPACE, np.array([1.0, 2.0, 2.0]) / 3)
+    frame.support("n0")
+    plane = line(20)
+    plane.support("n0")
+    first = frequencies(plane, 1)[0]
+    np.testing.assert_allclose(frequencies(frame, 2), [first, 2 * first], rtol=1e-8)  # I_side is 4 I
+
+
+def test_a_truss_of_two_bars_carries_a_load():
+    """Bars at 45 degrees: the load moves the joint by P a / (E A) times 2 / sqrt(2), with the length a of a bar."""
+    frame = Frame()
+    for name, place in {"left": (-1, 1), "right": (1, 1), "joint": (0, 0)}.items():
+        frame.node(name, *place)
+    for name in ("left", "right"):
+        frame.support(name)
+        frame.member(name, "joint", Section(E=2e11, A=1e-3))
+    assert frame.names == ("joint.ux", "joint.uy")  # rotations of hinges are no degrees of freedom
+    u = scipy.sparse.linalg.spsolve(frame.matrices[1].tocsc(), [0.0, -1e4])
+    np.testing.assert_allclose(u, [0.0, -1e4 * np.sqrt(2) / 2e8], rtol=1e-12, atol=1e-18)
+
+
+def test_a_cantilever_in_space_carries_forces_and_torque():
+    frame = line(3, IN_SPACE, (0.0, 1.0, 0.0))
+    frame.support("n0")
+    u = {}
+    for direction, load in {"uz": 100.0, "ux": 100.0, "uy": 1e5, "ry": 50.0}.items():
+        loads = np.array([load * (name == f"n3.{direction}") for name in frame.names])
+        u[direction] = scipy.sparse.linalg.spsolve(frame.matrices[1].tocsc(), loads)[
+            frame.names.index(f"n3.{direction}")
+        ]
+    s = IN_SPACE
+    expected = {
+        "uz": 100 * L**3 / (3 * s.E * s.I),  # in the plane of the member and of up, z
+        "ux": 100 * L**3 / (3 * s.E * s.I_side),
+        "uy": 1e5 * L / (s.E * s.A),
+        "ry": 50 * L / (s.G * s.J),
+    }
+    assert u == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_frequency_by_members_is_a_bound():
+    frame = line(10)
+    frame.support("n0")
+    frame.mass("n10", 50.0)
+    highest = frequencies(frame, 30)[-1]
+    assert highest <= frame.highest_frequency() < 1.3 * highest
+    assert frame.problem((0, 1)).critical_step().omega_max == pytest.approx(highest, rel=1e-5)
+
+
+# Corotational members ------------------------------------------------------------------------------------------------
+
+
+def state(frame, **values):
+    """Return numbers for the degrees of freedom, from functions of the number of the node."""
+    split = (name.split(".") for name in frame.names)
+    return np.array([values[direction](int(node[1:])) for node, direction in split])
+
+
+def test_a_moment_rolls_a_beam_into_a_circle():
+    """The moment of a member whose ends turn by the angle phi against each other is E I phi / length."""
+    n = 8
+    frame, phi, length = line(n), 2 * np.pi / n, L / n
+    corners = np.concatenate([[0], np.cumsum(length * np.exp(1j * (phi * np.arange(n) + phi / 2)))])
+    u0 = state(
+        frame,
+        ux=lambda k: corners[k].real - k * length,
+        uy=lambda k: corners[k].imag,
+        rz=lambda k: phi * k,
+    )
+    problem = frame.problem((0, 1e-6), corotational=True, u0=u0)
+    forces = problem.integrate(h=1e-6).a[0] * problem.params.m
+    moment = SECTION.E * SECTION.I * phi / length
+    expected = state(frame, ux=lambda k: 0, uy=lambda k: 0, rz=lambda k: moment * ((k == 0) - (k == n)))
+    np.testing.assert_allclose(forces, expected, rtol=0, atol=1e-9 * SECTION.E * SECTION.A)
+
+
+def test_a_beam_that_turns_freely_keeps_its_energy_and_momentum():
+    frame, rate = line(4, Section(E=1e7, A=1e-2, I=1e-4, density=1000.0)), 2 * np.pi
+    v0 = state(frame, ux=lambda k: 0, uy=lambda k: rate * (k - 2), rz=lambda k: rate)
+    problem = frame.problem((0, 1), corotational=True, work=True, v0=v0)
+    run = problem.integrate(rtol=1e-9)
+    assert run.drift["energy"] < 1e-8 * problem.energy_of(run.u[0], run.v[0])
+    places, m = frame.places(run.u), problem.params.m
+    assert np.abs(run.u[-1, 2::3] - 2 * np.pi).max() < 0.2  # almost a turn: the beam is longer while it turns
+    x, y = places[..., 0] - L / 2, places[..., 1]
+    momentum = (x * run.v[:, 1::3] - y * run.v[:, ::3]) @ m[::3] + run.v[:, 2::3] @ m[2::3]
+    np.testing.assert_allclose(momentum, momentum[0], rtol=1e-7)
+
+
+def test_small_motions_of_corotational_members_are_those_of_the_linear_frame():
+    frame = line(4)
+    frame.support("n0")
+    v0 = state(frame, ux=lambda k: 0, uy=lambda k: 1e-3 * (k / 4) ** 2, rz=lambda k: 0)
+    turning, linear = (frame.problem((0, 0.05), corotational=choice, v0=v0) for choice in (True, False))
+    u = linear.integrate(h=1e-5).u
+    np.testing.assert_allclose(turning.integrate(h=1e-5).u, u, rtol=0, atol=1e-4 * np.abs(u).max())
+
+
+# The ready frame and errors ------------------------------------------------------------------------------------------
+
+
+def test_the_ready_frame_moves_as_its_modes():
+    problem = eig3.problems.ten_storey_frame(t_end=8.0)
+    run = problem.integrate(h=problem.h)
+    largest = np.abs(run.u).max()
+    assert 0.01 < largest < 1.0
+    assert np.abs(run.u - problem.exact(run.t)[0]).max() < 1e-4 * largest
+    assert problem.units[:3] == ("m", "m", "rad")
+    shear = eig3.structures.base_shear(problem)
+    drifts = eig3.structures.storey_drifts(problem, [f"{k}A.ux" for k in range(1, 11)])
+    outputs = problem.integrate(h=problem.h, t_end=2.0, outputs={"shear": shear, "drifts": drifts}).outputs
+    assert np.abs(outputs["shear"]).max() > 1e3
+    assert outputs["drifts"].shape[1] == 10
+
+
+def portal(**changes):
+    frame = Frame()
+    frame.node("a", 0.0, 0.0)
+    frame.node("b", 0.0, 3.0)
+    frame.member("a", "b", changes.get("section", SECTION))
+    frame.support("a")
+    return frame
+
+
+BAD = [
+    (lambda: Frame(4), ValueError, "dimension must be 2 or 3, not 4"),
+    (lambda: portal().node("a", 1.0, 0.0), ValueError, "there is a node a already"),
+    (lambda: portal().node("c.d", 1.0, 0.0), TypeError, "the name of a node must be a text without a point"),
+    (lambda: portal().node("c", 1.0), ValueError, "the place of c must have 2 finite coordinates"),
+    (lambda: portal().member("a", "c", SECTION), ValueError, "the frame has no c: did you mean a or b"),
+    (lambda: portal().member("a", "a", SECTION), ValueError, "the member from a to a must have a length"),
+    (lambda: portal().member("a", "b", 3.0), TypeError, r"section must be an eig3\.structures\.Section"),
+    (lambda: portal().member("a", "b", SECTION, releases="middle"), ValueError, "releases must be some of"),
+    (lambda: portal().member("a", "b", SECTION, up=[0, 0, 0]), ValueError, "up must be a direction in space"),
+    (lambda: portal().mass("b", -1.0), ValueError, "m and inertia must be at least 0"),
+    (lambda: portal().support("b", "uz"), ValueError, "b has no uz: did you mean uy or ux"),
+    (lambda: Frame().names, ValueError, "the frame must have at least one member"),
+    (lambda: portal(section=Section(2e11, 1e-2, 1e-5)).problem((0, 1)), ValueError, r"b\.ux must have a mass"),
+    (lambda: portal(section=Section(2e11, 1e-2, 1e-5)).highest_frequency(), ValueError, "each member must have a dens"),
+    (lambda: Section(0.0, 1.0), ValueError, "E must be a positive number"),
+    (lambda: Section(1.0, 1.0, -1.0), ValueError, "I must be a finite number"),
+    (
+        lambda: portal().problem((0, 1), ground=([0, 1], [0, 1]), direction="uz"),
+        ValueError,
+        "the ground has no uz: did you mean",
+    ),
+    (
+        lambda: line(2, IN_SPACE, (1.0, 0.0, 0.0)).problem((0, 1), corotational=True),
+        ValueError,
+        "corotational members are for frames in the plane",
+    ),
+    (
+        lambda: portal().problem((0, 1), corotational=True, damping=eig3.Rayleigh(0.1, 1, 2)),
+        ValueError,
+        "force and damping are for linear frames",
+    ),
+]
+
+
+@pytest.mark.parametrize(("make", "error", "message"), BAD)
+def test_bad_frames(make, error, message):
+    with pytest.raises(error, match=f"^{message}"):
+        make()
