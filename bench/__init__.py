@@ -8,6 +8,7 @@ BENCHMARKS = (
     "c",
     "precision",
     "bars",
+    "structures",
     "plan",
     "stability",
     "family",

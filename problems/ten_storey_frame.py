@@ -53,9 +53,8 @@ def ten_storey_frame(
                 frame.member(joint(level, line - 1), joint(level, line), beam)
 
     t, a = shaking(max(t_end, 10.0), 0.01, peak, record)
-    problem = frame.problem(
-        (0.0, t_end), ground=(t, a), damping=Rayleigh(xi, 2 * np.pi * 0.75, 2 * np.pi * 8.0), work=work
-    )
+    damping = Rayleigh(xi, 2 * np.pi * 0.75, 2 * np.pi * 8.0) if xi else None
+    problem = frame.problem((0.0, t_end), ground=(t, a), damping=damping, work=work)
     return replace(
         problem,
         name="ten_storey_frame",
