@@ -36,7 +36,7 @@ def cube(n: int) -> tuple[np.ndarray, Any]:
         for j, to in enumerate(_CORNERS):
             blocks[(*of, np.dot(to - at + 1, (9, 3, 1)))] += K[i, :, j]
     offsets = np.array(list(product((-1, 0, 1), repeat=3)))
-    places = np.stack(np.indices(nodes), axis=-1)[1:]  # the nodes that are free
+    places = np.moveaxis(np.indices(nodes), 0, -1)[1:]  # the nodes that are free
     neighbours = places[..., None, :] + offsets
     exists = ((neighbours >= (1, 0, 0)) & (neighbours <= n)).all(axis=-1).reshape(-1, 27)
     number = (neighbours - (1, 0, 0)) @ ((n + 1) ** 2, n + 1, 1)

@@ -267,7 +267,7 @@ class Problem:
             As for `eig3.ensemble`.
         u0, v0, params : array_like, optional
             Values for each member, along a first axis. What is left out is that of the problem, for all members. Of
-            parameters with names, params is a dictionary of those that change.
+            parameters with names, params is a dictionary of those that change, or a list of `eig3.Parameters`.
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
@@ -293,7 +293,7 @@ class Problem:
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         if self._layout:
-            params = of_members(params or {}, self.params)
+            params = of_members({} if params is None else params, self.params)
         elif params is None:
             params = check_params(self.params)
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, h)

@@ -365,3 +365,47 @@ def test_parameters_say_what_they_are():
     layout = eig3.Parameters(chain_parameters(3)).layout
     assert layout.text == "scale=real, row=whole, gaps=real1, group=whole1, C=real2, K=sparse, table=real2"
     assert Layout.of_text(layout.text) == layout
+
+
+@eig3.jit
+def of_blocks(t, u, v, p, a):
+    edge = p.K.data.shape[1]
+    for row in range(p.K.indptr.size - 1):
+        for i in range(edge):
+            total = 0.0
+            for k in range(p.K.indptr[row], p.K.indptr[row + 1]):
+                for j in range(edge):
+                    total += p.K.data[k, i, j] * u[edge * p.K.indices[k] + j]
+            a[edge * row + i] = -p.scale * total
+
+
+@pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("edge", [2, 3])
+def test_a_matrix_of_blocks_keeps_them(edge, options):
+    rng = np.random.default_rng(edge)
+    dense = np.kron(np.diag([2.0, 3, 4, 5]) + np.eye(4, k=1), rng.normal(size=(edge, edge)))
+    K = scipy.sparse.csr_array(dense).tobsr((edge, edge))
+    u0 = rng.normal(size=4 * edge)
+    run = eig3.integrate(of_blocks, (0, 0.1), u0, 0 * u0, params={"scale": 2.0, "K": K, "last": 7.0}, **options)
+    np.testing.assert_allclose(run.a[0], -2.0 * dense @ u0, rtol=1e-13)
+    parameters = eig3.Parameters({"K": K})
+    assert parameters.layout.text == "K=blocks"
+    assert Layout.of_text("K=blocks") == parameters.layout
+    with pytest.raises(TypeError, match=r"params\['K'\] must be a sparse matrix of blocks, as at first, not a sparse"):
+        parameters._replace(K=K.tocsr())
+
+
+def test_members_may_have_parameters_each():
+    problem = eig3.Problem("spring", spring, 1.0, 0.0, {"k": 4.0, "c": 0.1, "power": 1}, (0.0, 1.0))
+    ks = [1.0, 2.0, 3.0]
+    each = problem.ensemble(params=[problem.params._replace(k=k) for k in ks], h=0.01)
+    np.testing.assert_array_equal(each.u, problem.ensemble(params={"k": ks}, h=0.01).u)
+    values = [eig3.Parameters({"a": np.ones(n)}) for n in (2, 3)]
+    sized = eig3.Problem("sized", first_of_array, 1.0, 0.0, values[0], (0.0, 1.0))
+    with pytest.raises(ValueError, match=r"^params must have arrays of the same sizes for all members"):
+        sized.ensemble(params=values, h=0.01)
+
+
+@eig3.jit
+def first_of_array(t, u, v, p):
+    return -p.a[0] * u

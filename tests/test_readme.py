@@ -116,9 +116,9 @@ def test_the_scenes_of_the_readme_run(command, tmp_path, monkeypatch, capsys):
     name = arguments[1]
     for expected in (f"{name}: ", "steps of h = ", "ns a step", "energy: ", "work done: ", f"{name}.png"):
         assert expected in printed
-    history = np.load(tmp_path / "out" / f"{name}.npz")
-    assert history["u"].shape == history["v"].shape
-    assert len(history["t"]) == len(history["u"])
+    with np.load(tmp_path / "out" / f"{name}.npz") as history:
+        assert history["u"].shape == history["v"].shape
+        assert len(history["t"]) == len(history["u"])
     assert (tmp_path / "out" / f"{name}.csv").exists() == (name not in ("curtain", "pounding_buildings"))
     assert (tmp_path / "out" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 

@@ -106,6 +106,17 @@ def test_members_with_another_number_of_masses():
         assert value == pytest.approx(u[:, 3].max(), rel=0, abs=ROUND_OFF)
 
 
+def test_members_with_parameters_that_have_names():
+    """The frame is linear, and starts at rest: its motion is proportional to the peak of the record."""
+    axes, measures = [Axis("peak", 1.0, 3.0, 3)], [Measure.parse("peak:u117")]
+    study = Study.plan(problems.ten_storey_frame, axes, measures, h=1e-3, t_end=2.0, after=0.5)
+    study.run()
+    values = study.values["peak:u117"]
+    np.testing.assert_allclose(values, values[0] * np.array([1, 2, 3]), rtol=1e-10)
+    run = problems.ten_storey_frame(peak=2.0, t_end=2.0).integrate(h=1e-3)
+    assert values[1] == pytest.approx(np.abs(run.u[run.t >= 0.5, 117]).max(), rel=1e-4)  # it starts anew at 0.5 s
+
+
 def test_a_random_sample_is_reproducible_and_within_its_limits(tmp_path):
     command = "spring_pendulum --set k=60:120 --set theta0=0.1:1:log --random 300 --t-end 0.1 --h 1e-2 --seed"
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):

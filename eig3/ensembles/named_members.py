@@ -20,8 +20,8 @@ def of_members(changes: Any, base: Parameters) -> np.ndarray:
 
     Parameters
     ----------
-    changes : mapping
-        New values, for all members or with a first axis of members.
+    changes : mapping, or sequence of Parameters
+        New values, for all members or with a first axis of members; or the parameters of each member.
     base : Parameters
         The other values, and the kinds.
 
@@ -30,7 +30,15 @@ def of_members(changes: Any, base: Parameters) -> np.ndarray:
     TypeError, ValueError
         If a name, a shape or a number of members is wrong.
     """
-    layout, given = base.layout, _as_dict(changes)
+    layout = base.layout
+    if isinstance(changes, list | tuple) and changes and all(isinstance(each, Parameters) for each in changes):
+        rows = [np.asarray(in_layout(layout, each)) for each in changes]
+        if any(row.size != rows[0].size for row in rows):
+            raise ValueError(
+                "params must have arrays of the same sizes for all members: take an ensemble for each size."
+            )
+        return np.array(rows)
+    given = _as_dict(changes)
     each: dict[str, np.ndarray] = {}
     shared = base._asdict()
     for name, value in given.items():

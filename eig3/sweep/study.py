@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import check_h, check_method, check_span, check_time
+from ..functions.named import has_names
 from ..methods import Method, shown
 from ..planning.suggested_step import first_step
 from ..problem import Problem
@@ -204,7 +205,8 @@ class Study:
     def _run_group(self, problems: list[Problem], members: np.ndarray) -> None:
         """Run members that share their right-hand side, and measure them."""
         problem = problems[0]
-        u0, v0, params = (np.array([getattr(p, name) for p in problems]) for name in ("u0", "v0", "params"))
+        u0, v0 = (np.array([getattr(p, name) for p in problems]) for name in ("u0", "v0"))
+        params = _parameters(problems)
         if self.after is not None:
             start = self._ensemble(problem, u0, v0, params, t_end=self.after)
             alive = start.success
@@ -212,7 +214,8 @@ class Study:
             if not alive.any():
                 return
             problem, members = problem.with_(t_span=(self.after, problem.t_span[1])), members[alive]
-            u0, v0, params = start.u[alive, -1], start.v[alive, -1], params[alive]
+            u0, v0 = start.u[alive, -1], start.v[alive, -1]
+            params = _parameters([p for p, is_alive in zip(problems, alive, strict=True) if is_alive])
         functions = [measure.function(problem) for measure in self.measures]
         names = {function: f"quantity {i}" for i, function in enumerate(functions)}
         extremes = {names[f]: f for f, measure in zip(functions, self.measures, strict=True) if measure.kind != "end"}
@@ -228,6 +231,12 @@ class Study:
         self.kernels += solution.kernel_seconds
         self.notes += [note for note in solution.notes if note not in self.notes]
         return solution
+
+
+def _parameters(problems: Sequence[Problem]) -> Any:
+    """Return the parameters of members: an array, or a list if they have names."""
+    params = [problem.params for problem in problems]
+    return params if has_names(params[0]) else np.array(params)
 
 
 def _columns(axes: Sequence[Axis], parameters: Parameters, random: int | None, seed: int) -> dict[str, np.ndarray]:
