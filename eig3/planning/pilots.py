@@ -74,8 +74,8 @@ class Pilots:
     """The pilot runs of all methods on one problem.
 
     For the metric "energy", a run gives its error itself, from all its steps or, in a large system, many of them. For
-    "trajectory", the error is the difference from the run that `refer_to` sets, at states that both runs have: the
-    numbers of steps are multiples of `FEWEST`. It is relative to the largest displacement that is known, of the whole
+    "trajectory", the error is the difference from the run that `refer_to` sets, or from the exact motion, at states that
+    both runs have: the numbers of steps are multiples of `FEWEST`. It is relative to the largest displacement that is known, of the whole
     span after a survey.
 
     Attributes
@@ -151,8 +151,9 @@ class Pilots:
         return n_steps * self._paces[method]
 
     def refer_to(self, history: History) -> None:
-        """Let the error of each run be its difference from this one."""
-        self._reference = history.u
+        """Let the error of each run be its difference from this one, or from the exact motion where that is known."""
+        exact = self.problem.exact if self.window[0] == self.problem.t_span[0] else None
+        self._reference = history.u if exact is None else exact(history.t)[0]
         self.note_sizes(history)
 
     def note_sizes(self, history: History) -> None:
