@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse.linalg
+from scipy.spatial.transform import Rotation
 
 import eig3
 from eig3.structures import Frame, Section
@@ -201,6 +202,152 @@ def test_small_motions_of_corotational_members_are_those_of_the_linear_frame():
     np.testing.assert_allclose(turning.integrate(h=1e-5).u, u, rtol=0, atol=1e-4 * np.abs(u).max())
 
 
+# Corotational members in space ---------------------------------------------------------------------------------------
+
+OBLIQUE = np.array([1.0, 2.0, 2.0]) / 3
+SOFT = Section(E=1e7, A=1e-2, I=1e-4, density=1000.0, I_side=2e-4, G=4e6, J=3e-4)
+
+
+def crane(fixed=""):
+    """Return a mast on a support with a jib, which is on a hinge, and held by a bar."""
+    frame = Frame(3)
+    for name, place in {"a": (0, 0, 0), "b": (0, 0, 3), "c": (2, 0, 3), "d": (2, 1.5, 3), "e": (3, 1, 0)}.items():
+        frame.node(name, *place)
+    frame.member("a", "b", IN_SPACE, up=(0, 1, 0))
+    frame.member("b", "c", IN_SPACE, releases="start")
+    frame.member("d", "c", IN_SPACE)
+    frame.member("d", "e", Section(E=2e11, A=1e-3, density=7800.0))
+    for name in "ae":
+        frame.support(name)
+    if fixed:
+        frame.support("b", fixed)
+    return frame
+
+
+def rates(turn):
+    """Return T, which takes the rates of a rotation vector to the angular velocity."""
+    r, x = np.linalg.norm(turn), np.cross(np.eye(3), turn)
+    if r == 0:
+        return np.eye(3)
+    return np.eye(3) + (1 - np.cos(r)) / r**2 * x + (r - np.sin(r)) / r**3 * x @ x
+
+
+def angular_velocity(turn, rate):
+    return np.array([rates(x) @ y for x, y in zip(turn, rate, strict=True)])
+
+
+def strain_energy(p, u):
+    """Return what the page of the members says, from the rotations of SciPy."""
+    total = 0.0
+    for ends, rest, axes, k in zip(p.ends, p.chords, p.axes, p.stiffness, strict=True):
+        parts = np.where(ends < 0, 0.0, u[ends]).reshape(4, 3)
+        now = rest + parts[2] - parts[0]
+        a, b = (Rotation.from_rotvec(turn).apply(axes.reshape(3, 3).copy()) for turn in (parts[1], parts[3]))
+        bent = []
+        for own in (a, b):
+            c = own @ now / np.linalg.norm(now)
+            across = np.cross(c, [1.0, 0.0, 0.0])
+            s = np.linalg.norm(across)
+            bent.append(across * (np.arctan2(s, c[0]) / s if s > 0 else 1.0))
+        x, _, _, w = Rotation.from_matrix(a @ b.T).as_quat()
+        strains = np.array([np.linalg.norm(now) - np.linalg.norm(rest), 0, 0, 0, 0, 2 * np.arctan(x / w)])
+        strains[1:5] = bent[0][2], bent[1][2], bent[0][1], bent[1][1]
+        total += strains @ k.reshape(6, 6) @ strains / 2
+    return total
+
+
+def spinning(turn=None, t_end=0.8):
+    """Return a free beam in space that spins about an oblique axis, bends and twists; all of it may be turned."""
+    frame = line(3, SOFT, OBLIQUE)
+    turn = Rotation.identity() if turn is None else turn
+    places, spin = frame.places(np.zeros(24))[0], np.array([3.0, -4.0, 2.0])
+    turns = np.outer(np.arange(4), [0.05, 0.08, -0.03])
+    v, rate = np.cross(spin, places) + OBLIQUE, spin + 4 * turns
+    turned = (turn * Rotation.from_rotvec(turns)).as_rotvec()
+    u0 = np.hstack([turn.apply(places) - places, turned])
+    v0 = np.hstack(
+        [turn.apply(v), [np.linalg.solve(rates(x), y) for x, y in zip(turned, turn.apply(rate), strict=True)]]
+    )
+    problem = frame.problem((0, t_end), corotational=True, work=True, u0=u0.ravel(), v0=v0.ravel())
+    return frame, problem
+
+
+def test_the_forces_of_members_in_space_are_the_gradient_of_their_energy():
+    frame = crane()
+    names, rng = frame.names, np.random.default_rng(5)
+    for size in (1e-3, 0.3, 1.2):
+        u = size * rng.standard_normal(len(names))
+        problem = frame.problem((0, 1e-9), corotational=True, u0=u)
+        a, p, d = problem.integrate(h=1e-9).a[0], problem.params, 1e-5
+        forces = -p.m * a
+        for i in p.rotations:  # dU = moment . T dturn, and the moment is J T a
+            T = rates(u[i : i + 3])
+            forces[i : i + 3] = T.T @ T @ forces[i : i + 3]
+        gradient = [(strain_energy(p, u + d * e) - strain_energy(p, u - d * e)) / (2 * d) for e in np.eye(u.size)]
+        np.testing.assert_allclose(forces, gradient, rtol=0, atol=1e-6 * np.abs(forces).max())
+
+
+def test_small_motions_of_corotational_members_in_space_are_those_of_the_linear_frame():
+    beam = line(3, IN_SPACE, OBLIQUE, hinges=True)
+    beam.support("n0")
+    beam.support("n3")
+    for frame in (beam, crane()):
+        v0 = 1e-3 * np.random.default_rng(2).standard_normal(len(frame.names))
+        turning, linear = (frame.problem((0, 0.02), corotational=choice, v0=v0) for choice in (True, False))
+        u = linear.integrate(h=1e-5).u
+        np.testing.assert_allclose(turning.integrate(h=1e-5).u, u, rtol=0, atol=1e-4 * np.abs(u).max())
+
+
+def test_a_beam_that_spins_in_space_keeps_its_energy_and_momentum():
+    frame, problem = spinning()
+    run, p = problem.integrate(rtol=1e-9), problem.params
+    assert run.drift["energy"] < 1e-8 * problem.energy_of(run.u[0], run.v[0])
+    assert np.linalg.norm(run.u[-1, 3:6]) > 3.5
+    m, J = p.m.reshape(-1, 6)[:, :1], p.m.reshape(-1, 6)[:, 3:]
+    energies, moments = [], []
+    for u, v, places in zip(run.u, run.v, frame.places(run.u), strict=True):
+        speed, omega = v.reshape(-1, 6)[:, :3], angular_velocity(u.reshape(-1, 6)[:, 3:], v.reshape(-1, 6)[:, 3:])
+        energies.append((m * speed**2 + J * omega**2).sum() / 2 + strain_energy(p, u))
+        moments.append([*(m * speed).sum(0), *(m * np.cross(places, speed) + J * omega).sum(0)])
+    elastic = [strain_energy(p, u) for u in run.u]
+    assert np.ptp(elastic) > 0.01 * energies[0]
+    np.testing.assert_allclose(energies, energies[0], rtol=1e-7)
+    np.testing.assert_allclose(
+        moments, np.tile(moments[0], (len(moments), 1)), rtol=0, atol=1e-7 * np.abs(moments).max()
+    )
+
+
+def test_a_motion_in_space_does_not_depend_on_the_direction():
+    turn, ends = Rotation.from_rotvec([0.4, -0.7, 0.5]), []
+    for each in (Rotation.identity(), turn):
+        frame, problem = spinning(each, t_end=0.2)
+        u = problem.integrate(rtol=1e-11).u[-1]
+        ends.append((frame.places(u)[0], Rotation.from_rotvec(u.reshape(-1, 6)[:, 3:])))
+    np.testing.assert_allclose(ends[1][0], turn.apply(ends[0][0]), rtol=0, atol=1e-8)
+    assert (ends[1][1] * (turn * ends[0][1]).inv()).magnitude().max() < 1e-8
+
+
+def test_a_motion_in_a_plane_of_space_is_that_of_the_plane_frame():
+    section, runs = Section(E=1e7, A=1e-2, I=1e-4, density=1000.0), []
+    for along in ((1.0, 0.0), (1.0, 0.0, 0.0)):
+        frame = line(4, section, along)
+        frame.support("n0")
+        still = dict.fromkeys(("ux", "uz", "rx", "ry"), lambda k: 0)
+        v0 = state(frame, uy=lambda k: 6.0 * k**2 / 4, rz=lambda k: 3.0 * k, **still)
+        u = frame.problem((0, 0.3), corotational=True, v0=v0).integrate(rtol=1e-11).u[-1]
+        runs.append(u if len(along) == 2 else u[[name.endswith((".ux", ".uy", ".rz")) for name in frame.names]])
+    assert np.abs(runs[0]).max() > 2
+    np.testing.assert_allclose(runs[1], runs[0], rtol=0, atol=1e-8)
+
+
+def test_a_run_in_space_ends_where_a_node_has_turned_once():
+    frame = line(1, SOFT, (1.0, 0.0, 0.0))
+    v0 = state(frame, **dict.fromkeys(("ux", "uy", "uz", "ry", "rz"), lambda k: 0), rx=lambda k: 3.0)
+    run = frame.problem((0, 3), corotational=True, v0=v0).integrate(rtol=1e-6)
+    assert run.status is eig3.Status.STEP_TOO_SMALL
+    assert run.t[-1] == pytest.approx(2 * np.pi / 3, rel=1e-6)
+
+
 # The ready frame and errors ------------------------------------------------------------------------------------------
 
 
@@ -250,9 +397,9 @@ BAD = [
         "the ground has no uz: did you mean",
     ),
     (
-        lambda: line(2, IN_SPACE, (1.0, 0.0, 0.0)).problem((0, 1), corotational=True),
+        lambda: crane("ry").problem((0, 1), corotational=True),
         ValueError,
-        "corotational members are for frames in the plane",
+        r"corotational members in space need all rotations of b fixed, or none\.$",
     ),
     (
         lambda: portal().problem((0, 1), corotational=True, damping=eig3.Rayleigh(0.1, 1, 2)),

@@ -16,13 +16,15 @@ from ..kernels.compile.jit import element
 from .members import DIRECTIONS, Member
 
 
-def chords(members: Sequence[tuple[list[str], str, str, Member]]) -> dict[str, np.ndarray]:
-    """Return the parameters of corotational members.
+def chords(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> dict[str, np.ndarray]:
+    """Return the parameters of corotational members in the plane.
 
     Parameters
     ----------
-    members : sequence of (names, start, end, Member)
-        The names of all degrees of freedom, the names of its nodes, and the member.
+    names : sequence of str
+        Those of all degrees of freedom.
+    members : sequence of (start, end, Member)
+        The names of its nodes, and the member.
 
     Returns
     -------
@@ -31,19 +33,23 @@ def chords(members: Sequence[tuple[list[str], str, str, Member]]) -> dict[str, n
         (members, 2): the vectors between the nodes, m; `stiffness`, shape (members, 9): see
         `Member.stiffness_of_chord`.
     """
-    ends = []
-    for names, start, end, _ in members:
-        number = {name: i for i, name in enumerate(names)}
-        ends.append([number.get(f"{node}.{direction}", -1) for node in (start, end) for direction in DIRECTIONS[2]])
     return {
-        "ends": np.array(ends),
+        "ends": ends_of(names, members, 2),
         "chords": np.array([member.end - member.start for *_, member in members]),
         "stiffness": np.array([member.stiffness_of_chord.ravel() for *_, member in members]),
     }
 
 
+def ends_of(names: Sequence[str], members: Sequence[tuple[str, str, Member]], dimension: int) -> np.ndarray:
+    """Return the degrees of freedom of both nodes of each member, -1 where they are fixed."""
+    number = {name: i for i, name in enumerate(names)}
+    directions = DIRECTIONS[dimension]
+    return np.array([[number.get(f"{node}.{d}", -1) for node in ends for d in directions] for *ends, _ in members])
+
+
 @element
-def _at(u: Any, i: Any) -> Any:
+def entry(u: Any, i: Any) -> Any:
+    """Return the entry i, or 0 where a degree of freedom is fixed."""
     return u[i] if i >= 0 else 0.0
 
 
@@ -59,13 +65,13 @@ def turning_members(t, u, v, p, out):  # type: ignore[no-untyped-def]
     for m in range(p.ends.shape[0]):
         x, y = p.chords[m, 0], p.chords[m, 1]
         ends = p.ends[m]
-        dx = x + _at(u, ends[3]) - _at(u, ends[0])
-        dy = y + _at(u, ends[4]) - _at(u, ends[1])
+        dx = x + entry(u, ends[3]) - entry(u, ends[0])
+        dy = y + entry(u, ends[4]) - entry(u, ends[1])
         length, rest = sqrt(dx * dx + dy * dy), sqrt(x * x + y * y)
         c, s = dx / length, dy / length
         angle = atan2(x * dy - y * dx, x * dx + y * dy)  # by which the chord has turned
         longer = ((dx - x) * (dx + x) + (dy - y) * (dy + y)) / (length + rest)
-        turn_0, turn_1 = _turned(_at(u, ends[2]) - angle), _turned(_at(u, ends[5]) - angle)
+        turn_0, turn_1 = _turned(entry(u, ends[2]) - angle), _turned(entry(u, ends[5]) - angle)
         k = p.stiffness[m]
         pull = k[0] * longer
         moment_0, moment_1 = k[4] * turn_0 + k[5] * turn_1, k[7] * turn_0 + k[8] * turn_1

@@ -14,9 +14,11 @@ from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..problem import Problem
 from .corotational import chords, turning_members
+from .corotational_space import chords_in_space, turning_members_in_space
 from .linear import linear
 from .members import DIRECTIONS, Member, Section
 
+_TURNING: dict[int, Any] = {2: (turning_members, chords), 3: (turning_members_in_space, chords_in_space)}
 _UNITS = {"u": "m", "r": "rad"}
 _LEAST = 1e-12  # part of the largest stiffness; a direction with less has none
 
@@ -176,8 +178,10 @@ class Frame:
         direction : str
             The direction of the ground's motion.
         corotational : bool
-            In the plane: let members turn and move as far as they do, with small strains of their own. Otherwise the
-            motion is small, and the frame linear.
+            Let members turn and move as far as they do, with small strains of their own. Otherwise the motion is small,
+            and the frame linear. In space, rx, ry and rz of a node are then its rotation vector. Its rates, which
+            `v0` gives and from which `work` comes, are the angular velocity for small rotations only. A run ends where
+            a node has turned by 2 pi.
         **options
             The others of `eig3.linear`, such as `damping`, `force`, `u0` and `work`.
 
@@ -189,7 +193,8 @@ class Frame:
         Raises
         ------
         TypeError, ValueError
-            If an argument is not valid, or a direction has stiffness and no mass.
+            If an argument is not valid, a direction has stiffness and no mass, or, for corotational members in space,
+            a support fixes only some of a node's rotations.
         """
         names, masses, K = self._assembled()
         without = [name for name, m in zip(names, masses, strict=True) if m == 0]
@@ -203,12 +208,10 @@ class Frame:
             options["ground"] = *ground, np.array([float(name.endswith(f".{direction}")) for name in names])
         units = tuple(_UNITS[name.rpartition(".")[2][0]] for name in names)
         if corotational:
-            if self.dimension == 3:
-                raise ValueError("corotational members are for frames in the plane: a frame in space must be linear.")
             if "force" in options or "damping" in options:
                 raise ValueError("force and damping are for linear frames: leave out corotational=True.")
-            members = [(names, start, end, member) for start, end, member in self._members]
-            options |= {"force": turning_members, "params": chords(members)}
+            force, of = _TURNING[self.dimension]
+            options |= {"force": force, "params": of(names, self._members)}
             K = None
         problem = linear(masses, None, K, t_span=t_span, names=names, units=units, **options)
         return problem.with_(name="frame", view=self._view(names, 1.0))

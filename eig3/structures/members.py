@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from ..functions.checks import reals
 
@@ -95,11 +96,28 @@ class Member:
 
     @property
     def stiffness_of_chord(self) -> np.ndarray:
-        """The stiffness of a plane member for its lengthening and the rotations of its ends, shape (3, 3)."""
-        s, length = self.section, self.length
-        bending = s.E * s.I / length
-        K = np.array([[s.E * s.A / length, 0, 0], [0, 4 * bending, 2 * bending], [0, 2 * bending, 4 * bending]])
-        return _released(K, [1 + (name == "end") for name in sorted(self._hinges)])
+        """The stiffness for the lengthening and the rotations of the ends, shape (3, 3) in the plane.
+
+        In space, shape (6, 6): the lengthening, the rotations of both ends about z and about y, and the twist.
+        """
+        s = self.section
+        bends = np.kron(np.diag([s.E * s.I, s.E * self._side]), [[4, 2], [2, 4]])
+        K = scipy.linalg.block_diag(s.E * s.A, bends, s.G * s.J) / self.length
+        K = _released(K, [i + (name == "end") for name in sorted(self._hinges) for i in (1, 3)])
+        return K if self.start.size == 3 else K[:3, :3]
+
+    @property
+    def axes(self) -> np.ndarray:
+        """The member's own x, along it, y and z in space, shape (3, 3)."""
+        x = (self.end - self.start) / self.length
+        up = self.up if abs(x @ self.up) < _ALONG else np.array([1.0, 0.0, 0.0])
+        y = up - (up @ x) * x
+        y /= np.linalg.norm(y)
+        return np.array([x, y, np.cross(x, y)])
+
+    @property
+    def _side(self) -> float:
+        return self.section.I if self.section.I_side is None else self.section.I_side
 
     @property
     def _hinges(self) -> frozenset[str]:
@@ -114,7 +132,7 @@ class Member:
             return _released(K, [2 + 3 * (name == "end") for name in sorted(self._hinges)])
         _add_pair(K, 3, d, s.G * s.J / length)
         _add_bending(K, [1, 5, 7, 11], s.E * s.I, length, 1)
-        _add_bending(K, [2, 4, 8, 10], s.E * (s.I if s.I_side is None else s.I_side), length, -1)
+        _add_bending(K, [2, 4, 8, 10], s.E * self._side, length, -1)
         return _released(K, [i + 6 * (name == "end") for name in sorted(self._hinges) for i in (4, 5)])
 
     def _masses(self) -> np.ndarray:
@@ -132,14 +150,10 @@ class Member:
 
     def _turn(self) -> np.ndarray:
         """The matrix that turns displacements and rotations of the nodes into the member's own directions."""
+        if self.start.size == 3:
+            return np.kron(np.eye(4), self.axes)
         x = (self.end - self.start) / self.length
-        if x.size == 2:
-            one = np.array([[x[0], x[1], 0], [-x[1], x[0], 0], [0, 0, 1]])
-            return np.kron(np.eye(2), one)
-        up = self.up if abs(x @ self.up) < _ALONG else np.array([1.0, 0.0, 0.0])
-        y = up - (up @ x) * x
-        y /= np.linalg.norm(y)
-        return np.kron(np.eye(4), np.array([x, y, np.cross(x, y)]))
+        return np.kron(np.eye(2), np.array([[x[0], x[1], 0], [-x[1], x[0], 0], [0, 0, 1]]))
 
 
 def _add_pair(K: np.ndarray, i: int, d: int, k: float) -> None:
