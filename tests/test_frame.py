@@ -183,7 +183,7 @@ def test_a_moment_rolls_a_beam_into_a_circle():
 def test_a_beam_that_turns_freely_keeps_its_energy_and_momentum():
     frame, rate = line(4, Section(E=1e7, A=1e-2, I=1e-4, density=1000.0)), 2 * np.pi
     v0 = state(frame, ux=lambda k: 0, uy=lambda k: rate * (k - 2), rz=lambda k: rate)
-    problem = frame.problem((0, 1), corotational=True, work=True, v0=v0)
+    problem = frame.problem((0, 1), corotational=True, v0=v0)
     run = problem.integrate(rtol=1e-9)
     assert run.drift["energy"] < 1e-8 * problem.energy_of(run.u[0], run.v[0])
     places, m = frame.places(run.u), problem.params.m
@@ -268,7 +268,7 @@ def spinning(turn=None, t_end=0.8):
     v0 = np.hstack(
         [turn.apply(v), [np.linalg.solve(rates(x), y) for x, y in zip(turned, turn.apply(rate), strict=True)]]
     )
-    problem = frame.problem((0, t_end), corotational=True, work=True, u0=u0.ravel(), v0=v0.ravel())
+    problem = frame.problem((0, t_end), corotational=True, u0=u0.ravel(), v0=v0.ravel())
     return frame, problem
 
 
@@ -312,6 +312,7 @@ def test_a_beam_that_spins_in_space_keeps_its_energy_and_momentum():
     elastic = [strain_energy(p, u) for u in run.u]
     assert np.ptp(elastic) > 0.01 * energies[0]
     np.testing.assert_allclose(energies, energies[0], rtol=1e-7)
+    np.testing.assert_allclose(problem.energy_of(run.u, run.v), energies, rtol=1e-9)
     np.testing.assert_allclose(
         moments, np.tile(moments[0], (len(moments), 1)), rtol=0, atol=1e-7 * np.abs(moments).max()
     )
@@ -404,7 +405,7 @@ BAD = [
     (
         lambda: portal().problem((0, 1), corotational=True, damping=eig3.Rayleigh(0.1, 1, 2)),
         ValueError,
-        "force and damping are for linear frames",
+        "force, damping, work and params are for linear frames",
     ),
 ]
 

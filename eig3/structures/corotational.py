@@ -59,20 +59,26 @@ def _turned(angle: Any) -> Any:
     return angle - 2 * pi * round(angle / (2 * pi))
 
 
+@element
+def _deformed(u: Any, p: Any, m: Any) -> Any:
+    """Return the direction and the length of a chord, the lengthening, and the rotations of the ends against it."""
+    x, y = p.chords[m, 0], p.chords[m, 1]
+    ends = p.ends[m]
+    dx = x + entry(u, ends[3]) - entry(u, ends[0])
+    dy = y + entry(u, ends[4]) - entry(u, ends[1])
+    length, rest = sqrt(dx * dx + dy * dy), sqrt(x * x + y * y)
+    angle = atan2(x * dy - y * dx, x * dx + y * dy)  # by which the chord has turned
+    longer = ((dx - x) * (dx + x) + (dy - y) * (dy + y)) / (length + rest)
+    turns = _turned(entry(u, ends[2]) - angle), _turned(entry(u, ends[5]) - angle)
+    return dx / length, dy / length, length, longer, turns[0], turns[1]
+
+
 @jit
 def turning_members(t, u, v, p, out):  # type: ignore[no-untyped-def]
     """Add the forces of the members to those on the nodes."""
     for m in range(p.ends.shape[0]):
-        x, y = p.chords[m, 0], p.chords[m, 1]
-        ends = p.ends[m]
-        dx = x + entry(u, ends[3]) - entry(u, ends[0])
-        dy = y + entry(u, ends[4]) - entry(u, ends[1])
-        length, rest = sqrt(dx * dx + dy * dy), sqrt(x * x + y * y)
-        c, s = dx / length, dy / length
-        angle = atan2(x * dy - y * dx, x * dx + y * dy)  # by which the chord has turned
-        longer = ((dx - x) * (dx + x) + (dy - y) * (dy + y)) / (length + rest)
-        turn_0, turn_1 = _turned(entry(u, ends[2]) - angle), _turned(entry(u, ends[5]) - angle)
-        k = p.stiffness[m]
+        c, s, length, longer, turn_0, turn_1 = _deformed(u, p, m)
+        k, ends = p.stiffness[m], p.ends[m]
         pull = k[0] * longer
         moment_0, moment_1 = k[4] * turn_0 + k[5] * turn_1, k[7] * turn_0 + k[8] * turn_1
         shear = (moment_0 + moment_1) / length
@@ -81,3 +87,16 @@ def turning_members(t, u, v, p, out):  # type: ignore[no-untyped-def]
         for j in range(6):
             if ends[j] >= 0:
                 out[ends[j]] -= forces[j]
+
+
+@jit
+def energy_of_members(t, u, v, p):  # type: ignore[no-untyped-def]
+    """Return the kinetic energy and that of the members."""
+    energy = 0.0
+    for i in range(p.size):
+        energy += 0.5 * p.m[i] * v[i] * v[i]
+    for m in range(p.ends.shape[0]):
+        _, _, _, longer, turn_0, turn_1 = _deformed(u, p, m)
+        k = p.stiffness[m]
+        energy += 0.5 * (k[0] * longer**2 + k[4] * turn_0**2 + k[8] * turn_1**2) + k[5] * turn_0 * turn_1
+    return energy

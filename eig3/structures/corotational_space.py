@@ -136,27 +136,44 @@ def _by_chord(moment_y: Any, moment_z: Any, bent: Any, x: Any, y: Any, z: Any) -
 
 
 @element
+def _twist(y_a: Any, z_a: Any, y_b: Any, z_b: Any) -> Any:
+    """Return the sine and the cosine of the twist, times the same factor."""
+    return _dot(z_a, y_b) - _dot(y_a, z_b), _dot(y_a, y_b) + _dot(z_a, z_b)
+
+
+@element
 def _torque(stiffness: Any, y_a: Any, z_a: Any, y_b: Any, z_b: Any) -> Any:
     """Return the derivative of the energy of torsion by a rotation of b."""
     if stiffness == 0:
         return 0.0, 0.0, 0.0
-    s, c = _dot(z_a, y_b) - _dot(y_a, z_b), _dot(y_a, y_b) + _dot(z_a, z_b)
+    s, c = _twist(y_a, z_a, y_b, z_b)
     k = stiffness * atan2(s, c) / (s * s + c * c)
     return _sum(k, _cross(y_b, _sum(c, z_a, -s, y_a)), -k, _cross(z_b, _sum(c, y_a, s, z_a)))
 
 
 @element
-def _pull(u: Any, ends: Any, rest: Any, axes: Any, k: Any, out: Any) -> Any:
-    """Add the forces and moments of a member on its nodes: k are the rows of `Member.stiffness_of_chord`."""
+def _deformed(u: Any, p: Any, m: Any) -> Any:
+    """Return the chord's direction and length, the lengthening, and for each end the axes and the bending."""
+    rest, ends = (p.chords[m, 0], p.chords[m, 1], p.chords[m, 2]), p.ends[m]
     move = _sum(1.0, _three(u, ends, 6), -1.0, _three(u, ends, 0))
     now = _sum(1.0, rest, 1.0, move)
     length, before = sqrt(_dot(now, now)), sqrt(_dot(rest, rest))
     chord = _times(1 / length, now)
     longer = _dot(move, _sum(1.0, rest, 1.0, now)) / (length + before)
-    turn_a, turn_b = _three(u, ends, 3), _three(u, ends, 9)
-    x_a, y_a, z_a = _turned(turn_a, axes, 0), _turned(turn_a, axes, 1), _turned(turn_a, axes, 2)
-    x_b, y_b, z_b = _turned(turn_b, axes, 0), _turned(turn_b, axes, 1), _turned(turn_b, axes, 2)
-    a, b = _bent(chord, x_a, y_a, z_a), _bent(chord, x_b, y_b, z_b)
+    axes_a, axes_b = _axes(_three(u, ends, 3), p.axes[m]), _axes(_three(u, ends, 9), p.axes[m])
+    return chord, length, longer, axes_a, axes_b, _bent(chord, *axes_a), _bent(chord, *axes_b)
+
+
+@element
+def _axes(turn: Any, axes: Any) -> Any:
+    return _turned(turn, axes, 0), _turned(turn, axes, 1), _turned(turn, axes, 2)
+
+
+@element
+def _pull(u: Any, p: Any, m: Any, out: Any) -> Any:
+    """Add the forces and moments of a member on its nodes: k are the rows of `Member.stiffness_of_chord`."""
+    k, ends = p.stiffness[m], p.ends[m]
+    chord, length, longer, (x_a, y_a, z_a), (x_b, y_b, z_b), a, b = _deformed(u, p, m)
     by_a = _by_chord(k[21] * a[0] + k[22] * b[0], k[7] * a[1] + k[8] * b[1], a, x_a, y_a, z_a)
     by_b = _by_chord(k[27] * a[0] + k[28] * b[0], k[13] * a[1] + k[14] * b[1], b, x_b, y_b, z_b)
     torque = _torque(k[35], y_a, z_a, y_b, z_b)
@@ -191,7 +208,34 @@ def _of_rotation_vector(u: Any, v: Any, i: Any, inertia: Any, out: Any) -> Any:
 def turning_members_in_space(t, u, v, p, out):  # type: ignore[no-untyped-def]
     """Add the forces of the members to those on the nodes, and write the moments for the rotation vectors."""
     for m in range(p.ends.shape[0]):
-        rest = p.chords[m, 0], p.chords[m, 1], p.chords[m, 2]
-        _pull(u, p.ends[m], rest, p.axes[m], p.stiffness[m], out)
+        _pull(u, p, m, out)
     for i in p.rotations:
         _of_rotation_vector(u, v, i, p.m[i], out)
+
+
+@element
+def _strain(u: Any, p: Any, m: Any) -> Any:
+    """Return the energy of a member."""
+    k = p.stiffness[m]
+    _, _, longer, (_, y_a, z_a), (_, y_b, z_b), a, b = _deformed(u, p, m)
+    s, c = _twist(y_a, z_a, y_b, z_b)
+    twist = atan2(s, c) if k[35] > 0 else 0.0
+    bends = k[7] * a[1] ** 2 + k[14] * b[1] ** 2 + k[21] * a[0] ** 2 + k[28] * b[0] ** 2
+    return 0.5 * (k[0] * longer**2 + k[35] * twist**2 + bends) + k[8] * a[1] * b[1] + k[22] * a[0] * b[0]
+
+
+@jit
+def energy_of_members_in_space(t, u, v, p):  # type: ignore[no-untyped-def]
+    """Return the kinetic energy, by the angular velocities of the nodes, and the energy of the members."""
+    energy = 0.0
+    for i in range(p.size):
+        energy += 0.5 * p.m[i] * v[i] * v[i]
+    for i in p.rotations:
+        turn, rate = (u[i], u[i + 1], u[i + 2]), (v[i], v[i + 1], v[i + 2])
+        a, b, _, _ = _series(_dot(turn, turn))
+        across = _cross(turn, rate)
+        omega = _sum(1.0, _sum(1.0, rate, a, across), b, _cross(turn, across))
+        energy += 0.5 * p.m[i] * (_dot(omega, omega) - _dot(rate, rate))
+    for m in range(p.ends.shape[0]):
+        energy += _strain(u, p, m)
+    return energy

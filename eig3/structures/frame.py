@@ -13,12 +13,15 @@ from ..animation.mechanism import Mechanism
 from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..problem import Problem
-from .corotational import chords, turning_members
-from .corotational_space import chords_in_space, turning_members_in_space
+from .corotational import chords, energy_of_members, turning_members
+from .corotational_space import chords_in_space, energy_of_members_in_space, turning_members_in_space
 from .linear import linear
 from .members import DIRECTIONS, Member, Section
 
-_TURNING: dict[int, Any] = {2: (turning_members, chords), 3: (turning_members_in_space, chords_in_space)}
+_TURNING: dict[int, Any] = {
+    2: (turning_members, chords, energy_of_members),
+    3: (turning_members_in_space, chords_in_space, energy_of_members_in_space),
+}
 _UNITS = {"u": "m", "r": "rad"}
 _LEAST = 1e-12  # part of the largest stiffness; a direction with less has none
 
@@ -179,16 +182,15 @@ class Frame:
             The direction of the ground's motion.
         corotational : bool
             Let members turn and move as far as they do, with small strains of their own. Otherwise the motion is small,
-            and the frame linear. In space, rx, ry and rz of a node are then its rotation vector. Its rates, which
-            `v0` gives and from which `work` comes, are the angular velocity for small rotations only. A run ends where
-            a node has turned by 2 pi.
+            and the frame linear. In space, rx, ry and rz of a node are then its rotation vector, whose rates, as in
+            `v0`, are the angular velocity for small rotations only. A run ends where a node has turned by 2 pi.
         **options
             The others of `eig3.linear`, such as `damping`, `force`, `u0` and `work`.
 
         Returns
         -------
         Problem
-            Its `view` shows the frame, with magnified displacements if it is linear.
+            Its `view` shows the frame. Its energy is constant without a motion of the ground and without damping.
 
         Raises
         ------
@@ -208,12 +210,14 @@ class Frame:
             options["ground"] = *ground, np.array([float(name.endswith(f".{direction}")) for name in names])
         units = tuple(_UNITS[name.rpartition(".")[2][0]] for name in names)
         if corotational:
-            if "force" in options or "damping" in options:
-                raise ValueError("force and damping are for linear frames: leave out corotational=True.")
-            force, of = _TURNING[self.dimension]
+            if {"force", "damping", "work", "params"} & {*options}:
+                raise ValueError("force, damping, work and params are for linear frames: leave out corotational=True.")
+            force, of, energy = _TURNING[self.dimension]
             options |= {"force": force, "params": of(names, self._members)}
             K = None
         problem = linear(masses, None, K, t_span=t_span, names=names, units=units, **options)
+        if corotational and ground is None:
+            problem = problem.with_(energy=energy)
         return problem.with_(name="frame", view=self._view(names, 1.0))
 
     def view(self, factor: float = 1.0) -> Mechanism:
