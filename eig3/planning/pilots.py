@@ -75,8 +75,8 @@ class Pilots:
 
     For the metric "energy", a run gives its error itself, from all its steps or, in a large system, many of them. For
     "trajectory", the error is the difference from the exact motion where that is known, or else from the run that
-    `refer_to` sets, at states that both runs have: the numbers of steps are multiples of `FEWEST`. It is relative to the
-    largest displacement that is known, of the whole span after a survey.
+    `refer_to` sets, at states that both runs have: the numbers of steps are multiples of `FEWEST`. It is relative to
+    the largest displacement that is known, of the whole span after a survey.
 
     Attributes
     ----------
