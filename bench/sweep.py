@@ -204,8 +204,8 @@ def _from_json(data: Mapping[str, Any]) -> Point:
     point = checked(Point(**{**known, "errors": errors}))
     check_known([point.mode], ("", *MODES))
     check_known(point.errors, METRICS)
-    counts = (count for count in (point.n_steps, point.evaluations) if count is not None)
-    check_positive([point.setting, *point.seconds, *counts])
+    counts = [count for count in (point.n_steps, point.evaluations) if count is not None]
+    check_positive([point.setting, *point.seconds, *(count for count in counts if point.stable or count != 0)])
     if not all(error >= 0 for error in point.errors.values()) or (point.stable and not (point.seconds and errors)):
         raise ValueError("errors are not negative, and a stable run has times and errors")
     return point

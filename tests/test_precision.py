@@ -95,7 +95,8 @@ def test_a_mode_changes_what_is_timed_and_not_the_motion():
 
 
 def test_a_set_comes_back_from_json():
-    swept = [*points((1e-3, 1.0)), Point("rk4", "RK4", "inline", 1.0, 3, 12, False, {"trajectory": math.inf})]
+    ended = Point("cd", "CD", "pointer", 1.0, 0, 51, False, {})  # in its first step
+    swept = [*points((1e-3, 1.0)), Point("rk4", "RK4", "inline", 1.0, 3, 12, False, {"trajectory": math.inf}), ended]
     result = result_of(swept, description="A mass.", skipped=["heyoka (not installed)"], command="eig3 bench")
     text = json.dumps(result.as_json(), allow_nan=False)
     assert WorkPrecisionSet.from_json(json.loads(text)) == result
