@@ -63,6 +63,7 @@ __all__ = [
     "linear",
     "load",
     "math",
+    "noise",
     "plan",
     "prepare",
     "problems",
@@ -77,6 +78,8 @@ def __getattr__(name: str) -> Any:
     # These modules are imported on first access, so that `import eig3` stays fast.
     if name in ("effects", "math", "problems", "scene", "stability", "structures"):
         return importlib.import_module(f"eig3.{name}")
+    if name == "noise":
+        return importlib.import_module("eig3.philox").noise
     if name == "report":
         return importlib.import_module("eig3.bench.report").report
     if name in ("Modal", "Rayleigh", "linear"):
