@@ -50,7 +50,7 @@ def check_table(force: Any, n: int) -> dict[str, Any]:
 
 def _record(given: Any, name: str, wanted: str) -> tuple:
     """Return the times and the values of a record as arrays, and what is given beside them as it is."""
-    if not (isinstance(given, tuple) and len(given) in (2, 3)):
+    if not (isinstance(given, tuple | list) and len(given) in (2, 3)):
         raise TypeError(f"{name} must be {wanted}, not {shown(given)}.")
     t, x = reals(given[0], f"the times of {name}"), reals(given[1], name)
     if t.ndim != 1 or t.size < 2 or not (np.isfinite(t).all() and (np.diff(t) > 0).all()):
