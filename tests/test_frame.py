@@ -96,6 +96,10 @@ def test_the_frequency_by_members_is_a_bound():
     frame.mass("n10", 50.0)
     highest = frequencies(frame, 30)[-1]
     assert highest <= frame.highest_frequency() < 1.3 * highest
+    for damping in (None, eig3.Rayleigh(0.02, 100.0, 1e4)):
+        problem = frame.problem((0, 1), damping=damping)
+        critical = problem.critical_step()
+        assert 0.6 * critical.limit < problem.h < critical.limit
     assert frame.problem((0, 1)).critical_step().omega_max == pytest.approx(highest, rel=1e-5)
 
 
@@ -389,7 +393,11 @@ BAD = [
     (lambda: portal().support("b", "uz"), ValueError, "b has no uz: did you mean uy or ux"),
     (lambda: Frame().names, ValueError, "the frame must have at least one member"),
     (lambda: portal(section=Section(2e11, 1e-2, 1e-5)).problem((0, 1)), ValueError, r"b\.ux must have a mass"),
-    (lambda: portal(section=Section(2e11, 1e-2, 1e-5)).highest_frequency(), ValueError, "each member must have a dens"),
+    (
+        lambda: portal(section=Section(2e11, 1e-2, 1e-5)).highest_frequency(),
+        ValueError,
+        "each member must have mass in the directions",
+    ),
     (lambda: Section(0.0, 1.0), ValueError, "E must be a positive number"),
     (lambda: Section(1.0, 1.0, -1.0), ValueError, "I must be a finite number"),
     (

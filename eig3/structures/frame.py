@@ -13,8 +13,10 @@ from ..animation.mechanism import Mechanism
 from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..problem import Problem
+from ..stability import practical_limit
 from .corotational import chords, energy_of_members, turning_members
 from .corotational_space import chords_in_space, energy_of_members_in_space, turning_members_in_space
+from .damping import Rayleigh
 from .linear import linear
 from .members import DIRECTIONS, Member, Section
 
@@ -22,6 +24,7 @@ _TURNING: dict[int, Any] = {
     2: (turning_members, chords, energy_of_members),
     3: (turning_members_in_space, chords_in_space, energy_of_members_in_space),
 }
+_OF_LIMIT = 0.9  # of the stable step
 _UNITS = {"u": "m", "r": "rad"}
 _LEAST = 1e-12  # part of the largest stiffness; a direction with less has none
 
@@ -149,6 +152,11 @@ class Frame:
         """Return a bound of the angular frequencies, rad/s: the highest one of a member with its part of the masses.
 
         By Rayleigh's theorem no frequency of the frame is higher (Irons, 1970). The nodes' masses are left out.
+
+        Raises
+        ------
+        ValueError
+            If a member has stiffness in a direction without mass of its own.
         """
         largest = 0.0
         for _, _, member in self._members:
@@ -156,7 +164,7 @@ class Frame:
             some = m > 0
             stiff = np.abs(K[~some]).max(initial=0.0) > _LEAST * np.abs(K).max()
             if stiff or not some.any():
-                raise ValueError("each member must have a density, so that its frequencies are known.")
+                raise ValueError("each member must have mass in the directions of its stiffness: give it a density.")
             root = np.sqrt(m[some])
             squares = np.linalg.eigvalsh(K[np.ix_(some, some)] / np.outer(root, root))
             largest = max(largest, float(np.sqrt(squares.max())))
@@ -190,7 +198,8 @@ class Frame:
         Returns
         -------
         Problem
-            Its `view` shows the frame. Its energy is constant without a motion of the ground and without damping.
+            Its `view` shows the frame, and `h` is a stable step by the frequencies of the members. Its energy is
+            constant without a motion of the ground and without damping.
 
         Raises
         ------
@@ -218,7 +227,17 @@ class Frame:
         problem = linear(masses, None, K, t_span=t_span, names=names, units=units, **options)
         if corotational and ground is None:
             problem = problem.with_(energy=energy)
-        return problem.with_(name="frame", view=self._view(names, 1.0))
+        h = None if corotational else self._stable_step(options.get("damping"))
+        return problem.with_(name="frame", view=self._view(names, 1.0), h=h)
+
+    def _stable_step(self, damping: Any) -> float | None:
+        """Return a step with which EIG-3 is stable, by the members' frequencies, or None if they are not known."""
+        try:
+            omega = self.highest_frequency()
+        except ValueError:
+            return None
+        a, b = damping.coefficients if isinstance(damping, Rayleigh) else (0.0, 0.0)
+        return _OF_LIMIT * practical_limit("eig3", a / (2 * omega) + b * omega / 2) / omega
 
     def view(self, factor: float = 1.0) -> Mechanism:
         """Return the view of the frame for `Problem.animate`, with displacements that are `factor` times as large."""
