@@ -18,7 +18,7 @@ from ..kernels.compile.source import define
 from .products import EDGES
 
 _SAME = 1e-14  # part of the largest entry by which the masses of two directions may differ
-_WIDTHS = 3, 2, 1  # of panels
+_WIDTHS = 4, 3, 2, 1  # of panels
 _FILLED = 1.5  # times the entries, with the zeros in a panel
 
 
@@ -72,7 +72,7 @@ def factors(mass: Any) -> Factors:
         raise _not_definite()
     order = np.argsort(lu.perm_c)
     panels, rows, values = _in_panels(scipy.sparse.csc_array(scipy.sparse.tril(lu.L, -1)))
-    return Factors(order, panels, order[rows], values, 1 / pivots)
+    return Factors(order.astype(np.int32), panels, order[rows].astype(np.int32), values, 1 / pivots)
 
 
 @functools.cache
