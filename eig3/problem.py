@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from .animation.animate import View, animate
 from .diagnosis.critical import CriticalStep, critical_step
 from .ensembles.named_members import of_members
 from .ensembles.run import ensemble
-from .ensembles.solution import EnsembleSolution, Reduce
+from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
 from .functions.checks import check_names, check_params, check_span, check_state, reals
 from .functions.events import Event
@@ -226,7 +225,7 @@ class Problem:
 
         Returns
         -------
-        Solution
+        Solution or EnsembleSolution
             With the parameters of the run.
 
         Raises
@@ -235,6 +234,8 @@ class Problem:
             As for `eig3.load`, and if the run is not one of this problem.
         """
         found = storage.load(path)
+        if isinstance(found, EnsembleSolution):
+            return found.with_functions(self.rhs, outputs=outputs, jacobian=jacobian, **options)
         n = 1 if found.u.ndim == 1 else found.u.shape[1]
         if (n, tuple(found.integrals)) != (np.size(self.u0), tuple(self.integrals)):
             raise ValueError(f"{path} has a run with {n} degrees of freedom, which is not one of {self.name}.")
@@ -251,11 +252,10 @@ class Problem:
     def ensemble(
         self,
         *,
-        h: ArrayLike,
+        h: ArrayLike | None = None,
         u0: ArrayLike | None = None,
         v0: ArrayLike | None = None,
         params: Any = None,
-        method: str | Method = "eig3",
         t_end: float | None = None,
         **options: Any,
     ) -> Any:
@@ -263,7 +263,7 @@ class Problem:
 
         Parameters
         ----------
-        h, method
+        h : float or array_like, optional
             As for `eig3.ensemble`.
         u0, v0, params : array_like, optional
             Values for each member, along a first axis. What is left out is that of the problem, for all members. Of
@@ -271,7 +271,7 @@ class Problem:
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
-            Other options of `eig3.ensemble`. `invariants` replaces the energy.
+            Other options of `eig3.ensemble`. `invariants` replaces the energy, and `events` those of the problem.
 
         Returns
         -------
@@ -281,14 +281,10 @@ class Problem:
         Raises
         ------
         ValueError
-            If the problem has events.
+            If a start has a wrong shape, and as for `eig3.ensemble`.
         """
         _refuse_fields(options, "ensemble")
-        if self.events:
-            raise ValueError(
-                f"{self.name} has events, which an ensemble does not follow: integrate its members one at a time, or "
-                "leave the events out with problem.with_(events={})."
-            )
+        options.setdefault("events", self.events)
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
@@ -296,20 +292,19 @@ class Problem:
             params = of_members({} if params is None else params, self.params)
         elif params is None:
             params = check_params(self.params)
-            given: Any = (self.u0, u0), (self.v0, v0), (0.0, h)
+            given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)
             if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
                 params = params[None]  # they are shared also if there are as many parameters as members
-        options |= {"h": h, "params": params, "method": method}
-        if not self.integrals:
-            return self._ensemble(span, *start, **options)
-        n = np.size(self.u0)
-        for name, x in zip(("u0", "v0"), start, strict=True):
-            if np.shape(x)[-1:] != (n,):
-                raise ValueError(f"{name} must have the shape ({n},) or (m, {n}) in {self.name}, not {np.shape(x)}.")
-        start = [_with_integrals(x, len(self.integrals)) for x in start]
-        if callable(options.get("reduce")):
-            options["reduce"] = partial(_reduced, options["reduce"], n, self.integrals)
-        return self._ensemble(span, *start, **options)
+        options |= {"h": h, "params": params, "labels": self.labels, "integrals": tuple(self.integrals)}
+        if self.integrals:
+            n = np.size(self.u0)
+            for name, x in zip(("u0", "v0"), start, strict=True):
+                if np.shape(x)[-1:] != (n,):
+                    raise ValueError(
+                        f"{name} must have the shape ({n},) or (m, {n}) in {self.name}, not {np.shape(x)}."
+                    )
+            start = [_with_integrals(x, len(self.integrals)) for x in start]
+        return ensemble(self.rhs, span, *start, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
         """Return a `Stepper` at the start of the problem, which does not follow `integrals`.
@@ -446,34 +441,6 @@ class Problem:
             return invariants
         balance = EnergyLessWork(self.energy, np.size(self.u0) + self.integrals.index("work"))
         return {name: balance if function is self.energy else function for name, function in invariants.items()}
-
-    def _ensemble(self, *arguments: Any, **options: Any) -> Any:
-        """Run an ensemble with the integrals as further degrees of freedom."""
-        try:
-            return self._described(ensemble(self.rhs, *arguments, **options))
-        except BaseException as error:
-            self._described(getattr(error, "solution", None))
-            raise
-
-    def _described(self, result: Any) -> Any:
-        """Label an ensemble, and separate its integrals. What `reduce` returned stays as it is."""
-        if isinstance(result, EnsembleSolution):
-            result.labels = self.labels
-            if self.integrals:
-                _separated(result, np.size(self.u0), self.integrals)
-        return result
-
-
-def _separated(result: EnsembleSolution, n: int, names: Sequence[str]) -> EnsembleSolution:
-    """Move the integrals from the last columns of u and v, where they are velocities, to `integrals` of the result."""
-    result.integrals = {name: result.v[..., n + k].copy() for k, name in enumerate(names)}
-    result.u, result.v = result.u[..., :n], result.v[..., :n]
-    result._last = {i: (t, u[:n], v[:n], *outputs, *v[n:]) for i, (t, u, v, *outputs) in result._last.items()}
-    return result
-
-
-def _reduced(reduce: Reduce, n: int, names: Sequence[str], part: EnsembleSolution) -> Any:
-    return reduce(_separated(part, n, names))
 
 
 def _with_integrals(x: ArrayLike, count: int) -> np.ndarray:

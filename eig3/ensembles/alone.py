@@ -1,4 +1,4 @@
-"""Members that run one at a time: those of implicit methods, and of systems with many degrees of freedom."""
+"""Members that run one at a time, as single runs."""
 
 from __future__ import annotations
 
@@ -8,22 +8,50 @@ from typing import Any
 import numpy as np
 
 from ..functions.guard import NotFiniteAtStartError
-from ..methods import Method
 from ..result.solution import Solution, Status
-from ..run.integration import integrate
-from ..stepping.stepper import Cancel
+from ..run.prepare import Prepared
+from ..stepping.march import Cancel
 from .histories import Histories
 from .members import Members
+from .options import Options
 
 
-def alone(rhs: Any, members: Members, method: Method, i: int, cancel: Cancel | None = None, **options: Any) -> Solution:
-    """Integrate member i as a single run."""
-    h = float(members.steps[i])
-    return integrate(rhs, members.t_span, **members.start(i), h=h, method=method, cancel=cancel, **options)
+class Singles:
+    """The single runs of members.
+
+    Parameters
+    ----------
+    rhs : jitted function
+    members : Members
+    options : Options
+    **changes
+        Options of the runs that differ, such as ``save_every=None``.
+    """
+
+    def __init__(self, rhs: Any, members: Members, options: Options, **changes: Any) -> None:
+        self._rhs, self._members, self._options, self._changes = rhs, members, options, changes
+        self._shared: Prepared | None = None
+
+    def prepared(self, i: int) -> Prepared:
+        """Return the prepared run of member i, which all members share if they have the same step."""
+        if self._members.has_own_step:
+            return self._prepared(float(self._members.steps[i]))
+        if self._shared is None:
+            self._shared = self._prepared(None if self._options.has_tolerances else float(self._members.h))
+        return self._shared
+
+    def __call__(self, i: int, cancel: Cancel | None = None) -> Solution:
+        """Integrate member i."""
+        return self.prepared(i).member(
+            self._members.t_span, *self._members.start(i, len(self._options.integrals)), cancel
+        )
+
+    def _prepared(self, h: float | None) -> Prepared:
+        return self._options.prepared(self._rhs, self._members.form, h, **self._changes)
 
 
 class Alone:
-    """Some members of an ensemble.
+    """Some members of an ensemble that run one at a time.
 
     Parameters
     ----------

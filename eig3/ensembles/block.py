@@ -13,10 +13,11 @@ from ..kernels.protocol import SCALAR, VECTOR
 from ..result.solution import Status
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
 from ..run.run import unwritten_entry
-from ..stepping.stepper import Cancel
+from ..stepping.march import Cancel
+from .alone import Alone
 from .growth import sizes_with_half_the_step
 from .lane_state import LaneState
-from .shared import Shared
+from .shared import Shared, SignOf
 
 _SCRATCH_VALUES = 2**16  # values in an array of the states of a chunk: 512 kB, so that it stays in the cache
 _CHECKED_STEPS = 1000  # between two looks whether rhs writes every entry of a
@@ -30,6 +31,9 @@ class Block:
     A lane whose member has ended, or that has none, repeats a member that still runs. So it cannot fail where that
     member does not.
 
+    The lanes follow the function g of each event. A member in which no g changed its sign has no occurrence. The others
+    run again as single runs, which find the occurrences.
+
     Parameters
     ----------
     shared : Shared
@@ -42,6 +46,7 @@ class Block:
         self.seconds = 0.0  # in the kernel
         self._state: Any = None
         self._runs = np.zeros(shared.layout.lanes, dtype=bool)  # the lanes whose member has not ended
+        self._fired: list[int] = []  # the members with an event
         self._checked = 0  # the step index at which rhs was last seen to write every entry
 
     def __len__(self) -> int:
@@ -56,16 +61,24 @@ class Block:
                 while self._runs.any() and not stop.is_set():
                     self._advance()
                 self._interrupt("The run was interrupted")
+                self._run_fired()
             except Exception as error:
                 self._interrupt(f"The run raised {type(error).__name__}")
                 raise
             finally:
                 self._drop_state()
 
+    def _run_fired(self) -> None:
+        """Run the members with events again, as single runs."""
+        self._drop_state()
+        singles = Alone(np.array(self._fired, dtype=np.int64), self.shared.histories, self.shared.single)
+        singles.run(self._stop)
+        self.seconds += singles.seconds
+
     def _drop_state(self) -> None:
         """Free the memory of the states: many blocks may wait for the others."""
         if self._state:
-            self.seconds = self._state.seconds
+            self.seconds += self._state.seconds
         self._state = None
 
     def _begin(self) -> None:
@@ -191,14 +204,28 @@ class Block:
         outputs = {name: state.tracks.latest(name)[:, ended] for name in histories.outputs}
         histories.end(members[ended], state.index, u[:, ended], v[:, ended], outputs, state.n_rhs)
         for name, start in state.tracks.start.items():
-            histories.bound(name, members[ended], start[:, ended], state.extremes(name)[..., ended])
+            if not isinstance(name, SignOf):
+                histories.bound(name, members[ended], start[:, ended], state.extremes(name)[..., ended])
         for lane in np.flatnonzero(ended).tolist():
             if lane in self._failed:
                 histories.judge(int(members[lane]), failure, self._failed[lane])
-        self._judge_growth(self._suspects() & ended)
+        fired = self._have_fired() & ended
+        for member in members[fired].tolist():
+            histories.judge(member, Status.INTERRUPTED, "The run was interrupted before the events were found.")
+            self._fired.append(member)
+        self._judge_growth(self._suspects() & ended & ~fired)
         self._runs &= ~ended
         if self._runs.any():
             state.repeat(int(np.argmax(self._runs)), ~self._runs)
+
+    def _have_fired(self) -> np.ndarray:
+        """Return a mask of the members in which the function of an event was zero or NaN, or changed its sign."""
+        fired = np.zeros(len(self._runs), dtype=bool)
+        for name in self.shared.quantities:
+            if isinstance(name, SignOf):
+                low, high = self._state.tracks.extremes(name)[:2, 0]
+                fired |= ~(low > 0) & ~(high < 0)
+        return fired
 
     def _suspects(self) -> np.ndarray:
         """Return a mask of the members that grew so much that the step may be the reason."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..stepping.stepper import NEVER, Cancel
+from ..stepping.march import NEVER, Cancel
 from .lane_state import LaneState
 from .shared import Shared
 

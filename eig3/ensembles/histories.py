@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
+from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
-from ..functions.quantities import Functions
 from ..kernels.protocol import SCALAR
-from ..methods import Method
 from ..result.memory import check_members_history, n_rows
 from ..result.solution import Solution, Status
-from ..stepping.stepper import NEVER
+from ..result.storage import whole_rows
 from .members import Members
-from .solution import EnsembleSolution
+from .occurrences import MemberOccurrences
+from .options import Options
+from .solution import EnsembleSolution, widened
 
 REACHED = "The run reached the end of its span."
 _NOT_STARTED = "The run was interrupted before this member started."
 
 
 class Histories:
-    """The saved states, ends and extremes of all members.
+    """The saved states, ends, extremes and events of all members.
 
     Parameters
     ----------
     members : Members
-    save_every : int or None
-    functions : Functions
-        The invariants and the outputs.
+    options : Options
 
     Raises
     ------
@@ -37,15 +37,18 @@ class Histories:
         If the states do not fit in memory.
     """
 
-    def __init__(self, members: Members, save_every: int | None, functions: Functions) -> None:
-        m, n = len(members), members.n
-        self.members = members
-        self.every = NEVER if save_every is None else save_every
-        rows = n_rows(int(members.n_steps.max()), self.every)
+    def __init__(self, members: Members, options: Options) -> None:
+        m, n, functions = len(members), members.n, options.functions
+        self.members, self.options, self.every = members, options, options.every
+        rows = options.rows(members)
         check_members_history(m, rows, n, functions.n_outputs)
         self.u, self.v = np.full((m, rows, n), np.nan), np.full((m, rows, n), np.nan)
-        self.u[:, 0], self.v[:, 0] = members.u0, members.v0
-        self.n_steps, self.n_rhs, self.n_iterations = (np.zeros(m, dtype=np.int64) for _ in range(3))
+        self._t, self._steps = self._first_times(rows), np.full((m, rows), np.nan) if options.has_tolerances else None
+        self._room, self._longest = Lock(), rows
+        if options.t_eval is None:
+            self.u[:, 0], self.v[:, 0] = members.u0, members.v0
+        self.n_steps, self.n_rhs, self.n_iterations, self.n_rejected = (np.zeros(m, dtype=np.int64) for _ in range(4))
+        self.h = np.array(members.steps)
         self.status = np.full(m, Status.INTERRUPTED, dtype=object)
         self.message = np.full(m, _NOT_STARTED, dtype=object)
         self.drift = {name: np.zeros(m) for name in functions.invariants}
@@ -54,6 +57,7 @@ class Histories:
         self._shapes: dict[str, tuple[int, ...]] = shapes
         self.outputs = {name: np.full((m, rows, *(shapes[name] or (1,))), np.nan) for name in functions.outputs}
         self.extremes = {name: np.full((4, m, *(shape or (1,))), np.nan) for name, shape in shapes.items()}
+        self.events: dict[str, list[tuple[int, Occurrences]]] = {name: [] for name in options.events}
         self.last: dict[int, tuple] = {}  # t, u, v and the outputs of the last state, if it is not one to save
 
     def save(
@@ -114,73 +118,121 @@ class Histories:
 
     def take(self, member: int, solution: Solution) -> None:
         """Store the result of a member that ran alone."""
-        rows = len(solution.t) - (solution.n_steps % self.every > 0 and solution.n_steps < self.members.n_steps[member])
-        self.u[member, :rows] = solution.u[:rows].reshape(rows, -1)
-        self.v[member, :rows] = solution.v[:rows].reshape(rows, -1)
-        for name, values in solution.outputs.items():
-            self.outputs[name][member, :rows] = values[:rows].reshape(rows, -1)
-        if rows < len(solution.t):
-            self.last[member] = tuple(x[-1] for x in (solution.t, solution.u, solution.v, *solution.outputs.values()))
+        t, u, v = whole_rows(solution, self.members.n)
+        rows = len(t)
+        if self.options.has_own_times:
+            with self._room:
+                self._reserve(rows)
+                self._store(member, rows, t, u, v, solution)
+            self.last.pop(member, None)
+        else:
+            if self.options.t_eval is None:  # the last state of a run that failed is not one to save
+                rows -= solution.n_steps % self.every > 0 and solution.n_steps < self.members.n_steps[member]
+            self._store(member, rows, t, u, v, solution)
+            if rows < len(t):
+                self.last[member] = tuple(x[-1] for x in (t, *self._shaped(u, v), *solution.outputs.values()))
         self.n_steps[member], self.n_rhs[member] = solution.n_steps, solution.n_rhs
-        self.n_iterations[member] = solution.n_iterations
+        self.n_iterations[member], self.n_rejected[member] = solution.n_iterations, solution.n_rejected
+        self.h[member] = solution.h
         for name, drift in solution.drift.items():
             self.drift[name][member] = drift
         for name, extremes in solution.extremes.items():
             self.extremes[name][:, member] = np.reshape(extremes, (4, -1))
+        for name, occurrences in solution.events.items():
+            if len(occurrences):
+                self.events[name].append((member, occurrences))
         self.judge(member, solution.status, solution.message)
 
-    def place(self, part: EnsembleSolution) -> None:
-        """Store the results of some of the members, from member `part.first` on."""
-        chosen, rows = slice(part.first, part.first + len(part)), part.u.shape[1]
-        for name in ("u", "v"):
-            getattr(self, name)[chosen, :rows] = getattr(part, name).reshape(len(part), rows, -1)
-        for name in ("n_steps", "n_rhs", "n_iterations", "status", "message"):
-            getattr(self, name)[chosen] = getattr(part, name)
-        for name, drift in part.drift.items():
-            self.drift[name][chosen] = drift
-        for name, values in part.outputs.items():
-            self.outputs[name][chosen, :rows] = values.reshape(len(part), rows, -1)
-        for name, extremes in part.extremes.items():
-            self.extremes[name][:, chosen] = np.reshape(extremes, (4, len(part), -1))
-        self.last |= {part.first + i: state for i, state in part._last.items()}
+    def _store(self, member: int, rows: int, t: np.ndarray, u: np.ndarray, v: np.ndarray, solution: Solution) -> None:
+        """Write the rows of a member, and NaN after them."""
+        values = [(self.u, u), (self.v, v), *((self.outputs[name], x) for name, x in solution.outputs.items())]
+        if self._t is not None:
+            values.append((self._t, t))
+        if self._steps is not None and solution.steps is not None:
+            values.append((self._steps, solution.steps))
+        for whole, x in values:
+            whole[member, :rows] = np.reshape(x[:rows], (rows, *whole.shape[2:]))
+            whole[member, rows:] = np.nan
+
+    def _reserve(self, rows: int) -> None:
+        """Make room for members with more states than the others."""
+        self._longest = max(self._longest, rows)
+        room = self.u.shape[1]
+        if rows <= room:
+            return
+        wanted = max(rows, 2 * room)
+        check_members_history(len(self.members), wanted, self.members.n, self.options.functions.n_outputs)
+        self.u, self.v = widened(self.u, wanted), widened(self.v, wanted)
+        self.outputs = {name: widened(values, wanted) for name, values in self.outputs.items()}
+        self._t = None if self._t is None else widened(self._t, wanted)
+        self._steps = None if self._steps is None else widened(self._steps, wanted)
+
+    def _shaped(self, *states: np.ndarray) -> list[Any]:
+        return [self.shaped(x.reshape(len(x), -1)) for x in states]
 
     def solution(
         self,
         rhs: Any,
-        method: Method,
         first: int,
         seconds: float,
         notes: Sequence[str],
         repeat: Callable[[int], Solution],
+        again: Callable[..., EnsembleSolution] | None,
     ) -> EnsembleSolution:
         """Return the result of the ensemble, or of its part that begins with member `first`."""
-        return EnsembleSolution(
-            t=self.t,
-            u=self.shaped(self.u),
-            v=self.shaped(self.v),
-            h=self.members.steps,
+        rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.integrals)
+        shape = () if self.members.form is SCALAR else (degrees,)
+        solution = EnsembleSolution(
+            t=self.t[:, rows],
+            u=self.shaped(self.u[:, rows]),
+            v=self.shaped(self.v[:, rows]),
+            h=self.h,
             n_steps=self.n_steps,
             n_rhs=self.n_rhs,
             n_iterations=self.n_iterations,
+            n_rejected=self.n_rejected,
             status=self.status,
             message=self.message,
             params=self.members.params,
-            method=method,
+            method=self.options.method,
             drift=self.drift,
             extremes={name: Extremes(*(self._valued(name, x) for x in e)) for name, e in self.extremes.items()},
-            outputs={name: self._valued(name, x) for name, x in self.outputs.items()},
+            outputs={name: self._valued(name, x[:, rows]) for name, x in self.outputs.items()},
+            events={name: MemberOccurrences.joined(len(self.u), shape, each) for name, each in self.events.items()},
+            steps=None if self._steps is None else self._steps[:, rows],
             first=first,
+            labels=self.options.labels,
             kernel_seconds=seconds,
             notes=tuple(notes),
             _last=self.last,
             _rhs=rhs,
             _repeat=repeat,
+            _again=again,
         )
+        if self.options.integrals:
+            solution._separate(self.options.integrals)
+        return solution
 
     @property
     def t(self) -> np.ndarray:
         """The times of the saved states, shape (m, s)."""
-        members, rows = self.members, self.u.shape[1]
+        if self._t is not None:
+            return self._t
+        if self.options.t_eval is not None:
+            return np.broadcast_to(self.options.t_eval, self.u.shape[:2])
+        return self._grid(self.u.shape[1])
+
+    def _first_times(self, rows: int) -> np.ndarray | None:
+        """Return the array for own times, with those that members in lanes have."""
+        if not self.options.has_own_times:
+            return None
+        t = np.full((len(self.members), rows), np.nan)
+        t[:] = self.members.t_span if self.options.has_tolerances else self._grid(rows)
+        return t
+
+    def _grid(self, rows: int) -> np.ndarray:
+        """Return the times of every k-th of the fixed steps, and of the end."""
+        members = self.members
         t0, t1 = members.t_span
         if not members.has_own_step:
             t = t0 + np.minimum(np.arange(rows) * float(self.every), members.n_steps[0]) * members.h

@@ -8,8 +8,8 @@ from ..functions.guard import written_beyond
 from ..kernels.lanes import Layout
 from ..kernels.protocol import EVALUATIONS, EVENTS, PART_END, T_LOW, Look, Steps, Watch
 from ..result.memory import aligned
+from ..stepping.march import NEVER, Cancel
 from ..stepping.slices import Slices
-from ..stepping.stepper import NEVER, Cancel
 from .members import Members
 from .shared import Shared
 from .tracks import Tracks

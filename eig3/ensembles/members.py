@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,6 +14,8 @@ from ..functions.callbacks import form_of
 from ..functions.checks import check_h, check_resolution, check_span, reals
 from ..kernels.protocol import SCALAR, VECTOR, Form
 from ..run.fixed_run import divide
+
+_WHOLE = 1e-12  # part of a number of steps by which it may differ from a whole number
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,9 @@ class Members:
     params : ndarray, shape (m, k) or (k,)
         One set for each member, or one for all.
     h : float or ndarray, shape (m,)
-        The step, or one for each member. It divides the span.
+        The step, or one for each member. It divides the span. NaN with tolerances.
     n_steps : ndarray, shape (m,)
+        Number of steps; 0 with tolerances.
     """
 
     form: Form
@@ -74,16 +78,41 @@ class Members:
             n_steps=self.n_steps[chosen],
         )
 
-    def start(self, i: int) -> dict[str, Any]:
-        """Return the arguments of `integrate` that describe the start and the parameters of member i."""
-        u, v = (float(x[i, 0]) if self.form is SCALAR else x[i] for x in (self.u0, self.v0))
-        return {"u0": u, "v0": v, "params": self.params[i] if self.has_own_params else self.params}
+    def start(self, i: int, n_integrals: int = 0) -> tuple[Any, Any, np.ndarray]:
+        """Return u0 and v0, without the integrals in their last degrees of freedom, and the parameters of member i."""
+        n = self.n - n_integrals
+        u, v = (float(x[i, 0]) if self.form is SCALAR else x[i, :n] for x in (self.u0, self.v0))
+        return u, v, self.params[i] if self.has_own_params else self.params
+
+    def until(self, t_end: float) -> Members:
+        """Return the members with a later end, and with the same steps.
+
+        Raises
+        ------
+        ValueError
+            If it is not a whole number of steps from the start of each member.
+        """
+        t0 = self.t_span[0]
+        if not t_end > self.t_span[1]:
+            raise ValueError(f"t_end must be later than the end of the run at t = {self.t_span[1]:g}, not {t_end:g}.")
+        if np.isnan(self.h).any():
+            return replace(self, t_span=(t0, t_end))
+        n_steps = np.maximum(self.n_steps + 1, np.round((t_end - t0) / self.steps))
+        nearest = t0 + n_steps * self.steps
+        distance = np.abs(nearest - t_end) - _WHOLE * n_steps * self.steps
+        i = int(np.argmax(distance))
+        if distance[i] > 2 * np.spacing(max(abs(t0), abs(t_end))):
+            raise ValueError(
+                f"t_end must be a whole number of steps h = {self.steps[i]!r} after the end of the run, not {t_end!r}; "
+                f"take t_end={nearest[i]!r}."
+            )
+        return replace(self, t_span=(t0, t_end), n_steps=n_steps.astype(np.int64))
 
 
 def check_members(
-    rhs: Any, t_span: Sequence[float], u0: ArrayLike, v0: ArrayLike, params: ArrayLike, h: ArrayLike
+    rhs: Any, t_span: Sequence[float], u0: ArrayLike, v0: ArrayLike, params: ArrayLike, h: ArrayLike | None
 ) -> Members:
-    """Broadcast the arguments of `ensemble` over its members.
+    """Broadcast the arguments of `ensemble` over its members; h is None with tolerances.
 
     Raises
     ------
@@ -95,7 +124,8 @@ def check_members(
     inner = 0 if form is SCALAR else 1
     given = {"u0": (reals(u0, "u0"), inner), "v0": (reals(v0, "v0"), inner)}
     given["params"] = np.atleast_1d(reals(params, "params")), 1
-    given["h"] = reals(h, "h"), 0
+    if h is not None:
+        given["h"] = reals(h, "h"), 0
     m = _count(given, form)
     arrays = {name: array for name, (array, _) in given.items()}
     if form is VECTOR and arrays["u0"].shape[-1] != arrays["v0"].shape[-1]:
@@ -108,8 +138,8 @@ def check_members(
     if n == 0:
         raise ValueError("u0 must hold at least one degree of freedom, but it is empty.")
     u, v = (np.broadcast_to(x[..., None] if form is SCALAR else x, (m, n)) for x in (arrays["u0"], arrays["v0"]))
-    p, steps = (_of_all(arrays[name], given[name][1], m) for name in ("params", "h"))
-    steps, n_steps = _divided(steps, t0, t1)
+    p = _of_all(arrays["params"], 1, m)
+    steps, n_steps = (math.nan, 0) if h is None else _divided(_of_all(arrays["h"], 0, m), t0, t1)
     return Members(form, (t0, t1), u, v, p, steps, np.broadcast_to(n_steps, m))
 
 
@@ -166,7 +196,7 @@ def _divided(h: np.ndarray, t0: float, t1: float) -> tuple[Any, Any]:
     divide(span, float(h.min()))  # which refuses steps that are too many to be counted
     ratio = span / h
     nearest = np.round(ratio)
-    is_whole = np.abs(ratio - nearest) <= 1e-12 * np.maximum(ratio, nearest)
+    is_whole = np.abs(ratio - nearest) <= _WHOLE * np.maximum(ratio, nearest)
     n_steps = np.maximum(1, np.where(is_whole, nearest, np.ceil(ratio))).astype(np.int64)
     check_resolution(float((span / n_steps).min()), t0, t1)
     return (span / n_steps, n_steps) if h.ndim else (span / int(n_steps), int(n_steps))

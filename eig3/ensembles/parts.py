@@ -7,11 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ..methods import Method
-from ..result.memory import n_rows
-from ..result.solution import Solution
-from .histories import Histories
+from ..stepping.march import Cancel
+from .files import Directory
 from .members import Members
+from .options import Options
 from .solution import EnsembleSolution, Reduce
 
 _UNIT = 128  # members; the number in a part is a multiple of it, so that a part fills the lanes of its blocks
@@ -43,17 +42,22 @@ class Part:
         return len(self.members)
 
 
-def parts_of(members: Members, save_every: int | None, n_outputs: int = 0) -> list[Part]:
-    """Divide an ensemble. The parts depend on the ensemble only, so that `reduce` gets the same ones everywhere.
-
-    `n_outputs` is the number of values of all outputs in a state.
-    """
-    rows = 2 if save_every is None else n_rows(int(members.n_steps.max()), save_every)
+def parts_of(members: Members, options: Options) -> list[Part]:
+    """Divide an ensemble. The parts depend on the ensemble only, so that `reduce` gets the same ones everywhere."""
+    rows, n_outputs = options.rows(members), options.functions.n_outputs
     given = 2 * members.n + members.params.shape[-1] * members.has_own_params
     most = min(_MOST_MEMBERS, _MOST_SAVED // (8 * (2 * members.n + n_outputs) * rows), _MOST_GIVEN // (8 * given))
     count = _UNIT * max(1, min(-(-len(members) // (_PARTS * _UNIT)), most // _UNIT))
     firsts = range(0, len(members), count)
     return [Part(number, first, members.part(slice(first, first + count))) for number, first in enumerate(firsts)]
+
+
+class CancelledPartError(Exception):
+    """A cancellation ended a part; `solution` has the members up to then."""
+
+    def __init__(self, solution: EnsembleSolution) -> None:
+        super().__init__("a part was cancelled")
+        self.solution = solution
 
 
 @dataclass(frozen=True)
@@ -63,16 +67,18 @@ class Recipe:
     Attributes
     ----------
     march : callable
-        ``march(members, first, threads)`` integrates the members.
+        ``march(members, first, threads, cancel)`` integrates the members.
     reduce : callable or None
         ``reduce(solution)`` returns what the user needs of a part; None if that is everything.
     """
 
-    march: Callable[[Members, int, int], EnsembleSolution]
+    march: Callable[[Members, int, int, Cancel | None], EnsembleSolution]
     reduce: Reduce | None
 
-    def __call__(self, part: Part, threads: int) -> Any:
-        solution = self.march(part.members, part.first, threads)
+    def __call__(self, part: Part, threads: int, cancel: Cancel | None = None) -> Any:
+        solution = self.march(part.members, part.first, threads, cancel)
+        if cancel is not None and cancel.is_set():
+            raise CancelledPartError(solution)
         return solution if self.reduce is None else self.reduce(solution)
 
 
@@ -112,18 +118,18 @@ class Joined:
 
     Parameters
     ----------
-    histories : Histories
-        Those of the whole ensemble.
-    rhs : jitted function
-    method : Method
-    repeat : callable
-        ``repeat(i)`` runs member i again, alone.
+    blank : EnsembleSolution
+        The ensemble, with its members at their start.
+    place : Directory or None
+        Where each part is written.
     """
 
-    def __init__(self, histories: Histories, rhs: Any, method: Method, repeat: Callable[[int], Solution]) -> None:
-        self.histories, self.rhs, self.method, self.repeat = histories, rhs, method, repeat
-        self.seconds, self.notes = 0.0, dict[str, None]()  # a dict keeps the order, and each note once
-        histories.message[:] = _NOT_BACK
+    def __init__(self, blank: EnsembleSolution, place: Directory | None = None) -> None:
+        self.solution, self.place = blank, place
+        self._notes = dict[str, None]()  # a dict keeps the order, and each note once
+        blank.message[:] = _NOT_BACK
+        if place:
+            place.begin(blank)
 
     def put(self, part: Part, value: EnsembleSolution) -> None:
         self._put(value)
@@ -134,10 +140,12 @@ class Joined:
             self._put(solution)
 
     def _put(self, solution: EnsembleSolution) -> None:
-        self.histories.place(solution)
-        self.seconds += solution.kernel_seconds
-        self.notes |= dict.fromkeys(solution.notes)
+        if self.place:
+            self.place.put(solution)
+        self.solution._place(solution)
+        self.solution.kernel_seconds += solution.kernel_seconds
+        self._notes |= dict.fromkeys(solution.notes)
 
     def whole(self, note: str) -> EnsembleSolution:
-        notes = *self.notes, *([note] if note else [])
-        return self.histories.solution(self.rhs, self.method, 0, self.seconds, notes, self.repeat)
+        self.solution.notes = *self._notes, *([note] if note else [])
+        return self.solution

@@ -5,41 +5,53 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
+from os import PathLike
 from queue import Empty, Queue
-from threading import Event
+from threading import Event as Flag
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
-from ..functions.checks import check_count, check_method
+from ..functions.checks import check_cancel, check_count, check_time
+from ..functions.events import Event
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
-from ..functions.quantities import Functions, check_functions
+from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import Jitted, gist, options_of
 from ..kernels.lanes import compile_quantity, compile_rhs
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS
 from ..methods import Method
+from ..result.labels import Labels
 from ..run.progress import Progress, check_progress
-from ..stepping.stepper import Stepper
-from .alone import Alone, alone
+from ..run.run import Stop
+from ..stepping.march import Cancel, March
+from ..stepping.watching import further_times
+from .alone import Alone, Singles
 from .block import Block
+from .files import Directory
 from .histories import Histories
 from .lanewise import lanes_of, layout_of
 from .members import Members, check_members
 from .named_members import split
+from .options import Options, check_options
 from .parts import Joined, Listed, Recipe, Results, parts_of
-from .shared import Shared
+from .shared import Shared, SignOf
 from .shipping import check_executor, check_reduce, march_parts
 from .solution import EnsembleSolution, Reduce
 
 _ALONE = 16  # members of a piece of work that runs them one at a time
 _POLL_SECONDS = 0.05  # between two looks for Ctrl-C
+_REFUSED = {
+    "inline": "the functions of members are compiled into the loop of the lanes",
+    "raise_on_failure": "a member that fails does not stop the others; look at solution.status",
+}
 
 
 def ensemble(
@@ -48,19 +60,30 @@ def ensemble(
     u0: ArrayLike,
     v0: ArrayLike,
     *,
-    h: ArrayLike,
+    h: ArrayLike | None = None,
+    rtol: float | None = None,
+    atol: ArrayLike | None = None,
     params: Any = (),
-    method: str | Method = "eig3",
+    method: str | Method | None = None,
     save_every: int | None = None,
+    t_eval: ArrayLike | None = None,
+    events: Mapping[str, Event] | None = None,
     invariants: Mapping[str, Any] | None = None,
     outputs: Mapping[str, Any] | None = None,
+    h_max: float | None = None,
+    first_step: float | None = None,
+    max_steps: int | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
     reduce: Reduce | None = None,
     progress: bool = False,
-    save_to: None = None,
+    cancel: Cancel | None = None,
+    save_to: str | PathLike[str] | None = None,
+    integrals: Sequence[str] = (),
+    labels: Labels | None = None,
+    **refused: Any,
 ) -> Any:
-    """Integrate many trajectories of u'' = f(t, u, v) with fixed steps, in SIMD lanes and on all cores.
+    """Integrate many trajectories of u'' = f(t, u, v), in SIMD lanes and on all cores.
 
     The members differ in their start, their parameters or their step: an argument with a first axis of length m has a
     value for each of the m members, and all members share any other. The page eig3/ensembles/README.md has examples.
@@ -74,11 +97,13 @@ def ensemble(
     u0, v0 : array_like, shape () or (m,), or in the vector form (n,) or (m, n)
         Displacements and velocities at the first time.
     h : float or array_like, shape (m,)
-        The step. If it does not divide the span, the run takes the next shorter step that does.
+        The fixed step. If it does not divide the span, the run takes the next shorter step that does.
+    rtol, atol
+        Tolerances in place of h, as for `eig3.integrate`.
     params : array_like, shape (k,) or (m, k); or NamedTuple or dict
         The parameters. rhs gets those of a member as p, of shape (k,). Of parameters with names, each array whose first
         axis has the length m has a value for each member.
-    method, save_every, invariants, outputs, progress
+    method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps, progress, cancel
         As for `eig3.integrate`. By default only the first and the last state are saved.
     threads : int
         Number of threads; by default all cores that the process may use.
@@ -89,14 +114,22 @@ def ensemble(
         ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
         returns what you need of it. It runs where the part ran, and the states of the part are dropped after it. With
         an executor, it and what it returns must be picklable.
-    save_to : None
-        An ensemble refuses this option of `eig3.integrate`, because `reduce` bounds its memory.
+    save_to : str or path
+        A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it, also if the
+        process was killed.
+    integrals : tuple of str
+        The last degrees of freedom are integrals over time with these names: their velocities do not act on the motion,
+        and do not decide about its steps. `Problem.ensemble` gives those of the problem.
+    labels : Labels
+        The names and units of the degrees of freedom.
+    **refused
+        Options of single runs that an ensemble refuses by a sentence.
 
     Returns
     -------
     EnsembleSolution or list
-        With `reduce`, the list of what it returned for each part. A member that becomes infinite or NaN has the status
-        DIVERGED, and ends at its last finite state; the others continue.
+        With `reduce`, the list of what it returned for each part. A member that fails ends at its last good state, and
+        its `status` says why; the others continue. After `cancel`, members that had not ended are INTERRUPTED.
 
     Raises
     ------
@@ -114,29 +147,51 @@ def ensemble(
     Notes
     -----
     The numbers of a member do not depend on the other members, on its place or on the number of threads, to the last
-    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k).
+    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). Members with an
+    occurrence of an event, and all members with `t_eval`, run one at a time; their bits are those of `integrate`.
     """
-    if save_to is not None:
-        raise TypeError("save_to is for single runs: take reduce=, a function that saves what you need of each part.")
+    _refuse(refused)
     try:
         check_progress(progress)
         check_executor(executor)
         check_reduce(reduce)
+        if cancel is not None:
+            check_cancel(cancel)
+        if reduce is not None and save_to is not None:
+            raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
         if has_names(params):
-            params, first = split(params, form_of(rhs), u0, v0, h)
-            rhs = first.layout.bind(rhs)
+            params, one = split(params, form_of(rhs), u0, v0, 0.0 if h is None else h)
+            rhs = one.layout.bind(rhs)
         layout = bound_layout(rhs)  # a problem's function is bound already
         if layout:
             method = layout.bind_method(method)
-            invariants, outputs = layout.bind_all(invariants), layout.bind_all(outputs)
+            events, invariants, outputs = (layout.bind_all(given) for given in (events, invariants, outputs))
         _refuse_parallel(rhs)
         members = check_members(rhs, t_span, u0, v0, params, h)
-        every = save_every if save_every is None else check_count(save_every, "save_every")
+        options = check_options(
+            rhs,
+            members.form,
+            members.t_span,
+            None if h is None else float(members.steps[0]),
+            rtol=rtol,
+            atol=atol,
+            method=method,
+            save_every=save_every,
+            t_eval=t_eval,
+            events=events,
+            invariants=invariants,
+            outputs=outputs,
+            h_max=h_max,
+            first_step=first_step,
+            max_steps=max_steps,
+            integrals=tuple(integrals),
+            labels=labels,
+        )
         cores = _cores() if threads is None else check_count(threads, "threads")
-        given = rhs, members, check_method(method), every, check_functions(invariants, outputs)
-        if executor is None and reduce is None:
-            return Run(*given, cores).march(progress)
-        return _in_parts(*given, reduce, executor, (cores, threads or 1), progress)
+        if executor is None and reduce is None and save_to is None:
+            return Run(rhs, members, options, cores).march(progress, cancel)
+        place = None if save_to is None else Directory(save_to)
+        return _in_parts(rhs, members, options, reduce, place, executor, (cores, threads or 1), progress, cancel)
     except KeyboardInterrupt as error:
         if not hasattr(error, "solution"):  # it came before the first member began
             error.solution = None  # type: ignore[attr-defined]
@@ -153,39 +208,38 @@ def _refuse_parallel(rhs: Any) -> None:
         )
 
 
+def _refuse(options: dict[str, Any]) -> None:
+    """Refuse options that an ensemble does not have."""
+    for name in options:
+        if name not in _REFUSED:
+            raise TypeError(f"ensemble() got an unexpected keyword argument {name!r}.")
+        raise TypeError(f"{name} is for single runs: {_REFUSED[name]}.")
+
+
 def _in_parts(
     rhs: Any,
     members: Members,
-    method: Method,
-    save_every: int | None,
-    functions: Functions,
+    options: Options,
     reduce: Reduce | None,
+    place: Directory | None,
     executor: Executor | None,
     threads: tuple[int, int],
     progress: bool,
+    cancel: Cancel | None,
 ) -> Any:
     """Run an ensemble in parts; `threads` are the numbers of threads of a part in this process, and on a worker."""
-    parts = parts_of(members, save_every, functions.n_outputs)
-    results: Results
+    parts = parts_of(members, options)
+    results: Results = Listed(len(parts))
     if reduce is None:
-        histories = Histories(members, save_every, functions)
-        results = Joined(histories, rhs, method, partial(alone, rhs, members, method))
-    else:
-        results = Listed(len(parts))
-    recipe = Recipe(partial(_march, rhs, method, save_every, functions), reduce)
-    return march_parts(parts, recipe, results, executor, threads, progress)
+        results = Joined(Run.blank(rhs, members, options, threads[0]), place)
+    recipe = Recipe(partial(_march, rhs, options), reduce)
+    return march_parts(parts, recipe, results, executor, threads, progress, cancel)
 
 
 def _march(
-    rhs: Any,
-    method: Method,
-    save_every: int | None,
-    functions: Functions,
-    members: Members,
-    first: int,
-    threads: int,
+    rhs: Any, options: Options, members: Members, first: int, threads: int, cancel: Cancel | None
 ) -> EnsembleSolution:
-    return Run(rhs, members, method, save_every, functions, threads, first).march()
+    return Run(rhs, members, options, threads, first, is_part=True).march(cancel=cancel)
 
 
 def _cores() -> int:
@@ -197,50 +251,50 @@ class Run:
     """An ensemble on its way in this process."""
 
     def __init__(
-        self,
-        rhs: Any,
-        members: Members,
-        method: Method,
-        save_every: int | None,
-        functions: Functions,
-        threads: int,
-        first: int = 0,
+        self, rhs: Any, members: Members, options: Options, threads: int, first: int = 0, *, is_part: bool = False
     ) -> None:
-        self.rhs, self.members, self.method, self.first = rhs, members, method, first
-        self.save_every, self.functions, self.threads = save_every, functions, threads
-        self.histories = Histories(members, save_every, functions)
+        self.rhs, self.members, self.options, self.threads = rhs, members, options, threads
+        self.first, self.is_part = first, is_part
+        self.histories = Histories(members, options)
         self.notes: list[str] = []
-        self._alone = partial(alone, rhs, members, method, save_every=None)
+        self._single = Singles(rhs, members, options)
         self._callback = check_callback(rhs, "rhs", members.form)
-        self._quantities = functions.quantities(members.form)
+        self._invariants, self._outputs = options.functions.quantities(members.form)
         self._check_start()
         self.work = self._work()
 
+    @classmethod
+    def blank(cls, rhs: Any, members: Members, options: Options, threads: int) -> EnsembleSolution:
+        """Return the result of an ensemble whose members have not started."""
+        run = cls.__new__(cls)
+        run.rhs, run.members, run.options, run.threads = rhs, members, options, threads
+        run.first, run.is_part, run.work, run.notes = 0, False, [], []
+        run.histories = Histories(members, options)
+        return run.solution()
+
     def _check_start(self) -> None:
-        """Check rhs, the method and the outputs in a first state, as for a single run.
+        """Check rhs, the method, the events and the outputs in a first state, as for a single run.
 
         The member that serves for this is the first whose rhs is finite at the start. If there is none, each member
         will end at its start.
         """
-        members, t0 = self.members, self.members.t_span[0]
+        members, (t0, _) = self.members, self.members.t_span
         for i in range(len(members)):
-            u, v, p = members.start(i).values()
+            u, v, p = members.start(i)
             if is_finite_at_start(self._callback, members.form, t0, u, v, p):
-                stepper = self._stepper(i)
-                for output in self._quantities[1].values():
+                stepper = self._at_start(i)
+                for output in self._outputs.values():
                     output.at_start(t0, *stepper.start, stepper.params, np.empty(output.width))
                 return
         try:
-            self._stepper(0)
+            self._at_start(0)
         except NotFiniteAtStartError as error:
             if isinstance(error, ReadsBeyondError):
                 raise
 
-    def _stepper(self, i: int) -> Stepper:
-        members = self.members
-        return Stepper(
-            self.rhs, **members.start(i), h=float(members.steps[i]), t0=members.t_span[0], method=self.method
-        )
+    def _at_start(self, i: int) -> March:
+        start = self.members.start(i, len(self.options.integrals))
+        return self._single.prepared(i).at_start(self.members.t_span, *start)
 
     def _work(self) -> list[Block | Alone]:
         order = np.argsort(self.members.n_steps, kind="stable")  # the members of a block end at similar times
@@ -248,14 +302,16 @@ class Run:
         if shared:
             lanes = shared.layout.lanes
             return [Block(shared, order[i : i + lanes]) for i in range(0, len(order), lanes)]
-        integrate = partial(self._alone, save_every=self.save_every, **self.functions._asdict())
-        return [Alone(order[i : i + _ALONE], self.histories, integrate) for i in range(0, len(order), _ALONE)]
+        return [Alone(order[i : i + _ALONE], self.histories, self._single) for i in range(0, len(order), _ALONE)]
 
     def _shared(self) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
-        method = self.method.for_force(self._callback.reads_velocity, self.members.n)
-        followed = self._quantities[0] | self._quantities[1]
-        layout = layout_of(self.members, method, sum(q.width for q in followed.values()), self.threads)
+        options, members = self.options, self.members
+        if options.has_tolerances or options.t_eval is not None:
+            return None
+        method = options.method.for_force(self._callback.reads_velocity, members.n)
+        followed = self._followed()
+        layout = layout_of(members, method, sum(q.width for q in followed.values()), self.threads)
         if layout is None:
             return None
         try:
@@ -273,13 +329,24 @@ class Run:
         if rhs.obstacle:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
         kernel = wide_kernel(method.formulas, FOLLOWS if quantities else 0)
-        return Shared(self.members, layout, method, kernel, rhs, quantities, self.histories, self._alone)
+        plain = {"save_every": None, "t_eval": None, "events": {}, "invariants": {}, "outputs": {}}
+        alone = Singles(self.rhs, members, options, **plain)
+        return Shared(members, layout, method, kernel, rhs, quantities, self.histories, alone, self._single)
 
-    def march(self, progress: bool = False) -> EnsembleSolution:
-        """Run the members to their ends."""
+    def _followed(self) -> dict[Any, Quantity]:
+        """Return what is evaluated at each step: the invariants, the outputs, and the functions of the events."""
+        form = self.members.form
+        events = {
+            SignOf(name): Quantity(f"events[{name!r}].g", event.g, form=form)
+            for name, event in self.options.events.items()
+        }
+        return {**self._invariants, **self._outputs, **events}
+
+    def march(self, progress: bool = False, cancel: Cancel | None = None) -> EnsembleSolution:
+        """Run the members to their ends, or until `cancel` is set."""
         try:
             with DeferredInterrupt() as interrupt, Progress(len(self.members), "member", shown=progress) as bar:
-                self._march(interrupt, bar)
+                self._march(Stop(interrupt, cancel), bar)
                 solution = self.solution()
         except BaseException as error:  # raised by rhs, or after Ctrl-C
             with DeferredInterrupt() as again:
@@ -289,17 +356,17 @@ class Run:
             raise
         return solution
 
-    def _march(self, interrupt: DeferredInterrupt, bar: Progress) -> None:
+    def _march(self, asked: Stop, bar: Progress) -> None:
         # To wait for thousands of futures takes long. A `SimpleQueue` may wait for ever after a signal: what is left of
         # its timeout can then be negative, which means without an end (CPython 3.11).
-        stop, done = Event(), Queue[Future]()
+        stop, done = Flag(), Queue[Future]()
         with ThreadPoolExecutor(self.threads) as pool:
             running = {pool.submit(work.run, stop): len(work) for work in self.work}
             try:
                 for future in running:
                     future.add_done_callback(done.put)
                 left = len(running)
-                while left and not interrupt.is_set():
+                while left and not asked.is_final():
                     try:
                         future = done.get(timeout=_POLL_SECONDS)
                     except Empty:
@@ -314,5 +381,15 @@ class Run:
 
     def solution(self) -> EnsembleSolution:
         """Return the results up to now."""
-        seconds = sum(work.seconds for work in self.work)
-        return self.histories.solution(self.rhs, self.method, self.first, seconds, self.notes, self._alone)
+        seconds, first = sum(work.seconds for work in self.work), self.first
+        repeat = Singles(self.rhs, self.members, self.options, save_every=1, t_eval=None)
+        return self.histories.solution(
+            self.rhs, first, seconds, self.notes, repeat, None if self.is_part else self._again
+        )
+
+    def _again(self, t_end: float, t_eval: ArrayLike | None, progress: bool, cancel: Cancel | None) -> EnsembleSolution:
+        """Run all members to a later end."""
+        end, t_end = self.members.t_span[1], check_time(t_end, "t_end")
+        times = further_times(self.options.t_eval, t_eval, end, t_end)
+        options = replace(self.options, t_eval=times)
+        return Run(self.rhs, self.members.until(t_end), options, self.threads).march(progress, cancel)

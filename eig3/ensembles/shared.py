@@ -4,18 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 from ..functions.quantities import Quantity
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
 from ..result.solution import Solution
-from ..stepping.stepper import Cancel
+from ..stepping.march import Cancel
 from .histories import Histories
 from .members import Members
 
 _CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are looked at
 _CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next
 _FIRST_CHUNK = 64  # steps
+
+
+class SignOf(NamedTuple):
+    """The key of the function g of an event among the quantities, whose names are texts.
+
+    Attributes
+    ----------
+    event : str
+    """
+
+    event: str
 
 
 class Pace:
@@ -51,11 +63,12 @@ class Shared:
     kernel : callable
         The kernel of the method.
     rhs : Lanes
-    quantities : dict of str to (Quantity, Lanes)
-        The invariants and the outputs.
+    quantities : dict of str or SignOf to (Quantity, Lanes)
+        The invariants, the outputs and the functions of the events.
     histories : Histories
-    alone : callable
-        ``alone(member, cancel)`` returns the `Solution` of a member from a run of its own.
+    alone, single : callable
+        ``alone(member, cancel)`` returns the `Solution` of a member from a run of its own, without events and without
+        what it follows; ``single(member, cancel)`` returns the one with all options.
     pace : Pace
     """
 
@@ -64,7 +77,8 @@ class Shared:
     method: Method
     kernel: Callable
     rhs: Lanes
-    quantities: dict[str, tuple[Quantity, Lanes]]
+    quantities: dict[Any, tuple[Quantity, Lanes]]
     histories: Histories
     alone: Callable[[int, Cancel], Solution]
+    single: Callable[[int, Cancel], Solution]
     pace: Pace = field(default_factory=Pace)

@@ -13,7 +13,8 @@ from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist, pickled, unpickled
 from ..methods import shown
 from ..run.progress import Progress
-from .parts import Part, Recipe, Results
+from ..stepping.march import Cancel
+from .parts import CancelledPartError, Part, Recipe, Results
 
 _IN_FLIGHT = 128  # parts with the executor; the members of the others do not occupy its memory
 _TRIES = 3  # of a part whose worker dies
@@ -45,8 +46,9 @@ def march_parts(
     executor: Executor | None,
     threads: tuple[int, int],
     progress: bool,
+    cancel: Cancel | None = None,
 ) -> Any:
-    """Run all parts, and return the whole of their results.
+    """Run all parts, or those before `cancel` is set, and return the whole of their results.
 
     Parameters
     ----------
@@ -59,6 +61,7 @@ def march_parts(
         The numbers of threads of a part: in this process, and on a worker.
     progress : bool
         Show a progress bar.
+    cancel : Cancel or None
     """
     note = ""
     try:
@@ -71,11 +74,17 @@ def march_parts(
 
             left = parts
             if executor is not None:
-                left = Shipment(executor, parts, recipe, threads[1]).run(end)
-                if left:
+                shipment = Shipment(executor, parts, recipe, threads[1])
+                left = shipment.run(end, cancel)
+                if shipment.is_broken and left:
                     note = f"The executor broke, and {len(left)} of {len(parts)} parts ran in this process."
             for part in left:
-                end(part, recipe(part, threads[0]))
+                if cancel is not None and cancel.is_set():
+                    break
+                try:
+                    end(part, recipe(part, threads[0], cancel))
+                except CancelledPartError as error:
+                    results.rescue(error)
         with DeferredInterrupt():
             whole = results.whole(note)
     except BaseException as error:  # raised by rhs or reduce, or after Ctrl-C
@@ -110,17 +119,17 @@ class Shipment:
         self.waiting, self.running = deque(parts), dict[Future, Part]()
         self.losses: Counter[int] = Counter()
         self.is_broken = False
-        march = _packed(recipe.march, "rhs, the invariants and the outputs")
+        march = _packed(recipe.march, "rhs, the events, the invariants and the outputs")
         self.recipe = march, _packed(recipe.reduce, "reduce")
 
-    def run(self, end: Callable[[Part, Any], None]) -> list[Part]:
+    def run(self, end: Callable[[Part, Any], None], cancel: Cancel | None = None) -> list[Part]:
         """Run the parts; call ``end(part, value)`` for each. Return those that are left if the executor broke."""
         try:
             with DeferredInterrupt() as interrupt:
                 while self.running or (self.waiting and not self.is_broken):
                     self._submit()
                     done, _ = wait(self.running, _POLL_SECONDS, FIRST_COMPLETED)
-                    if interrupt.is_set():
+                    if interrupt.is_set() or (cancel is not None and cancel.is_set()):
                         break
                     for future in done:
                         self._receive(self.running.pop(future), future, end)

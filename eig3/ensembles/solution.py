@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import collections
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback
 from ..functions.evaluation import accelerations
@@ -19,6 +22,9 @@ from ..methods import Method
 from ..result import frames
 from ..result.labels import Labels
 from ..result.solution import Reason, Solution, Status
+from ..stepping.march import Cancel
+from . import files
+from .occurrences import MemberOccurrences
 
 #: Runs one member alone, by its number.
 Repeat = Callable[[int], Solution]
@@ -31,12 +37,12 @@ class EnsembleSolution:
     Attributes
     ----------
     t : ndarray, shape (m, s)
-        Times of the saved states. If all members have the same step, this is a read-only view of one row.
+        Times of the saved states. If all members have the same times, this is a read-only view of one row.
     u, v : ndarray, shape (m, s) or (m, s, n)
         Displacements and velocities. The states after the end of a member are NaN: after the last finite state of a
         member that diverged, and after the last state of a member with fewer steps than others.
     h : ndarray, shape (m,)
-        The step of each member.
+        The step of each member; with tolerances, the mean of its steps.
     n_steps : ndarray of int, shape (m,)
         Number of steps that each member took.
     n_rhs : ndarray of int, shape (m,)
@@ -65,6 +71,14 @@ class EnsembleSolution:
         The method as it was requested.
     integrals : dict of str to ndarray, shape (m, s)
         Integrals over time that the problem follows, such as "work" in J.
+    events : dict of str to MemberOccurrences
+        The occurrences of each event: their `member`, `t`, `u`, `v`, `u_after` and `v_after` in the order of members
+        and times, and the time of the `first` in each member, of shape (m,), with NaN where there is none.
+    n_rejected : ndarray of int, shape (m,)
+        With tolerances, the number of steps of each member that were repeated with a shorter step.
+    steps : ndarray, shape (m, s), or None
+        With tolerances, the length of the step that led to each saved state, or that contains its time; NaN for a
+        member that ran in lanes.
     notes : tuple of str
         Sentences about what the user should know of the run, such as that rhs could not be vectorised.
     labels : Labels or None
@@ -89,15 +103,19 @@ class EnsembleSolution:
     kernel_seconds: float = 0.0
     notes: tuple[str, ...] = ()
     integrals: dict[str, np.ndarray] = field(default_factory=dict)
+    events: dict[str, MemberOccurrences] = field(default_factory=dict)
+    n_rejected: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    steps: np.ndarray | None = None
     labels: Labels | None = None
     _last: dict[int, tuple] = field(default_factory=dict)  # t, u, v, outputs and integrals, by member
     _rhs: Any = None  # the jitted function
     _repeat: Repeat | None = None
+    _again: Callable[..., EnsembleSolution] | None = None  # runs all members to another end
 
     @property
     def success(self) -> np.ndarray:
-        """A mask of shape (m,): which members reached the end of their span and did not diverge."""
-        return self.status == Status.COMPLETED
+        """A mask of shape (m,): which members did what they should: their status is COMPLETED or TERMINATED."""
+        return (self.status == Status.COMPLETED) | (self.status == Status.TERMINATED)
 
     def __len__(self) -> int:
         return len(self.u)
@@ -137,6 +155,9 @@ class EnsembleSolution:
             notes=self.notes,
             outputs={name: next(others) for name in self.outputs},
             integrals={name: next(others) for name in self.integrals},
+            events={name: occurrences.of_member(i) for name, occurrences in self.events.items()},
+            n_rejected=int(self.n_rejected[i]),
+            steps=None if self.steps is None else self.steps[i, :count],
             labels=self.labels,
             reason=self._reason(i),
             _accelerations=None if self._rhs is None else partial(self._accelerations, self._rhs, self._params_of(i)),
@@ -161,6 +182,130 @@ class EnsembleSolution:
         """
         return frames.ensemble_to_xarray(self)
 
+    def to_pandas(self) -> Any:
+        """Return the saved states of all members as a `pandas.DataFrame`, with a row for each state of each member.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The columns member, the number of the member in the whole ensemble, and t; then those of a `Solution`. Its
+            `attrs` have the method and the units. States after the end of a member are left out.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        ValueError
+            If two columns have the same name.
+        """
+        return frames.ensemble_to_pandas(self)
+
+    def extend(
+        self, t_end: float, *, t_eval: ArrayLike | None = None, progress: bool = False, cancel: Cancel | None = None
+    ) -> EnsembleSolution:
+        """Return the ensemble over a longer span, with the same bits as one run over it.
+
+        The members run again from their start, in this process and on all cores: a block keeps no state.
+
+        Parameters
+        ----------
+        t_end : float
+            The new end. With fixed steps, it is a whole number of steps after the end of each member.
+        t_eval : array_like, optional
+            For an ensemble with `t_eval`: further times, after the end, at which the states are saved.
+        progress, cancel
+            As for `eig3.ensemble`.
+
+        Raises
+        ------
+        ValueError
+            If t_end is not later, or not a whole number of steps after the end; or if this is a copy, a part or a file,
+            which do not have the functions.
+        """
+        if self._again is None:
+            raise ValueError(
+                "this ensemble cannot be extended: it was copied, loaded or is a part; extend the one that "
+                "eig3.ensemble returned."
+            )
+        return self._again(t_end, t_eval, progress, cancel)
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the ensemble to a file of NumPy arrays, which `eig3.load` reads.
+
+        Parameters
+        ----------
+        path : str or path
+            The file, which is replaced if it exists; ".npz" is added if it does not end with this.
+
+        Returns
+        -------
+        Path
+            The path of the file.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        TypeError
+            If the method is not one of `eig3.METHODS`.
+        """
+        return files.save(self, path)
+
+    def with_functions(
+        self, rhs: Any, events: Any = None, invariants: Any = None, outputs: Any = None, jacobian: Any = None
+    ) -> EnsembleSolution:
+        """Give a loaded ensemble its right-hand side, and return it; the other functions are refused."""
+        given = {"events": events, "invariants": invariants, "outputs": outputs, "jacobian": jacobian}
+        for name, value in given.items():
+            if value is not None:
+                raise ValueError(f"{name} is for single runs: an ensemble that was loaded does not go on.")
+        self._rhs = rhs
+        return self
+
+    def _separate(self, names: Sequence[str]) -> None:
+        """Move the last degrees of freedom, whose velocities are integrals with these names, to `integrals`."""
+        n = self.u.shape[-1] - len(names)
+        self.integrals = {name: self.v[..., n + k].copy() for k, name in enumerate(names)}
+        self.u, self.v = self.u[..., :n], self.v[..., :n]
+        self._last = {i: (t, u[:n], v[:n], *outputs, *v[n:]) for i, (t, u, v, *outputs) in self._last.items()}
+
+    def _place(self, part: EnsembleSolution) -> None:
+        """Store the results of some of the members, from member `part.first` on."""
+        chosen, rows = slice(part.first, part.first + len(part)), part.u.shape[1]
+        self._reserve(rows)
+        if self.t.strides[0]:
+            self.t[chosen, :rows], self.t[chosen, rows:] = part.t, np.nan
+        for whole, values in self._histories_beside(part):
+            whole[chosen, :rows] = values
+        for name in ("h", "n_steps", "n_rhs", "n_iterations", "n_rejected", "status", "message"):
+            getattr(self, name)[chosen] = getattr(part, name)
+        for name, drift in part.drift.items():
+            self.drift[name][chosen] = drift
+        for name, extremes in part.extremes.items():
+            for whole, values in zip(self.extremes[name], extremes, strict=True):
+                whole[chosen] = values
+        for name, occurrences in part.events.items():
+            self.events[name] = self.events[name].with_part(occurrences, part.first)
+        self._last |= {part.first + i: state for i, state in part._last.items()}
+
+    def _histories_beside(self, part: EnsembleSolution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield the arrays with rows of states, each with those of a part."""
+        yield self.u, part.u
+        yield self.v, part.v
+        for name, values in (*part.outputs.items(), *part.integrals.items()):
+            yield (self.outputs if name in part.outputs else self.integrals)[name], values
+        if self.steps is not None and part.steps is not None:
+            yield self.steps, part.steps
+
+    def _reserve(self, rows: int) -> None:
+        """Make room for more states of each member."""
+        if rows <= self.u.shape[1]:
+            return
+        self.u, self.v, self.t = widened(self.u, rows), widened(self.v, rows), widened(self.t, rows)
+        self.steps = None if self.steps is None else widened(self.steps, rows)
+        for values in (self.outputs, self.integrals):
+            values.update({name: widened(x, rows) for name, x in values.items()})
+
     def _params_of(self, i: int) -> np.ndarray:
         return guarded(self.params[i] if self.params.ndim == 2 else self.params)
 
@@ -177,8 +322,14 @@ class EnsembleSolution:
         return lambda: repeat(i).explain()
 
     def __getstate__(self) -> dict[str, Any]:
-        # `_rhs` and `_repeat` refer to compiled code. Members with the same times need them only once.
-        return {**vars(self), "_rhs": None, "_repeat": None, "t": self.t if self.t.strides[0] else self.t[:1]}
+        # These functions refer to compiled code. Members with the same times need them only once.
+        return {
+            **vars(self),
+            "_rhs": None,
+            "_repeat": None,
+            "_again": None,
+            "t": self.t if self.t.strides[0] else self.t[:1],
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -212,3 +363,10 @@ Reduce = Callable[[EnsembleSolution], Any]
 def _extent(values: np.ndarray, form: str) -> str:
     low, high = (form.format(x) for x in (values.min(), values.max()))
     return low if low == high else f"{low} to {high}"
+
+
+def widened(values: np.ndarray, rows: int) -> np.ndarray:
+    """Return an array with NaN in further rows of its second axis."""
+    wide = np.full((len(values), rows, *values.shape[2:]), np.nan)
+    wide[:, : values.shape[1]] = values
+    return wide

@@ -26,6 +26,18 @@ def to_xarray(solution: Any) -> Any:
     return _dataset(solution, ("t",), {"t": solution.t}, {}, _attributes(solution))
 
 
+def ensemble_to_pandas(solution: Any) -> Any:
+    """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes it."""
+    pandas = _module("pandas")
+    members = [solution[i] for i in range(len(solution))]
+    columns = [_distinct([("member", np.full(len(one.t), 0)), ("t", one.t), *_columns(one)]) for one in members]
+    joined = {name: np.concatenate([one[name] for one in columns]) for name in columns[0]}
+    joined["member"] = np.repeat(solution.first + np.arange(len(members)), [len(one.t) for one in members])
+    frame = pandas.DataFrame(joined)
+    frame.attrs.update(method=repr(solution.method), units=_units(members[0]))
+    return frame
+
+
 def ensemble_to_xarray(solution: Any) -> Any:
     """Return an `EnsembleSolution` as a Dataset, as `EnsembleSolution.to_xarray` describes it."""
     has_one_time = not solution.t.strides[0]

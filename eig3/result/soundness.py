@@ -65,6 +65,63 @@ def check_fields(fields: Mapping[str, Any]) -> None:
             raise ValueError("_a_jumps are not the accelerations before and after the jumps.")
 
 
+def check_members(fields: Mapping[str, Any], occurrences: type) -> None:
+    """Raise a ValueError if a field of an ensemble does not have its type and shape.
+
+    `occurrences` is the class of the occurrences of an event in all members.
+    """
+    t, u = fields["t"], fields["u"]
+    if not (_is_array(t) and t.ndim == 2 and _is_array(u) and u.ndim in (2, 3) and t.shape[1] == u.shape[1]):
+        raise ValueError("t and u do not have the shapes of histories.")
+    m, degrees = len(u), u.shape[2:]
+
+    def has_members(x: Any) -> bool:
+        return isinstance(x, np.ndarray) and x.shape == (m,)
+
+    def is_history(x: Any) -> bool:
+        return _is_array(x) and x.ndim in (2, 3) and x.shape[:2] == u.shape[:2]
+
+    def are_extremes(x: Any) -> bool:
+        return isinstance(x, Extremes) and all(_is_array(row) and row.ndim > 0 and len(row) == m for row in x)
+
+    def are_occurrences(x: Any) -> bool:
+        if not (isinstance(x, occurrences) and _is_array(x.first) and x.first.shape == (m,)):
+            return False
+        if not (isinstance(x.member, np.ndarray) and x.member.dtype == np.int64 and x.member.shape == x.t.shape):
+            return False
+        return all(
+            _is_array(state) and state.shape == (len(x.t), *degrees) for state in (x.u, x.v, x.u_after, x.v_after)
+        )
+
+    tests: dict[str, Callable[[Any], bool]] = {
+        "t": lambda x: len(x) in (1, m),
+        "u": lambda x: True,
+        "v": lambda x: _is_array(x) and x.shape == u.shape,
+        "h": lambda x: _is_array(x) and has_members(x),
+        "status": lambda x: has_members(x) and all(isinstance(status, Status) for status in x),
+        "message": lambda x: has_members(x) and all(isinstance(text, str) for text in x),
+        "params": lambda x: _is_array(x) and (x.ndim == 1 or (x.ndim == 2 and len(x) == m)),
+        "method": lambda x: isinstance(x, Method) and x.jacobian is None,
+        "drift": lambda x: _are_named(x, lambda values: _is_array(values) and has_members(values)),
+        "extremes": lambda x: _are_named(x, are_extremes),
+        "outputs": lambda x: _are_named(x, is_history),
+        "integrals": lambda x: _are_named(x, is_history),
+        "events": lambda x: _are_named(x, are_occurrences),
+        "steps": lambda x: x is None or (is_history(x) and x.ndim == 2),
+        "labels": lambda x: x is None or _are_labels(x),
+        "notes": _are_texts,
+        "first": _is_count,
+        "kernel_seconds": _is_number,
+        "_last": lambda x: isinstance(x, dict) and all(_is_count(i) and i < m and isinstance(x[i], tuple) for i in x),
+    }
+    counts = "n_steps", "n_rhs", "n_iterations", "n_rejected"
+    tests |= dict.fromkeys(counts, lambda x: has_members(x) and x.dtype == np.int64)
+    tests |= dict.fromkeys(("_rhs", "_repeat", "_again"), lambda x: x is None)
+    for name, value in fields.items():
+        if not tests[name](value):
+            raise ValueError(f"{name} is of a wrong type or shape.")
+
+
 def _is_state(x: Any, has_steps: bool) -> bool:
     """Whether a run may go on from here; what it has of numbers and arrays is checked when it goes on."""
     if not isinstance(x, dict):

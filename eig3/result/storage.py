@@ -26,6 +26,7 @@ from .solution import TRANSIENT, Solution, Status, separated
 from .soundness import check_fields
 
 _VERSION = 3  # raise it with every change that an older eig3 would read wrongly
+_NEWEST = 4  # that of ensembles, which older ones do not know
 _GOES_ON_FROM = 3  # the first version whose runs can go on in this one
 _RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
@@ -34,7 +35,12 @@ _COUNTS = "counts.npy"  # a file of version 1 with the number of rows, and with 
 _TRIALS, _PAUSE = 5, 0.02  # to read or replace a file that another process uses, and the seconds between them
 _LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and the part of its time they may take
 _FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
-_PARTS = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
+#: The records that a file may have among its values, by name.
+PARTS: dict[str, Any] = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
+#: Functions that return what a file of another kind has, from the fields in it.
+KINDS: dict[str, Callable[[dict[str, Any]], Any]] = {}
+#: Functions that read a directory of another kind, by a file that it has.
+DIRECTORIES: dict[str, Callable[[Path], Any]] = {}
 WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
 
 
@@ -44,7 +50,7 @@ class _UnknownMethodError(ValueError):
 
 def save(solution: Solution, path: str | PathLike[str]) -> Path:
     """Write a solution to a file, as `Solution.save` describes it."""
-    return _write(solution, {**solution.__getstate__(), "_resume": solution._state}, _file(path))
+    return _write(solution, {**solution.__getstate__(), "_resume": solution._state}, file(path))
 
 
 @dataclasses.dataclass
@@ -106,18 +112,24 @@ def _write(
     Afterwards the file has all of it, or what it had before. If it is lasting, that holds after a power failure too.
     """
     state = {name: value for name, value in values.items() if name in _FIELDS}
-    if solution.method.jacobian is not None:
-        state["notes"] = *solution.notes, WITHOUT_JACOBIAN
+    return write(solution.method, state, target, is_lasting=is_lasting, **rest)
+
+
+def write(method: Method, state: dict[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any) -> Path:
+    """Write fields to a file, as `_write` does; `rest` has the kind of a file that is not one of a `Solution`."""
+    if method.jacobian is not None:
+        state["notes"] = *state["notes"], WITHOUT_JACOBIAN
     arrays: dict[str, np.ndarray] = {}
     fields = {name: _plain(value, name.lstrip("_"), arrays) for name, value in state.items()}
-    arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "solution": fields, **rest}))
+    version = _NEWEST if "kind" in rest else _VERSION
+    arrays[_RECORD] = np.array(json.dumps({"version": version, "solution": fields, **rest}))
     temporary = target.with_name(f".{uuid.uuid4().hex}.part")
     try:
-        with temporary.open("xb") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
-            file.flush()
+        with temporary.open("xb") as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+            stream.flush()
             if is_lasting:
-                os.fsync(file.fileno())  # a system may find only now that the disk is full
+                os.fsync(stream.fileno())  # a system may find only now that the disk is full
         _rename(temporary, target)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -136,15 +148,22 @@ def _rename(source: Path, target: Path) -> None:
     source.replace(target)
 
 
-def load(path: str | PathLike[str]) -> Solution:
-    """Read a solution that `Solution.save` or a run with `save_to` has written, as `eig3.load` describes it."""
+def load(path: str | PathLike[str]) -> Any:
+    """Read what `save` or a run with `save_to` has written, as `eig3.load` describes it."""
     target = Path(path)
-    if (target / _RUN).is_file():
-        return _load_directory(target)
-    target = _file(path)
+    for name, read in {_RUN: _load_directory, **DIRECTORIES}.items():
+        if (target / name).is_file():
+            return read(target)
+    target = file(path)
     if Path(path).is_dir() and not target.exists():
         raise ValueError(f"{path} is not a directory that save_to has written: name such a directory, or a file.")
-    return _read(target, lambda record, arrays: _solution(record["solution"], arrays))
+    return _read(target, _of_kind)
+
+
+def _of_kind(record: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Any:
+    if "kind" not in record:
+        return _solution(record["solution"], arrays)
+    return KINDS[record["kind"]]({name: _value(plain, arrays) for name, plain in record["solution"].items()})
 
 
 def _load_directory(directory: Path) -> Solution:
@@ -194,12 +213,12 @@ def _counts_of_version_1(directory: Path) -> dict[str, Any]:
     return {name: record[name].item() for name in record.dtype.names}
 
 
-def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.ndarray]], Solution]) -> Solution:
+def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.ndarray]], Any]) -> Any:
     """Return the solution that a function makes from the record and the arrays of a file."""
     foreign = f"{target} is not a file that Solution.save has written, or it is damaged: name such a file."
-    with target.open("rb") as file:
+    with target.open("rb") as stream:
         try:
-            arrays = _Members(file)
+            arrays = _Members(stream)
             text = str(arrays[_RECORD])
         except Exception as error:  # many kinds, from zipfile, zlib and NumPy
             raise ValueError(foreign) from error
@@ -208,7 +227,7 @@ def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.n
             version = int(record["version"])
             if version < _GOES_ON_FROM:
                 record["solution"].pop("_resume", None)
-            if version <= _VERSION:
+            if version <= _NEWEST:
                 return solution(record, arrays)
         except _UnknownMethodError as error:
             raise ValueError(f"{target} {error}") from None
@@ -261,7 +280,7 @@ def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.n
     return solution.t, u, v
 
 
-def _file(path: str | PathLike[str]) -> Path:
+def file(path: str | PathLike[str]) -> Path:
     target = Path(path)
     return target if target.suffix == ".npz" else target.with_name(f"{target.name}.npz")
 
@@ -291,7 +310,7 @@ def _plain(value: Any, key: str, arrays: dict[str, np.ndarray]) -> Any:
         return {"status": value.name}
     if isinstance(value, Method):
         return _plain_method(value, key, arrays)
-    if type(value) in _PARTS.values():
+    if type(value) in PARTS.values():
         return {"part": type(value).__name__, "fields": _plain_all(_fields(value), key, arrays)}
     if isinstance(value, dict):
         values = _plain_all({str(i): item for i, item in enumerate(value.values())}, key, arrays)
@@ -341,7 +360,7 @@ def _value(plain: Any, arrays: Mapping[str, np.ndarray]) -> Any:
     if "names" in plain:
         return dict(zip(plain["names"], _value(plain["values"], arrays), strict=True))
     if "part" in plain:
-        return _PARTS[plain["part"]](**{name: _value(item, arrays) for name, item in plain["fields"].items()})
+        return PARTS[plain["part"]](**{name: _value(item, arrays) for name, item in plain["fields"].items()})
     return _method(plain, {name: _value(item, arrays) for name, item in plain["options"].items()})
 
 

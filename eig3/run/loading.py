@@ -29,8 +29,8 @@ def load(
     invariants: Mapping[str, Any] | None = None,
     outputs: Mapping[str, Any] | None = None,
     jacobian: Any = None,
-) -> Solution:
-    """Read a solution that `Solution.save` or a run with `save_to` has written.
+) -> Any:
+    """Read a solution or an ensemble that its method `save`, or a run with `save_to`, has written.
 
     Parameters
     ----------
@@ -46,13 +46,14 @@ def load(
 
     Returns
     -------
-    Solution
+    Solution or EnsembleSolution
         The numbers are the saved ones, to the last bit. Without rhs, `explain` returns what it had found before, and
         `at` takes the saved accelerations. A directory has none of these, so that `at` is a cubic polynomial. Its t, u,
         v and outputs are maps of files that can only be read. If the process of its run was killed, or is still
         running, the status is INTERRUPTED, and the solution is the run up to the last record that it wrote: some tenths
         of a second of computing before, or somewhat more for a large system, so that records take at most a twentieth
-        of the time.
+        of the time. An ensemble needs rhs for `at` of its members. Of a directory, it has the members of the parts that
+        were finished; the status of the others is INTERRUPTED.
 
     Raises
     ------
@@ -68,6 +69,8 @@ def load(
     A file may come from others: nothing in it is run, and everything is checked to have its type.
     """
     solution = storage.load(path)
+    if not isinstance(solution, Solution):  # an ensemble
+        return solution.with_functions(rhs, events, invariants, outputs, jacobian)
     given = {"events": events, "invariants": invariants, "outputs": outputs, "jacobian": jacobian}
     if rhs is not None:
         return with_functions(solution, rhs, **given)

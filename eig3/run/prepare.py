@@ -32,7 +32,7 @@ from ..methods import Method
 from ..result.labels import Labels
 from ..result.solution import Solution
 from ..result.storage import Place
-from ..stepping.march import NEVER, Cancel
+from ..stepping.march import NEVER, Cancel, March
 from ..stepping.stepper import Stepper
 from ..stepping.system import System, remembered
 from ..stepping.tolerances import Limits, Tolerances, check_limits, check_variable, usual_method
@@ -191,23 +191,42 @@ class Prepared:
         u, v, form = check_state(u0, v0)
         if form is not self._system.form:
             raise self._wrong_form(u0)
-        if self._system.integrals:
-            u, v = (np.append(x, np.zeros(len(self._system.integrals))) for x in (u, v))
+        u, v = self._with_integrals(u, v)
         if self._layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
             params = in_layout(self._layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
-        if is_plain and self._may_be_short:
-            try:
-                solution = self._short(*start)
-            except KeyboardInterrupt as error:
-                error.solution = None  # type: ignore[attr-defined]
-                raise
-            except Exception:  # a `Run` raises it again, with the solution up to then
-                solution = None
-            if solution is not None:
-                return solution
-        return carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
+        solution = self._if_short(start) if is_plain else None
+        return solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
+
+    def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
+        """Run a member of an ensemble, whose start is checked already. A short run does not look at `cancel`."""
+        start = span, *self._with_integrals(u, v), guarded(params)
+        solution = self._if_short(start)
+        return solution or carry_out(partial(self._begin, *start, False, None), cancel, raise_on_failure=False)
+
+    def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
+        """Return a stepper at a checked start. It has refused what the right-hand side or the method do not accept."""
+        start = span, *self._with_integrals(u, v), guarded(params), None
+        return self._variable_stepper(*start) if self._h is None else self._fixed_stepper(*start)[0]
+
+    def _with_integrals(self, u: Any, v: Any) -> tuple[Any, Any]:
+        if not self._system.integrals:
+            return u, v
+        zeros = np.zeros(len(self._system.integrals))
+        return np.append(u, zeros), np.append(v, zeros)
+
+    def _if_short(self, start: tuple) -> Solution | None:
+        """Run in one call of the kernel if the run is short and ends well; else return None."""
+        if not self._may_be_short:
+            return None
+        try:
+            return self._short(*start)
+        except KeyboardInterrupt as error:
+            error.solution = None  # type: ignore[attr-defined]
+            raise
+        except Exception:  # a `Run` raises it again, with the solution up to then
+            return None
 
     def _short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""

@@ -1,0 +1,67 @@
+"""The occurrences of events in the members of an ensemble."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..functions.events import Occurrences
+
+
+@dataclass(frozen=True, eq=False)
+class MemberOccurrences:
+    """The k occurrences of an event in m members: those of the first member in the order of time, then of the next one.
+
+    Attributes
+    ----------
+    member : ndarray of int, shape (k,)
+        The member of each occurrence.
+    t : ndarray, shape (k,)
+        Their times.
+    u, v : ndarray, shape (k,) or (k, n)
+        The states there, before the event's `apply`.
+    u_after, v_after : ndarray, shape (k,) or (k, n)
+        The states after it.
+    first : ndarray, shape (m,)
+        The time of the first occurrence in each member; NaN if there is none.
+    """
+
+    member: np.ndarray
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    u_after: np.ndarray
+    v_after: np.ndarray
+    first: np.ndarray
+
+    @classmethod
+    def joined(cls, m: int, degrees: tuple[int, ...], each: Sequence[tuple[int, Occurrences]]) -> MemberOccurrences:
+        """Return the occurrences in m members with some degrees of freedom, from those of members in any order."""
+        ordered = sorted(each, key=lambda pair: pair[0])
+        member = np.repeat([i for i, _ in ordered], [len(found) for _, found in ordered]).astype(np.int64)
+        empty = np.empty(0), *[np.empty((0, *degrees))] * 4
+        columns = [(found.t, found.u, found.v, found.u_after, found.v_after) for _, found in ordered if len(found)]
+        t, *states = (np.concatenate(column) for column in zip(empty, *columns, strict=True))
+        first = np.full(m, np.nan)
+        first[member[::-1]] = t[::-1]  # the first occurrence is written last
+        return cls(member, t, *states, first)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def of_member(self, i: int) -> Occurrences:
+        """Return the occurrences in member i."""
+        chosen = slice(*np.searchsorted(self.member, [i, i + 1]))
+        return Occurrences(*(x[chosen] for x in (self.t, self.u, self.v, self.u_after, self.v_after)))
+
+    def with_part(self, part: MemberOccurrences, first: int) -> MemberOccurrences:
+        """Return these occurrences with those of a part of the members, which begins with member `first`."""
+        end = first + len(part.first)
+        low, high = np.searchsorted(self.member, [first, end])
+        names = "t", "u", "v", "u_after", "v_after"
+        pairs = [(self.member, first + part.member), *((getattr(self, name), getattr(part, name)) for name in names)]
+        first_of = self.first.copy()
+        first_of[first:end] = part.first
+        return MemberOccurrences(*(np.concatenate([x[:low], new, x[high:]]) for x, new in pairs), first_of)
