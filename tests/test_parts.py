@@ -18,6 +18,7 @@ from distributed import Client, LocalCluster
 import eig3
 from eig3.ensembles import lanewise
 from eig3.ensembles.members import check_members
+from eig3.ensembles.options import check_options
 from eig3.ensembles.parts import Joined, Listed, parts_of
 from eig3.kernels.protocol import SCALAR, VECTOR
 
@@ -373,8 +374,9 @@ def test_memory_does_not_grow_with_the_members():
 def test_the_division_depends_on_the_ensemble_only():
     def sizes(m, n_steps, save_every=None, n=None):
         start = (1.0, 0.0) if n is None else (np.ones(n), np.zeros(n))
-        members = check_members(spring if n is None else springs, (0, n_steps), *start, np.ones((m, 1)), 1.0)
-        parts = parts_of(members, save_every)
+        rhs = spring if n is None else springs
+        members = check_members(rhs, (0, n_steps), *start, np.ones((m, 1)), 1.0)
+        parts = parts_of(members, check_options(rhs, members.form, members.t_span, 1.0, save_every=save_every))
         assert [part.first for part in parts] == list(np.cumsum([0, *map(len, parts)])[:-1])
         return [len(part) for part in parts]
 

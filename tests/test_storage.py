@@ -226,7 +226,7 @@ def rewritten(path, change):
 def test_newer_files_and_broken_records_are_refused(tmp_path):
     path = oscillate().save(tmp_path / "run")
     rewritten(path, lambda record, arrays: record.update(version=storage._NEWEST + 1, solution="of another form"))
-    with pytest.raises(ValueError, match=r"was written by a newer eig3, in version 4 .*update eig3"):
+    with pytest.raises(ValueError, match=r"was written by a newer eig3, in version 5 .*update eig3"):
         eig3.load(path)
     changes = [
         lambda record, arrays: record.pop("version"),

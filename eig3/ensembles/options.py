@@ -92,6 +92,6 @@ def check_options(rhs: Any, form: Form, t_span: tuple[float, float], h: float | 
         If an option is not valid, or two exclude each other.
     """
     prepared = Prepared(rhs, form, h=h, **given)
-    functions = check_functions(given.pop("invariants"), given.pop("outputs"))
-    given["t_eval"] = check_times(given["t_eval"], *t_span)
-    return Options(**{**given, "method": prepared.method, "functions": functions, "events": given["events"] or {}})
+    functions = check_functions(given.pop("invariants", None), given.pop("outputs", None))
+    checked = {"t_eval": check_times(given.get("t_eval"), *t_span), "events": given.get("events") or {}}
+    return Options(**{**given, **checked, "method": prepared.method, "functions": functions})

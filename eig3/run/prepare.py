@@ -191,18 +191,19 @@ class Prepared:
         u, v, form = check_state(u0, v0)
         if form is not self._system.form:
             raise self._wrong_form(u0)
-        u, v = self._with_integrals(u, v)
+        if self._system.integrals:
+            u, v = self._with_integrals(u, v)
         if self._layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
             params = in_layout(self._layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
-        solution = self._if_short(start) if is_plain else None
+        solution = self._if_short(*start) if is_plain else None
         return solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
 
     def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
         """Run a member of an ensemble, whose start is checked already. A short run does not look at `cancel`."""
         start = span, *self._with_integrals(u, v), guarded(params)
-        solution = self._if_short(start)
+        solution = self._if_short(*start)
         return solution or carry_out(partial(self._begin, *start, False, None), cancel, raise_on_failure=False)
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
@@ -216,40 +217,36 @@ class Prepared:
         zeros = np.zeros(len(self._system.integrals))
         return np.append(u, zeros), np.append(v, zeros)
 
-    def _if_short(self, start: tuple) -> Solution | None:
-        """Run in one call of the kernel if the run is short and ends well; else return None."""
+    def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
+        """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
         if not self._may_be_short:
             return None
+        again, t_end = partial(self._begin, span, u, v, p, False, None), span[1]
         try:
-            return self._short(*start)
+            times = None if self._t_eval is None else self._times_in(span)
+            if self._h is None:
+                (steps, rows), every = self._system.last_sizes.get(self._limits.rtol, (0, 0)), self._every
+                stepper: Any = self._variable_stepper(span, u, v, p, times)
+            else:
+                stepper, steps = self._fixed_stepper(span, u, v, p, times)
+                every = min(self._every, steps)
+                rows = steps // every + 2
+            pace = self._system.pace.get(stepper.kernel.pace_key)
+            if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
+                return None
+            if self._h is None:
+                seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
+                steps = int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE))
+            if times is not None:
+                return short.at_times(stepper, steps, t_end, times, again)
+            if self._h is None:
+                return short.variable(stepper, steps, every, rows, again)
+            return short.fixed(stepper, steps, t_end, every, again)
         except KeyboardInterrupt as error:
             error.solution = None  # type: ignore[attr-defined]
             raise
         except Exception:  # a `Run` raises it again, with the solution up to then
             return None
-
-    def _short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
-        """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
-        again, t_end = partial(self._begin, span, u, v, p, False, None), span[1]
-        times = None if self._t_eval is None else self._times_in(span)
-        if self._h is None:
-            (steps, rows), every = self._system.last_sizes.get(self._limits.rtol, (0, 0)), self._every
-            stepper: Any = self._variable_stepper(span, u, v, p, times)
-        else:
-            stepper, steps = self._fixed_stepper(span, u, v, p, times)
-            every = min(self._every, steps)
-            rows = steps // every + 2
-        pace = self._system.pace.get(stepper.kernel.pace_key)
-        if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
-            return None
-        if self._h is None:
-            seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
-            steps = int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE))
-        if times is not None:
-            return short.at_times(stepper, steps, t_end, times, again)
-        if self._h is None:
-            return short.variable(stepper, steps, every, rows, again)
-        return short.fixed(stepper, steps, t_end, every, again)
 
     def _wrong_form(self, u0: Any) -> ValueError:
         form = self._system.form

@@ -1,0 +1,164 @@
+"""Every pair of options of `ensemble`, with fixed steps and with tolerances: each member is what `integrate` gives."""
+
+import itertools
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import eig3
+
+from .conftest import oscillator, position, velocity
+from .test_pairs import energy, force, late, rebound
+
+P = np.array([[3.0, 0.05], [2.0, 0.1], [1.0, 0.0]])
+U0 = np.array([1.0, 0.5, -0.25])
+SPAN = 0.0, 2.0
+WANTED = np.linspace(0.0, 2.0, 9)
+STEPS = {"h": {"h": 2.0**-7, "method": "rk4"}, "rtol": {"rtol": 1e-6}}
+EVENTS = {
+    "events": {"turn": eig3.Event(velocity)},
+    "apply": {"wall": eig3.Event(position, -1, apply=rebound)},
+    "terminal": {"late": eig3.Event(late, terminal=True)},
+}
+#: Options that change the run of a member.
+OF_RUNS = {
+    "save_every": {"save_every": 3},
+    "t_eval": {"t_eval": WANTED},
+    "outputs": {"outputs": {"force": force}},
+    "invariants": {"invariants": {"energy": energy}},
+    "h_max": {"h_max": 0.02},
+    "first_step": {"first_step": 1e-3},
+    "max_steps": {"max_steps": 15},
+}
+OF_ENSEMBLES = ("threads", "executor", "reduce", "progress", "cancel", "save_to")
+AFTERWARDS = ("extend", "save", "tables")
+NAMES = (*EVENTS, *OF_RUNS, *OF_ENSEMBLES, *AFTERWARDS)
+#: The pairs that make no sense, and the sentence that says so.
+REFUSED = {
+    frozenset({"save_every", "t_eval"}): "save_every and t_eval exclude each other",
+    frozenset({"reduce", "save_to"}): "reduce and save_to exclude each other",
+}
+OF_TOLERANCES = {"h_max", "first_step", "max_steps"}
+
+
+def options_of(names):
+    events = {}
+    for name in names:
+        events |= EVENTS.get(name, {})
+    options = {"events": events} if events else {}
+    for name in names:
+        options |= OF_RUNS.get(name, {})
+    return options
+
+
+@pytest.fixture(scope="module")
+def executor():
+    with ThreadPoolExecutor(2) as pool:
+        yield pool
+
+
+def solve(names, steps, executor, tmp_path, t_end=SPAN[1]):
+    given = {
+        "threads": {"threads": 2},
+        "executor": {"executor": executor},
+        "reduce": {"reduce": list},
+        "progress": {"progress": True},
+        "cancel": {"cancel": threading.Event()},
+        "save_to": {"save_to": tmp_path / f"to {t_end}"},
+    }
+    options = options_of(names) | STEPS[steps]
+    for name in names:
+        options |= given.get(name, {})
+    if "t_eval" in options:
+        options["t_eval"] = WANTED[t_end >= WANTED]
+    return eig3.ensemble(oscillator, (SPAN[0], t_end), U0, 0.0, params=P, **options)
+
+
+def assert_members(found, names, steps):
+    """Each member is the run of `integrate`, but for the round-off of lanes."""
+    for i, member in enumerate(found):
+        options = {"save_every": None} if "t_eval" not in names else {}
+        one = eig3.integrate(oscillator, SPAN, U0[i], 0.0, params=P[i], **options | options_of(names) | STEPS[steps])
+        assert (member.status, member.n_steps, member.n_rhs) == (one.status, one.n_steps, one.n_rhs)
+        np.testing.assert_allclose(member.t, one.t, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(member.u, one.u, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(member.v, one.v, rtol=0, atol=1e-12)
+        assert {*member.events} == {*one.events}
+        for name, occurrences in one.events.items():
+            np.testing.assert_allclose(member.events[name].t, occurrences.t, rtol=0, atol=1e-14)
+            np.testing.assert_allclose(member.events[name].v_after, occurrences.v_after, rtol=0, atol=1e-12)
+        for name, values in one.outputs.items():
+            np.testing.assert_allclose(member.outputs[name], values, rtol=0, atol=1e-12)
+        for name, drift in one.drift.items():
+            assert member.drift[name] == pytest.approx(drift, abs=1e-13)
+        for name, extremes in one.extremes.items():
+            np.testing.assert_allclose(member.extremes[name], extremes, rtol=0, atol=1e-12)
+
+
+def assert_same(one, other):
+    for name in ("t", "u", "v", "h", "n_steps", "n_rhs", "n_rejected", "status", "message"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    for name, found in one.events.items():
+        for field in ("member", "t", "u", "v", "u_after", "v_after", "first"):
+            np.testing.assert_array_equal(getattr(found, field), getattr(other.events[name], field))
+    for name, values in one.outputs.items():
+        np.testing.assert_array_equal(values, other.outputs[name])
+    assert one.drift.keys() == other.drift.keys()
+    for name, drift in one.drift.items():
+        np.testing.assert_array_equal(drift, other.drift[name])
+
+
+@pytest.mark.parametrize("steps", STEPS)
+@pytest.mark.parametrize("names", [*itertools.combinations(NAMES, 2)], ids=" ".join)
+def test_a_pair_of_options(names, steps, executor, tmp_path):
+    if refusal := REFUSED.get(frozenset(names)):
+        with pytest.raises(ValueError, match=refusal):
+            solve(names, steps, executor, tmp_path)
+        return
+    if steps == "h" and OF_TOLERANCES & {*names}:
+        with pytest.raises(ValueError, match="exclude each other: give h for a fixed step, or rtol for tolerances"):
+            solve(names, steps, executor, tmp_path)
+        return
+    result = solve(names, steps, executor, tmp_path)
+    if "reduce" in names:
+        (members,) = result
+        assert_members(members, names, steps)
+        return
+    assert_members(result, names, steps)
+    if "save_to" in names:
+        assert_same(eig3.load(tmp_path / f"to {SPAN[1]}"), result)
+    if "save" in names:
+        assert_same(eig3.load(result.save(tmp_path / "file")), result)
+    if "extend" in names:
+        half = solve([name for name in names if name != "extend"], steps, executor, tmp_path, 1.0)
+        further = {"t_eval": WANTED[WANTED > 1.0]} if "t_eval" in names else {}
+        assert_same(half.extend(SPAN[1], **further), result)
+    if "tables" in names:
+        table = result.to_pandas()
+        assert len(table) == sum(len(member.t) for member in result)
+        assert table.member.tolist() == [i for i, member in enumerate(result) for _ in member.t]
+        assert result.to_xarray().sizes["member"] == len(P)
+
+
+def test_the_number_of_pairs_stays():
+    """A new option of `ensemble` belongs into this file: the signature has these and the arguments of a start."""
+    import inspect
+
+    taken = {"rhs", "t_span", "u0", "v0", "params", "h", "rtol", "atol", "method", "integrals", "labels", "refused"}
+    named = {*OF_RUNS, *OF_ENSEMBLES, "events"}
+    assert {*inspect.signature(eig3.ensemble).parameters} == taken | named
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"inline": True}, "inline is for single runs: the functions of members are compiled into the loop"),
+        ({"raise_on_failure": True}, "raise_on_failure is for single runs: .*look at solution.status"),
+        ({"tolerance": 1}, "unexpected keyword argument 'tolerance'"),
+    ],
+)
+def test_what_an_ensemble_does_not_take(option, message):
+    with pytest.raises(TypeError, match=message):
+        eig3.ensemble(oscillator, SPAN, U0, 0.0, params=P, h=0.1, **option)
