@@ -27,7 +27,7 @@ from .test_pools import output
 
 MEMBERS = 1000  # that is 8 parts: 7 of 128 members, and one of 104
 STIFFNESS = np.linspace(1.0, 4.0, MEMBERS)[:, None]
-ARRAYS = ("t", "u", "v", "h", "n_steps", "n_rhs", "n_iterations", "status", "message", "params")
+ARRAYS = ("t", "u", "v", "h", "n_steps", "n_rhs", "n_iterations", "n_rejected", "status", "message", "params")
 
 
 @eig3.jit
@@ -38,6 +38,16 @@ def spring(t, u, v, p):
 @eig3.jit
 def energy(t, u, v, p):
     return (v * v + p[0] * u * u) / 2
+
+
+@eig3.jit
+def below(t, u, v, p):
+    return u + 0.9999
+
+
+@eig3.jit
+def far(t, u, v, p):
+    return t - 2 * p[0]  # it ends half of the members
 
 
 @eig3.jit
@@ -66,6 +76,8 @@ def assert_same(solution, expected):
     """The same bits, and the same words."""
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(solution, name), getattr(expected, name), err_msg=name)
+    for name, found in solution.events.items():
+        np.testing.assert_equal(vars(found), vars(expected.events[name]))
     for name in ("drift", "extremes", "integrals"):
         np.testing.assert_equal(getattr(solution, name), getattr(expected, name))
     for i in (0, 127, 128, len(solution) - 1):
@@ -113,6 +125,10 @@ CASES = {
     "vector form": lambda **o: eig3.ensemble(
         springs, (0, 10), np.ones((300, 2)), np.zeros(2), h=0.01, params=2.0, save_every=20, **o
     ),
+    "tolerances": lambda **o: free(h=None, rtol=1e-6, outputs={"energy": energy}, **o),
+    "own times": lambda **o: free(h=None, rtol=1e-5, save_every=2, **o),
+    "wanted times": lambda **o: free(h=None, rtol=1e-5, t_eval=[1.0, 2.0], **o),
+    "events": lambda **o: free(events={"low": eig3.Event(below), "end": eig3.Event(far, terminal=True)}, **o),
     "one at a time": lambda **o: free(h=0.1, params=STIFFNESS[:200], method=eig3.CentralDifference(), **o),
 }
 

@@ -317,11 +317,17 @@ def test_the_impact_of_the_ball_reverses_its_velocity():
     assert event.apply(0.0, 1e-17, -2.0, p) == (0.0, 1.4)
 
 
-def test_what_does_not_follow_events_says_so():
+@pytest.mark.parametrize("steps", [{"h": 1e-3}, {"rtol": 1e-6}])
+def test_an_ensemble_of_balls_bounces(steps):
     ball = problems.bouncing_ball()
-    with pytest.raises(ValueError, match=r"^bouncing_ball has events, which an ensemble does not follow"):
-        ball.ensemble(h=1e-3, u0=[1.0, 2.0])
-    assert ball.with_(events={}).ensemble(h=1e-3, u0=[1.0, 2.0], t_end=0.1).success.all()
+    heights = np.array([1.0, 2.0])
+    balls = ball.ensemble(u0=heights, **steps)
+    np.testing.assert_allclose(balls.events["impact"].first, np.sqrt(2 * heights / 9.81), rtol=1e-12)
+    for i, height in enumerate(heights):
+        alone = ball.with_(u0=height).integrate(save_every=None, **steps)
+        assert balls.status[i] is alone.status
+        np.testing.assert_array_equal(balls[i].events["impact"].v_after, alone.events["impact"].v_after)
+        np.testing.assert_array_equal(balls[i].u, alone.u)
 
 
 def test_friction_takes_its_share_of_every_peak():

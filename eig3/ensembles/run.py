@@ -30,7 +30,6 @@ from ..kernels.protocol import FOLLOWS
 from ..methods import Method
 from ..result.labels import Labels
 from ..run.progress import Progress, check_progress
-from ..run.run import Stop
 from ..stepping.march import Cancel, March
 from ..stepping.watching import further_times
 from .alone import Alone, Singles
@@ -247,6 +246,20 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class _Stop:
+    """Whether the members should stop: after Ctrl-C, after a cancellation, or because one of them raised an error."""
+
+    def __init__(self, interrupt: DeferredInterrupt, cancel: Cancel | None) -> None:
+        self._own = Flag()
+        self._events: list[Cancel] = [event for event in (self._own, interrupt, cancel) if event is not None]
+
+    def set(self) -> None:
+        self._own.set()
+
+    def is_set(self) -> bool:
+        return any(event.is_set() for event in self._events)
+
+
 class Run:
     """An ensemble on its way in this process."""
 
@@ -346,7 +359,7 @@ class Run:
         """Run the members to their ends, or until `cancel` is set."""
         try:
             with DeferredInterrupt() as interrupt, Progress(len(self.members), "member", shown=progress) as bar:
-                self._march(Stop(interrupt, cancel), bar)
+                self._march(_Stop(interrupt, cancel), bar)
                 solution = self.solution()
         except BaseException as error:  # raised by rhs, or after Ctrl-C
             with DeferredInterrupt() as again:
@@ -356,17 +369,27 @@ class Run:
             raise
         return solution
 
-    def _march(self, asked: Stop, bar: Progress) -> None:
+    def _march(self, stop: _Stop, bar: Progress) -> None:
+        if self.threads > 1 and len(self.work) > 1:
+            self._march_in_threads(stop, bar)
+            return
+        for work in self.work:
+            if stop.is_set():
+                break
+            work.run(stop)
+            bar.add(len(work))
+
+    def _march_in_threads(self, stop: _Stop, bar: Progress) -> None:
         # To wait for thousands of futures takes long. A `SimpleQueue` may wait for ever after a signal: what is left of
         # its timeout can then be negative, which means without an end (CPython 3.11).
-        stop, done = Flag(), Queue[Future]()
+        done = Queue[Future]()
         with ThreadPoolExecutor(self.threads) as pool:
             running = {pool.submit(work.run, stop): len(work) for work in self.work}
             try:
                 for future in running:
                     future.add_done_callback(done.put)
                 left = len(running)
-                while left and not asked.is_final():
+                while left and not stop.is_set():
                     try:
                         future = done.get(timeout=_POLL_SECONDS)
                     except Empty:
