@@ -213,7 +213,7 @@ class Problem:
         outputs: Mapping[str, Any] | None = None,
         jacobian: Any = None,
         **options: Any,
-    ) -> Solution:
+    ) -> Any:
         """Read a run of this problem, which then can go on with `extend`.
 
         Parameters

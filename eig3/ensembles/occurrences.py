@@ -60,8 +60,16 @@ class MemberOccurrences:
         """Return these occurrences with those of a part of the members, which begins with member `first`."""
         end = first + len(part.first)
         low, high = np.searchsorted(self.member, [first, end])
-        names = "t", "u", "v", "u_after", "v_after"
-        pairs = [(self.member, first + part.member), *((getattr(self, name), getattr(part, name)) for name in names)]
-        first_of = self.first.copy()
-        first_of[first:end] = part.first
-        return MemberOccurrences(*(np.concatenate([x[:low], new, x[high:]]) for x, new in pairs), first_of)
+
+        def joined(x: np.ndarray, new: np.ndarray) -> np.ndarray:
+            return np.concatenate([x[:low], new, x[high:]])
+
+        return MemberOccurrences(
+            joined(self.member, first + part.member),
+            joined(self.t, part.t),
+            joined(self.u, part.u),
+            joined(self.v, part.v),
+            joined(self.u_after, part.u_after),
+            joined(self.v_after, part.v_after),
+            np.concatenate([self.first[:first], part.first, self.first[end:]]),
+        )

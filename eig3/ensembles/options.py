@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..functions.checks import check_count
 from ..functions.events import Event
 from ..functions.quantities import Functions, check_functions
 from ..kernels.protocol import Form
@@ -93,5 +94,7 @@ def check_options(rhs: Any, form: Form, t_span: tuple[float, float], h: float | 
     """
     prepared = Prepared(rhs, form, h=h, **given)
     functions = check_functions(given.pop("invariants", None), given.pop("outputs", None))
+    every = given.get("save_every")
     checked = {"t_eval": check_times(given.get("t_eval"), *t_span), "events": given.get("events") or {}}
+    checked["save_every"] = None if every is None else check_count(every, "save_every")
     return Options(**{**given, **checked, "method": prepared.method, "functions": functions})

@@ -342,7 +342,7 @@ class Run:
         if rhs.obstacle:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
         kernel = wide_kernel(method.formulas, FOLLOWS if quantities else 0)
-        plain = {"save_every": None, "t_eval": None, "events": {}, "invariants": {}, "outputs": {}}
+        plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "invariants": {}, "outputs": {}}
         alone = Singles(self.rhs, members, options, **plain)
         return Shared(members, layout, method, kernel, rhs, quantities, self.histories, alone, self._single)
 
