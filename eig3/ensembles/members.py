@@ -103,8 +103,8 @@ class Members:
         i = int(np.argmax(distance))
         if distance[i] > 2 * np.spacing(max(abs(t0), abs(t_end))):
             raise ValueError(
-                f"t_end must be a whole number of steps h = {float(self.steps[i])!r} after the end of the run, not {t_end!r}; "
-                f"take t_end={float(nearest[i])!r}."
+                f"t_end must be a whole number of steps h = {float(self.steps[i])!r} after the end of the run, "
+                f"not {t_end!r}; take t_end={float(nearest[i])!r}."
             )
         return replace(self, t_span=(t0, t_end), n_steps=n_steps.astype(np.int64))
 
