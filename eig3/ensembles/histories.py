@@ -143,6 +143,22 @@ class Histories:
                 self.events[name].append((member, occurrences))
         self.judge(member, solution.status, solution.message)
 
+    def reach(
+        self,
+        chosen: np.ndarray,
+        u: np.ndarray,
+        v: np.ndarray,
+        n_steps: np.ndarray,
+        n_rejected: np.ndarray,
+        n_rhs: np.ndarray,
+    ) -> None:
+        """Store the ends of members with tolerances that ran in lanes to the end of the span."""
+        t0, t1 = self.members.t_span
+        self.u[chosen, 1], self.v[chosen, 1] = u, v
+        self.n_steps[chosen], self.n_rejected[chosen], self.n_rhs[chosen] = n_steps, n_rejected, n_rhs
+        self.h[chosen] = (t1 - t0) / n_steps
+        self.status[chosen], self.message[chosen] = Status.COMPLETED, REACHED
+
     def _store(self, member: int, rows: int, t: np.ndarray, u: np.ndarray, v: np.ndarray, solution: Solution) -> None:
         """Write the rows of a member, and NaN after them."""
         values = [(self.u, u), (self.v, v), *((self.outputs[name], x) for name, x in solution.outputs.items())]

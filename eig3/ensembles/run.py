@@ -32,6 +32,8 @@ from ..result.labels import Labels
 from ..run.progress import Progress, check_progress
 from ..stepping.march import Cancel, March
 from ..stepping.watching import further_times
+from .adaptive import LANES, AdaptiveBlock, AdaptiveRun, adaptive_lanes_of
+from .adaptive import layout_of as adaptive_layout_of
 from .alone import Alone, Singles
 from .block import Block
 from .files import Directory
@@ -46,6 +48,7 @@ from .shipping import check_executor, check_reduce, march_parts
 from .solution import EnsembleSolution, Reduce
 
 _ALONE = 16  # members of a piece of work that runs them one at a time
+_PIECES = 4  # of the members with tolerances, for each thread
 _POLL_SECONDS = 0.05  # between two looks for Ctrl-C
 _REFUSED = {
     "inline": "the functions of members are compiled into the loop of the lanes",
@@ -246,6 +249,13 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def _not_in_lanes(error: Exception) -> str:
+    return (
+        f"The members run one at a time, because a function does not compile for lanes: {gist(error)}; write "
+        "loops over single values, without array expressions and without functions of whole arrays."
+    )
+
+
 class _Stop:
     """Whether the members should stop: after Ctrl-C, after a cancellation, or because one of them raised an error."""
 
@@ -309,13 +319,37 @@ class Run:
         start = self.members.start(i, len(self.options.integrals))
         return self._single.prepared(i).at_start(self.members.t_span, *start)
 
-    def _work(self) -> list[Block | Alone]:
+    def _work(self) -> list[Block | AdaptiveBlock | Alone]:
+        adaptive = self._adaptive() if self.options.has_tolerances else None
+        if adaptive:
+            m = len(self.members)
+            pieces = max(1, min(_PIECES * self.threads, m // (_PIECES * LANES))) if self.threads > 1 else 1
+            return [AdaptiveBlock(adaptive, numbers) for numbers in np.array_split(np.arange(m), pieces)]
         order = np.argsort(self.members.n_steps, kind="stable")  # the members of a block end at similar times
         shared = self._shared()
         if shared:
             lanes = shared.layout.lanes
             return [Block(shared, order[i : i + lanes]) for i in range(0, len(order), lanes)]
         return [Alone(order[i : i + _ALONE], self.histories, self._single) for i in range(0, len(order), _ALONE)]
+
+    def _adaptive(self) -> AdaptiveRun | None:
+        """Compile what runs in lanes with tolerances; return None if the members run one at a time."""
+        options, members = self.options, self.members
+        if options.t_eval is not None or options.save_every is not None or self._invariants or self._outputs:
+            return None
+        events = [(q.function, q.callback) for q in self._followed().values()]
+        layout = adaptive_layout_of(members, options.method, len(events))
+        if layout is None:
+            return None
+        try:
+            lanes = adaptive_lanes_of(self.rhs, self._callback, layout, options.method, events)
+        except Exception as error:
+            self.notes.append(_not_in_lanes(error))
+            return None
+        if lanes.obstacle:
+            self.notes.append(f"rhs is not vectorised: {lanes.obstacle}.")
+        tolerances = self._single.prepared(0).tolerances(members.n)
+        return AdaptiveRun(lanes, members, tolerances, self._callback.address, self.histories, self._single)
 
     def _shared(self) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
@@ -334,10 +368,7 @@ class Run:
                 for name, q in followed.items()
             }
         except Exception as error:
-            self.notes.append(
-                f"The members run one at a time, because a function does not compile for lanes: {gist(error)}; write "
-                "loops over single values, without array expressions and without functions of whole arrays."
-            )
+            self.notes.append(_not_in_lanes(error))
             return None
         if rhs.obstacle:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")

@@ -287,17 +287,17 @@ class Prepared:
         self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, times: np.ndarray | None
     ) -> VariableStepper:
         n = 1 if self._system.form is SCALAR else u.size
-        tolerances = self._tolerances.get(n) or self._tolerances_for(n)
-        return VariableStepper(self._system, span, u, v, p, tolerances, times)
+        return VariableStepper(self._system, span, u, v, p, self.tolerances(n), times)
 
     def _note_size(self, n_steps: int, rows: int) -> None:
         """Note how many steps a run with tolerances had, and how many rows the next one may need."""
         self._system.last_sizes[self._limits.rtol] = n_steps, rows + rows // 4 + 16
 
-    def _tolerances_for(self, n: int) -> Tolerances:
+    def tolerances(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""
-        n_integrals = len(self._system.integrals)
-        self._tolerances[n] = self._limits.tolerances(self._atol, n - n_integrals, n_integrals)
+        if n not in self._tolerances:
+            n_integrals = len(self._system.integrals)
+            self._tolerances[n] = self._limits.tolerances(self._atol, n - n_integrals, n_integrals)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:

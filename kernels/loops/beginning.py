@@ -83,19 +83,26 @@ def set_sizes(tally, y, n, atol):
 
 @element
 def at_rest(tally, t, n, y, span):
-    """Return the least sizes of u and v in a step to t before which nothing has moved, and the least one to keep of v.
-
-    They are those after a short time. Because t is rounded, so is the time since the motion began, and the force with
-    it: the short time is at least so long that these errors are within rtol, and v has no size of its own before.
-    """
-    u_size, v_size, a_size = tally[U_SIZE], tally[V_SIZE], 0.0
+    """Return what `least_sizes` returns for a step to t."""
+    a_size = 0.0
     for j in range(n):
         if span.atol[0, j] < math.inf:
             a_size = max(a_size, abs(y[A][j]), abs(y[A_END][j]))
     length = span.t_end - span.t0
     if length < 1.0:
         tally[BY_SPAN] = 1.0
-    blur = _BLUR * RESOLUTION * abs(t) / span.rtol
+    return least_sizes(tally[U_SIZE], tally[V_SIZE], a_size, t, length, span.rtol)
+
+
+@element
+def least_sizes(u_size, v_size, a_size, t, length, rtol):
+    """Return the least sizes of u and v in a step to t before which nothing has moved, and the least one to keep of v.
+
+    They are those after a short time. Because t is rounded, so is the time since the motion began, and the force with
+    it: the short time is at least so long that these errors are within rtol, and v has no size of its own before.
+    `a_size` is the largest acceleration in the step, and `length` that of the span.
+    """
+    blur = _BLUR * RESOLUTION * abs(t) / rtol
     least, v_blur = max(_FIRST * min(length, 1.0), blur), 0.0
     if v_size == 0:
         v_size, v_blur = least * a_size, blur * a_size

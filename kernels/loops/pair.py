@@ -50,6 +50,13 @@ class Pair:
         Number of coefficients of the dense output of u, and of that of v.
     work_rows : int
         Number of rows of `Watch.work` that a search needs: u and v within a step, and the dense output.
+    tableau : Tableau
+    c, A : list
+        The times of the stages, of the end of the step and of further stages, and the rows of their matrix.
+    n_stages : int
+    accelerations, row_names : list of str
+        The names of the rows with the accelerations of the stages, and of all rows.
+    errors : sequence of sequences of float
     evaluations, dense_evaluations : int
         Evaluations of the right-hand side in a step, and in its dense output.
     """
@@ -59,21 +66,21 @@ class Pair:
     def __init__(
         self, tableau: Tableau, order: int, errors: Sequence[Sequence[float]], extension: tuple | None = None
     ) -> None:
-        self.order = order
-        self._tableau, self._stages = tableau, tableau.stages
+        self.order, self.errors = order, errors
+        self.tableau, self.n_stages = tableau, tableau.stages
         extra_c, extra_A, self.weights = extension or ((), (), ())
         self.terms = self.known_terms + len(self.weights) if extension else QUINTIC_TERMS
         self.work_rows = 2 + 2 * self.terms
-        self._c = [*map(float, tableau.c), 1.0, *extra_c]
-        width = self._stages + 1 + len(extra_c)
+        self.c = [*map(float, tableau.c), 1.0, *extra_c]
+        width = self.n_stages + 1 + len(extra_c)
         matrix = [*tableau.A, tableau.b, *([Fraction(x) for x in row] for row in extra_A)]
         self.A = [[*row, *[Fraction(0)] * (width - len(row))] for row in matrix]
-        self._accelerations = ["a0", *(f"a{i}" for i in range(1, self._stages)), "a_end"]
-        self._accelerations += [f"a{i}" for i in range(self._stages + 1, width)]
-        others = [name for name in self._accelerations if name not in ("a0", "a_end")]
-        self._rows = ["u", "v", "a0", "u_end", "v_end", "a_end", "u_most", "v_most", *tableau.state, *others]
-        self.rows = len(self._rows)
-        self.evaluations, self.dense_evaluations = self._stages, len(extra_c)
+        self.accelerations = ["a0", *(f"a{i}" for i in range(1, self.n_stages)), "a_end"]
+        self.accelerations += [f"a{i}" for i in range(self.n_stages + 1, width)]
+        others = [name for name in self.accelerations if name not in ("a0", "a_end")]
+        self.row_names = ["u", "v", "a0", "u_end", "v_end", "a_end", "u_most", "v_most", *tableau.state, *others]
+        self.rows = len(self.row_names)
+        self.evaluations, self.dense_evaluations = self.n_stages, len(extra_c)
         self._text = "\n".join([self._trial(), self._error(errors), self._dense()])
 
     @functools.cache  # noqa: B019  a pair lives as long as its module
@@ -85,17 +92,17 @@ class Pair:
         return {**inlined, "dense_called": outlined(defined["dense"])}
 
     def _unpacked(self) -> str:
-        return f"    {', '.join(self._rows)} = y"
+        return f"    {', '.join(self.row_names)} = y"
 
     def weighted(self, weights: Sequence[SupportsFloat]) -> list[tuple[str, str]]:
         """Return the weights that are not zero, with the text of their accelerations."""
-        return [(repr(float(w)), f"{a}[j]") for w, a in zip(weights, self._accelerations, strict=False) if w]
+        return [(repr(float(w)), f"{a}[j]") for w, a in zip(weights, self.accelerations, strict=False) if w]
 
-    def _state(self, i: int, weights: Sequence[Row]) -> list[str]:
+    def state_text(self, i: int, weights: Sequence[Row]) -> list[str]:
         """Return the text of u, and of v, at the time of the stage i."""
         squares, *rows = (self.weighted(row) for row in weights)
         position = f" + h * {total(squares)}" if squares else ""
-        texts = [f"u[j] + h * ({self._c[i]!r} * v[j]{position})"]
+        texts = [f"u[j] + h * ({self.c[i]!r} * v[j]{position})"]
         for *others, (factor, last) in rows:
             before = f"(v[j] + h * {total(others)})" if others else "v[j]"
             # One multiply-add has to wait for the last acceleration.
@@ -103,19 +110,19 @@ class Pair:
         return texts
 
     def _stage(self, i: int) -> list[str]:
-        tableau = self._tableau
+        tableau = self.tableau
         entries = ", ".join(f"{row}[j]" for row in tableau.state)
         return [
             "    for j in range(n):",
-            f"        {entries} = {', '.join(self._state(i, tableau.stage(self.A[i], self.A)))}",
-            f"    f(t + {self._c[i]!r} * h, u_stage, {tableau.velocity}, p, {self._accelerations[i]})",
+            f"        {entries} = {', '.join(self.state_text(i, tableau.stage(self.A[i], self.A)))}",
+            f"    f(t + {self.c[i]!r} * h, u_stage, {tableau.velocity}, p, {self.accelerations[i]})",
         ]
 
     def _trial(self) -> str:
         lines = ["def trial(f, t, h, h_before, p, n, y):", self._unpacked()]
-        for i in range(1, self._stages):
+        for i in range(1, self.n_stages):
             lines += self._stage(i)
-        u, v = self._state(self._stages, self._tableau.end(self.A[self._stages], self.A))
+        u, v = self.state_text(self.n_stages, self.tableau.end(self.A[self.n_stages], self.A))
         lines += ["    for j in range(n):", f"        u_end[j], v_end[j] = {u}, {v}"]
         return "\n".join([*lines, "    f(t + h, u_end, v_end, p, a_end)", ""])
 
@@ -128,7 +135,7 @@ class Pair:
             "        v_scale = 1 / (atol[1, j] + rtol * max(abs(v[j]), abs(v_end[j]), v_most[j], v_least) + 1e-300)",
         ]
         for k, weights in enumerate(errors):
-            of_u, of_v = (self.weighted(row) for row in self._tableau.end([Fraction(x) for x in weights], self.A))
+            of_u, of_v = (self.weighted(row) for row in self.tableau.end([Fraction(x) for x in weights], self.A))
             lines += [
                 f"        u_part = h * {total(of_u)} * u_scale",
                 f"        v_part = {total(of_v)} * v_scale",
@@ -147,7 +154,7 @@ class Pair:
         lines = ["def dense(f, t, h, p, n, y, coefficients):", self._unpacked()]
         if not self.weights:
             return "\n".join([*lines, "    quintic(h, n, u, v, a0, u_end, v_end, a_end, coefficients)", ""])
-        for i in range(self._stages + 1, len(self.A)):
+        for i in range(self.n_stages + 1, len(self.A)):
             lines += self._stage(i)
         return "\n".join([*lines, "    for j in range(n):", *self._polynomials(), ""])
 
