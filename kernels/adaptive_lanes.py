@@ -1,3 +1,4 @@
+# ruff: noqa: F821
 """Runs with tolerances of many trajectories at once, in the lanes of SIMD registers.
 
 Each lane has its own time, step, error and acceptance, which are selected without branches. A trajectory that has ended
@@ -5,38 +6,30 @@ hands its lane to the next one at once, so that no lane waits. The formulas of t
 are those of a single run, see `eig3.kernels.loops.variable`. What happens rarely is left to a single run: a step below
 the resolution of the time, too many steps, a force that does not act yet, an event.
 
-All values of a block are in one array: value j of the trajectory in a lane is at index first + j * lanes + lane, where
-`first` is a constant for each row. LLVM then knows without checks that the rows do not overlap.
+All values of a block are in one array, in rows at constant places: LLVM then knows without checks that the rows do not
+overlap. Value j of the trajectory in a lane is at index j * lanes + lane of a row.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-import re
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-import numba
-from numba.types import float64, int64
+from numba.types import Array, float64, int64, none
+from numba.types import NamedTuple as Record
 
-from .compile.jit import KERNEL_OPTIONS, compiled
-from .compile.numba_internals import (
-    address_of as address_of_code,
-    addresses_of_arrays,
-    assume_no_overlap,
-    call_without_checks,
-    optimised_code,
-    wide_vectors,
-)
+from .compile.jit import bound, compile_kernel, element, function_at
+from .compile.numba_internals import wide_vectors
 from .compile.source import define
-from .lanes import _array_view, _obstacle, _shared
+from .lanes import Lanes, Layout, array_view, compile_template
 from .loops.beginning import RESOLUTION, beginning, least_size, least_sizes
 from .loops.controller import LEAST_ERROR, exponent, growth, log2, shrinkage
 from .loops.formulas import variable_formulas
-from .loops.pair import A, U, U_MOST, V, V_MOST, Pair, total
+from .loops.pair import U_MOST, V_MOST, A, Pair, U, V, total
 from .protocol import (
     EVALUATIONS,
     SCALAR,
@@ -59,16 +52,20 @@ RUNNING, REACHED, LEFT = range(3)
 TAKEN, REJECTED, EVALUATED, ENDED = range(4)
 
 #: The entries of `Block.place`: the next trajectory, and the number of those that have not ended.
-NEXT, LEFT_OVER = range(2)
+NEXT, OPEN = range(2)
 
-#: A value of each lane: time, next step, step, step before, logarithm of the last error, sizes, what the error of this
-#: step is relative to, whether the last trial was rejected, counts, whether a single run has to take it, and flags.
+# Rows with one value for each lane. `bad` is 1 if a single run has to take the trajectory, and `ok` if the last trial
+# was accepted. `low` is the least value of the functions of the events, each times its sign at the start.
 _OF_LANES = (
-    *("time", "h", "step", "before", "error", "u_size", "v_size", "u_least", "v_least", "v_blur", "rejected"),
-    *("taken", "trials", "bad", "square", "total", "ok", "u_new", "v_new"),
+    *("time", "there", "h", "step", "before", "error", "u_size", "v_size", "u_least", "v_least", "v_blur"),
+    *("rejected", "taken", "trials", "bad", "ok", "square", "total", "most", "more"),
 )
 
 _OVERFLOWING = 1e150  # a single run says what is wrong with a larger motion
+
+#: The signatures of a right-hand side for lanes, which gets a time for each lane, and of the function of an event.
+_RHS, _EVENT = none(*[vector_type] * 5), none(*[vector_type] * 6)
+_rhs_at, _event_at = function_at(_RHS), function_at(_EVENT)
 
 
 class Block(NamedTuple):
@@ -76,8 +73,10 @@ class Block(NamedTuple):
 
     Attributes
     ----------
-    values : ndarray
-        The values of the lanes.
+    values, p : ndarray
+        The values of the lanes, and their parameters.
+    signs : ndarray, shape (events, 2, lanes)
+        The sign of the function of each event at the start, and its least value times this sign.
     members : ndarray of int, shape (lanes,)
         The trajectory in each lane, or -1.
     place : ndarray of int
@@ -87,6 +86,8 @@ class Block(NamedTuple):
     """
 
     values: Any
+    p: Any
+    signs: Any
     members: Any
     place: Any
     one: Any
@@ -109,363 +110,338 @@ class Ends(NamedTuple):
     counts: Any
 
 
+class Control(NamedTuple):
+    """The span and the tolerances, as `eig3.kernels.protocol.Span` has them."""
+
+    t0: Any
+    t_end: Any
+    h_first: Any
+    h_max: Any
+    max_steps: Any
+    rtol: Any
+    atol: Any
+    is_relative: Any
+    reads_time: Any
+
+
+def adaptive(rhs, alone, events, count, control, block, starts, ends):
+    """Take `count` steps in each lane, or fewer if all trajectories end.
+
+    `rhs` is the address of the right-hand side for lanes, `alone` of that for one trajectory, and `events` has those of
+    the functions of the events.
+    """
+    s, members, place, atol, t_end = block.values, block.members, block.place, control.atol, control.t_end
+    y = ROWS(s)
+    u, v, a, u_end, v_end, a_end, u_most, v_most = y[:8]
+    lanes_of = LANE_ROWS(s)
+    time, there, h, step, before, error, u_size, v_size, u_least, v_least, v_blur = lanes_of[:11]
+    rejected, taken, trials, bad, ok, square, total, most, more = lanes_of[11:]
+    f, share = RHS_AT(rhs), least_size(control.rtol)
+    for _ in range(count):
+        ended = 0
+        for l in range(LANES):
+            ended += (bad[l] > 0) | (time[l] >= t_end) | (taken[l] >= control.max_steps)
+        if ended > 0:
+            for l in range(LANES):
+                if bad[l] > 0 or time[l] >= t_end or taken[l] >= control.max_steps:
+                    if members[l] >= 0:
+                        end(l, control, lanes_of, u, v, block, ends)
+                    while place[NEXT] < len(starts.u) and members[l] < 0:
+                        BEGIN_LANE(l, alone, events, control, lanes_of, y, block, starts, ends)
+            if place[OPEN] == 0:
+                break
+        for l in range(LANES):
+            remaining = t_end - time[l]
+            x = remaining if h[l] >= remaining else h[l]
+            is_long = (x > 0) & (x >= RESOLUTION * abs(time[l] + x))
+            bad[l] = bad[l] if is_long | (h[l] >= remaining) else 1.0
+            step[l] = x
+            u_least[l], v_least[l], v_blur[l] = share * u_size[l], share * v_size[l], 0.0
+        TRIAL(f, time, there, step, block.p, y)
+        if control.is_relative == 1:
+            rest(control, lanes_of, a, a_end)
+        SQUARE(step, control.rtol, atol, u_least, v_least, total, most, more, square, y)
+        for l in range(LANES):
+            x, e = step[l], exponent(square[l])
+            is_ok = (square[l] <= 1.0) & (x > 0)
+            grown = growth(e, error[l], log2(x / before[l]), ORDER)
+            longer = min(x * (min(grown, 1.0) if rejected[l] > 0 else grown), control.h_max)
+            shorter = x * shrinkage(square[l], ORDER)
+            reached = t_end if h[l] >= t_end - time[l] else time[l] + x
+            h[l] = longer if is_ok else (shorter if x > 0 else h[l])
+            time[l] = reached if is_ok else time[l]
+            error[l] = max(e, LEAST_ERROR) if is_ok else error[l]
+            before[l] = x if is_ok else before[l]
+            rejected[l] = 0.0 if is_ok else 1.0
+            ok[l] = 1.0 if is_ok else 0.0
+            taken[l] += 1.0 if is_ok else 0.0
+            trials[l] += 1.0 if x > 0 else 0.0
+        if control.reads_time == 1:
+            for l in range(LANES):  # the force may not act yet
+                bad[l] = 1.0 if (ok[l] > 0) & (square[l] == 0) else bad[l]
+        for d in range(N):
+            for l in range(LANES):
+                j = d * LANES + l
+                u[j] = u_end[j] if ok[l] > 0 else u[j]
+                v[j] = v_end[j] if ok[l] > 0 else v[j]
+                a[j] = a_end[j] if ok[l] > 0 else a[j]
+        if control.is_relative == 1:
+            widen_sizes(atol, lanes_of, u, v, u_most, v_most)
+        for k in range(len(events)):
+            EVENT_AT(events[k])(time, u, v, block.p, block.signs[k, 0], block.signs[k, 1])
+            for l in range(LANES):
+                bad[l] = bad[l] if block.signs[k, 1, l] > 0 else 1.0
+    return place[OPEN]
+
+
+def end(l, control, lanes_of, u, v, block, ends):
+    """Write the end of the trajectory in a lane."""
+    time, taken, trials, bad = lanes_of[0], lanes_of[12], lanes_of[13], lanes_of[14]
+    m, is_left = block.members[l], bad[l] > 0 or time[l] < control.t_end
+    for d in range(N):
+        ends.u[m, d], ends.v[m, d] = u[d * LANES + l], v[d * LANES + l]
+        is_left = is_left or not (abs(ends.u[m, d]) < OVERFLOWING and abs(ends.v[m, d]) < OVERFLOWING)
+    ends.counts[m, TAKEN], ends.counts[m, REJECTED] = int(taken[l]), int(trials[l] - taken[l])
+    ends.counts[m, EVALUATED] += COST * int(trials[l])
+    ends.counts[m, ENDED] = LEFT if is_left else REACHED
+    block.members[l] = -1
+    block.place[OPEN] -= 1
+    bad[l], taken[l], trials[l], time[l] = 0.0, 0.0, 0.0, control.t_end
+
+
+def begin_lane(l, alone, events, control, lanes_of, y, block, starts, ends):
+    """Begin the next trajectory in a lane, as a single run begins."""
+    time, _, h, _, before, error, u_size, v_size = lanes_of[:8]
+    one, tally, m = block.one, block.tally, block.place[NEXT]
+    block.place[NEXT] += 1
+    own = starts.params[m if len(starts.params) > 1 else 0]
+    for d in range(N):
+        one[U, d], one[V, d], one[A, d] = starts.u[m, d], starts.v[m, d], math.nan
+        one[U_MOST, d], one[V_MOST, d] = 0.0, 0.0
+    ALONE_AT(alone)(control.t0, one[U], one[V], own, one[A])
+    for d in range(N):
+        if not math.isfinite(one[A, d]):
+            ends.counts[m, ENDED] = LEFT
+            block.place[OPEN] -= 1
+            return
+    tally[:] = 0.0
+    tally[TIME], tally[STEP] = control.t0, min(control.h_first, control.h_max)
+    limits = control.h_max, control.rtol, control.atol, control.is_relative
+    span = Span(control.t0, control.t_end, own, 0, 0, 0, 0, *limits, 0, 0, tally, tally, one, one)
+    BEGIN(alone, address_of(span), tally, ORDER, one)
+    time[l], h[l], before[l], error[l] = control.t0, tally[STEP], tally[STEP_BEFORE], 1.0
+    u_size[l], v_size[l], lanes_of[11][l] = tally[U_SIZE], tally[V_SIZE], 0.0
+    ends.counts[m, EVALUATED] = 1 + int(tally[EVALUATIONS])
+    if len(starts.params) > 1:
+        for k in range(len(own)):
+            block.p[k * LANES + l] = own[k]
+    for d in range(N):
+        j = d * LANES + l
+        y[0][j], y[1][j], y[2][j], y[6][j], y[7][j] = one[U, d], one[V, d], one[A, d], one[U_MOST, d], one[V_MOST, d]
+    for k in range(len(events)):
+        sign, least = block.signs[k, 0], block.signs[k, 1]
+        sign[l], least[l] = 1.0, math.inf
+        EVENT_AT(events[k])(time, y[0], y[1], block.p, sign, least)
+        sign[l] = 1.0 if least[l] > 0 else -1.0
+        least[l] = abs(least[l])
+    block.members[l] = m
+
+
+def rest(control, lanes_of, a, a_end):
+    """Set the least sizes in lanes in which nothing has moved, as `beginning.at_rest` does."""
+    time, _, _, step, _, _, u_size, v_size, u_least, v_least, v_blur = lanes_of[:11]
+    resting = 0
+    for l in range(LANES):
+        resting += (u_size[l] == 0) | (v_size[l] == 0)
+    if resting > 0:
+        for l in range(LANES):
+            if u_size[l] == 0 or v_size[l] == 0:
+                a_size = 0.0
+                for d in range(N):
+                    if control.atol[0, d] < math.inf:
+                        a_size = max(a_size, abs(a[d * LANES + l]), abs(a_end[d * LANES + l]))
+                length = control.t_end - control.t0
+                u_least[l], v_least[l], v_blur[l] = least_sizes(
+                    u_size[l], v_size[l], a_size, time[l] + step[l], length, control.rtol
+                )
+
+
+def widen_sizes(atol, lanes_of, u, v, u_most, v_most):
+    """Widen the sizes of u and v, of each degree of freedom and of all."""
+    u_size, v_size, v_blur, ok, most, more = (
+        lanes_of[6], lanes_of[7], lanes_of[10], lanes_of[15], lanes_of[18], lanes_of[19]
+    )
+    for l in range(LANES):
+        most[l], more[l] = u_size[l], v_size[l]
+    for d in range(N):
+        counts = atol[0, d] < math.inf
+        for l in range(LANES):
+            j = d * LANES + l
+            u_now, v_now = max(u_most[j], abs(u[j])), max(v_most[j], abs(v[j]))
+            u_most[j], v_most[j] = (u_now if counts else u_most[j]), (v_now if counts else v_most[j])
+            most[l], more[l] = max(most[l], u_most[j]), max(more[l], v_most[j])
+    for l in range(LANES):
+        is_new = (more[l] > v_blur[l]) & (ok[l] > 0)
+        u_size[l], v_size[l] = (most[l] if is_new else u_size[l]), (more[l] if is_new else v_size[l])
+
+
+# The right-hand side and the functions of events for lanes: each lane has its time.
+
+
+def scalar_at_times(t, u, v, p, a):
+    for lane in range(LANES):
+        a[lane] = FUNCTION(t[lane], u[lane], v[lane], PARAMS(p, lane))
+
+
+def vector_at_times(t, u, v, p, a):
+    for lane in range(LANES):
+        FUNCTION(t[lane], GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
+
+
+def watched(t, u, v, p, sign, least):
+    """Keep the least value of a function times its sign at the start: it is positive while the sign does not change."""
+    for lane in range(LANES):
+        g = sign[lane] * FUNCTION(t[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
+        least[lane] = least[lane] if g >= least[lane] else g
+
+
+def compile_rhs_at_times(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:
+    """Compile the right-hand side of lanes with their own times, from the plain Python function of the user."""
+    template = scalar_at_times if layout.form is SCALAR else vector_at_times
+    return compile_template(template, function, layout, _RHS.args, is_checked)
+
+
+def compile_event(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:
+    """Compile the function of an event for lanes with their own times."""
+    return compile_template(watched, function, layout, _EVENT.args, is_checked)
+
+
 @dataclass(frozen=True)
-class AdaptiveLayout:
-    """The values of a block.
+class Rows:
+    """The places of the rows in `Block.values`.
 
     Attributes
     ----------
-    form : Form
-    n, lanes : int
-    k : int
-        Number of parameters.
-    shares_params : bool
-    n_events : int
+    names : tuple of str
+        The rows of the formulas.
+    width : int
+        The number of values in such a row.
+    lanes : int
     """
 
-    form: Form
-    n: int
+    names: tuple[str, ...]
+    width: int
     lanes: int
-    k: int
-    shares_params: bool
-    n_events: int
 
-    def rows(self, pair: Pair) -> dict[str, int]:
-        """Return the first index of each row."""
-        begin, found = 0, {}
-        sizes = [(name, self.n) for name in pair.row_names]
-        sizes += [("p", 0 if self.shares_params else self.k)]
-        sizes += [(name, 1) for name in _OF_LANES]
-        sizes += [(f"{end}{e}", 1) for e in range(self.n_events) for end in ("low", "high")]
-        for name, count in sizes:
-            found[name] = begin
-            begin += count * self.lanes
-        found["end"] = begin
-        return found
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return len(self.names) * self.width + len(_OF_LANES) * self.lanes
 
+    @property
+    def times(self) -> slice:
+        """The times of the lanes."""
+        first = len(self.names) * self.width
+        return slice(first, first + self.lanes)
 
-@dataclass(frozen=True, eq=False)
-class AdaptiveLanes:
-    """The kernel of a method and a right-hand side for a block of lanes.
-
-    Attributes
-    ----------
-    call : callable
-        ``call(rhs_address, count, t0, t_end, h_first, h_max, max_steps, rtol, atol, is_relative, block, starts, ends)``
-        takes `count` steps in each lane, or fewer if all trajectories end.
-    size : int
-        Number of values of a block.
-    times : slice
-        The times of the lanes among them.
-    obstacle : str
-        Why LLVM did not vectorise it; empty if it did.
-    compiled : Numba's compile result
-    """
-
-    call: Callable
-    size: int
-    times: slice
-    obstacle: str
-    compiled: Any
+    def views(self) -> dict[str, Any]:
+        """Return the elements ``ROWS(values)`` and ``LANE_ROWS(values)``, which return tuples of arrays."""
+        firsts = [k * self.width for k in range(len(self.names))]
+        of_lanes = [self.times.start + k * self.lanes for k in range(len(_OF_LANES))]
+        groups = {"ROWS": (firsts, self.width), "LANE_ROWS": (of_lanes, self.lanes)}
+        return {name: _views(*group) for name, group in groups.items()}
 
 
-def compile_adaptive(
-    function: Callable, layout: AdaptiveLayout, module: str, reads_time: bool, events: Sequence[Callable] = ()
-) -> AdaptiveLanes:
-    """Compile the kernel of a method for the plain Python functions of the user.
+def _views(firsts: Sequence[int], width: int) -> Any:
+    kind = Array(float64, 1, "C")
+    views = {f"view_{k}": array_view(kind, width, 1, first, 0) for k, first in enumerate(firsts)}
+    calls = ", ".join(f"{view}(s, 0)" for view in views)
+    return element(define(f"def rows(s):\n    return {calls}\n", "rows", {"__name__": __name__, **views})["rows"])
+
+
+def rows_of(module: str, n: int, lanes: int) -> Rows:
+    """Return the rows of a block for the method in a file of `eig3.kernels.methods`."""
+    return Rows(tuple(variable_formulas(module).row_names), n * lanes, lanes)
+
+
+@functools.cache
+def adaptive_kernel(module: str, form: Form, n: int, lanes: int) -> Any:
+    """Compile `adaptive` for a method, or load it from the disk.
 
     Parameters
     ----------
-    function : callable
-        The right-hand side.
-    layout : AdaptiveLayout
     module : str
         The file with the formulas of the method, which are those of a `Pair`.
-    reads_time : bool
-        Whether the right-hand side may read t.
-    events : sequence of callable
-        The functions of events: a trajectory in which one is not of one sign is left to a single run.
+    form : Form
+    n, lanes : int
     """
     pair = variable_formulas(module)
-    source = _Source(pair, layout, reads_time)
-    begin, _ = beginning(layout.form)
-    names: dict[str, Any] = {
-        "__name__": __name__,
-        "FUNCTION": numba.njit(inline="always", **KERNEL_OPTIONS)(function),
-        "PARAMS": _shared(layout.k) if layout.shares_params else _rows_of(layout.k, layout.lanes, source.first["p"]),
-        "BEGIN": begin,
-        "RHS_AT": layout.form.at("rhs"),
-        "Span": Span,
-        "address_of": address_of,
-        "least_size": least_size,
-        "least_sizes": least_sizes,
-        "math": math,
-        "log2": log2,
-        "exponent": exponent,
-        "growth": growth,
-        "shrinkage": shrinkage,
-        **{f"EVENT_{e}": numba.njit(inline="always", **KERNEL_OPTIONS)(g) for e, g in enumerate(events)},
-        **{f"VIEW_{row}": _rows_of(layout.n, layout.lanes, source.first[row]) for row in pair.row_names},
-        **{f"WRITE_{row}": _rows_of(layout.n, layout.lanes, source.first[row], False) for row in pair.row_names},
-    }
-    defined = define(source.text(), "adaptive_lanes", names)
-    kinds = [
-        *(int64, int64, float64, float64, float64, float64, int64, float64, matrix_type, int64),
-        numba.types.NamedTuple((vector_type, _integers, _integers, matrix_type, vector_type), Block),
-        numba.types.NamedTuple((matrix_type, matrix_type, matrix_type), Starts),
-        numba.types.NamedTuple((matrix_type, matrix_type, numba.types.Array(int64, 2, "C")), Ends),
+    names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations}
+    names |= rows_of(module, n, lanes).views() | _formulas(pair, n, lanes)
+    names |= {"RHS_AT": _rhs_at, "EVENT_AT": _event_at, "ALONE_AT": form.at("rhs"), "BEGIN": beginning(form)[0]}
+    names |= {"OVERFLOWING": _OVERFLOWING}
+    names |= {function.__name__: element(bound(function, names)) for function in (end, rest, widen_sizes)}
+    names["BEGIN_LANE"] = element(bound(begin_lane, names))
+    integers, cubes = Array(int64, 1, "C"), Array(float64, 3, "C")
+    vector, matrix = vector_type, matrix_type
+    arguments = (
+        *(int64, int64, integers, int64),
+        Record((float64, float64, float64, float64, int64, float64, matrix, int64, int64), Control),
+        Record((vector, vector, cubes, integers, integers, matrix, vector), Block),
+        Record((matrix, matrix, matrix), Starts),
+        Record((matrix, matrix, Array(int64, 2, "C")), Ends),
+    )
+    with wide_vectors():
+        return compile_kernel(adaptive, names, int64(*arguments), f"{module}_{form.name}_{n}_of_{lanes}_lanes")
+
+
+def _formulas(pair: Pair, n: int, lanes: int) -> dict[str, Any]:
+    """Return the elements TRIAL and SQUARE: a step in each lane, and the squares of its error."""
+    text = "\n".join([*_trial(pair, n, lanes), *_square(pair, n, lanes), ""])
+    defined = define(text, "adaptive", {"__name__": __name__})
+    return {"TRIAL": element(defined["trial"]), "SQUARE": element(defined["square"])}
+
+
+def _degrees(n: int, lanes: int, *lines: str) -> list[str]:
+    """Return a loop over the degrees of freedom and the lanes, in which h is the step."""
+    head = [f"    for d in range({n}):", f"        for l in range({lanes}):", f"            j = d * {lanes} + l"]
+    return [*head, *(f"            {line}" for line in ("h = step[l]", *lines))]
+
+
+def _trial(pair: Pair, n: int, lanes: int) -> list[str]:
+    tableau = pair.tableau
+    lines = ["def trial(f, time, there, step, p, y):", f"    {', '.join(pair.row_names)} = y"]
+
+    def evaluated(c: float, u: str, v: str, a: str) -> list[str]:
+        at = [f"    for l in range({lanes}):", f"        there[l] = time[l] + {c!r} * step[l]"]
+        return [*at, f"    f(there, {u}, {v}, p, {a})"]
+
+    for i in range(1, pair.n_stages):
+        entries = ", ".join(f"{row}[j]" for row in tableau.state)
+        state = ", ".join(pair.state_text(i, tableau.stage(pair.A[i], pair.A)))
+        lines += _degrees(n, lanes, f"{entries} = {state}")
+        lines += evaluated(pair.c[i], "u_stage", tableau.velocity, pair.accelerations[i])
+    u, v = pair.state_text(pair.n_stages, tableau.end(pair.A[pair.n_stages], pair.A))
+    return [*lines, *_degrees(n, lanes, f"u_end[j], v_end[j] = {u}, {v}"), *evaluated(1.0, "u_end", "v_end", "a_end")]
+
+
+def _square(pair: Pair, n: int, lanes: int) -> list[str]:
+    """Return the square of the error in each lane, as `Pair` computes it."""
+    arguments = "step, rtol, atol, u_least, v_least, total, most, more, square, y"
+    lines = [f"def square({arguments}):", f"    {', '.join(pair.row_names)} = y", f"    for l in range({lanes}):"]
+    lines.append("        total[l], most[l], more[l] = 0.0, 0.0, 0.0")
+    inside = [
+        "u_scale = 1 / (atol[0, d] + rtol * max(abs(u[j]), abs(u_end[j]), u_most[j], u_least[l]) + 1e-300)",
+        "v_scale = 1 / (atol[1, d] + rtol * max(abs(v[j]), abs(v_end[j]), v_most[j], v_least[l]) + 1e-300)",
     ]
-    with warnings.catch_warnings(), wide_vectors(), addresses_of_arrays():
-        warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
-        jitted = numba.njit(**KERNEL_OPTIONS)(defined["adaptive"])
-        result = compiled(assume_no_overlap(jitted), tuple(kinds))
-    times = slice(source.first["time"], source.first["time"] + layout.lanes)
-    obstacle = _obstacle(optimised_code(result))
-    return AdaptiveLanes(call_without_checks(result), source.first["end"], times, obstacle, result)
-
-
-_integers = numba.types.Array(int64, 1, "C")
-
-
-def _rows_of(count: int, lanes: int, first: int, readonly: bool = True) -> Any:
-    """Return a compiled ``view(values, lane)`` of the values of a lane in a row."""
-    return _array_view(numba.types.Array(float64, 1, "A", readonly=readonly), count, lanes, first, 1)
-
-
-class _Source:
-    """The source of the kernel for one method and layout."""
-
-    def __init__(self, pair: Pair, layout: AdaptiveLayout, reads_time: bool) -> None:
-        self.pair, self.layout, self.reads_time = pair, layout, reads_time
-        self.first = layout.rows(pair)
-
-    def text(self) -> str:
-        """Return the source of the function `adaptive`."""
-        arguments = "rhs, count, t0, t_end, h_first, h_max, max_steps, rtol, atol, is_relative, block, starts, ends"
-        lines = [f"def adaptive({arguments}):", *_indented(self._head())]
-        lines += ["    for _ in range(count):", *_indented(self._events() + self._look(), 2)]
-        steps = self._begin_step() + self._stages() + self._at_rest() + self._square() + self._accept() + self._end_step()
-        return "\n".join([*lines, *_indented(steps, 2), "    return place[0] + place[1]", ""])
-
-    def _of(self, text: str) -> str:
-        """Return a text in which ``name[j]`` and ``name[l]`` are entries of the array of all values."""
-        return re.sub(r"\b(\w+)\[([jl])\]", lambda m: f"s[{self.first[m[1]]} + {m[2]}]" if m[1] in self.first else m[0], text)
-
-    def _lanes(self, *lines: str) -> list[str]:
-        """Return a loop over the lanes."""
-        return [f"for l in range({self.layout.lanes}):", *(self._of(f"    {line}") for line in lines)]
-
-    def _degrees(self, *lines: str) -> list[str]:
-        """Return a loop over the degrees of freedom d, and over the lanes."""
-        lanes = self.layout.lanes
-        inner = [f"    for l in range({lanes}):", f"        j = d * {lanes} + l"]
-        return [f"for d in range({self.layout.n}):", *inner, *(self._of(f"        {line}") for line in lines)]
-
-    def _head(self) -> list[str]:
-        return [
-            "s, members, place, one, tally = block",
-            "begins_p = len(starts.params) > 1",
-            "p = starts.params[0]",
-            "share = least_size(rtol)",
-            "s_p = p" if self.layout.shares_params else "s_p = s",
-        ]
-
-    def _call(self, c: float, u: str, v: str, a: str) -> list[str]:
-        """Return the lines that evaluate the accelerations in the row a, at the fraction c of the step."""
-        time = self._of(f"time[l] + {c!r} * step[l]" if c != 1.0 else "time[l] + step[l]")
-        if self.layout.form is SCALAR:
-            state = self._of(f"{u}[l], {v}[l]")
-            return self._lanes(f"{a}[l] = FUNCTION({time}, {state}, PARAMS(s_p, l))")
-        return self._lanes(f"FUNCTION({time}, VIEW_{u}(s, l), VIEW_{v}(s, l), PARAMS(s_p, l), WRITE_{a}(s, l))")
-
-    def _stages(self) -> list[str]:
-        pair, tableau, lines = self.pair, self.pair.tableau, []
-        for i in range(1, pair.n_stages):
-            entries = ", ".join(f"{row}[j]" for row in tableau.state)
-            state = ", ".join(pair.state_text(i, tableau.stage(pair.A[i], pair.A)))
-            lines += self._degrees("h = step[l]", f"{entries} = {state}")
-            lines += self._call(pair.c[i], "u_stage", tableau.velocity, pair.accelerations[i])
-        u, v = pair.state_text(pair.n_stages, tableau.end(pair.A[pair.n_stages], pair.A))
-        lines += self._degrees("h = step[l]", f"u_end[j], v_end[j] = {u}, {v}")
-        return lines + self._call(1.0, "u_end", "v_end", "a_end")
-
-    def _square(self) -> list[str]:
-        """Return the lines of the square of the error in each lane, as `Pair` computes it."""
-        pair, names = self.pair, [f"most{k}" for k in range(len(self.pair.errors))]
-        rows = ["u_new", "v_new"][: len(names)]  # which are not needed before the end of the step
-        lines = self._lanes("total[l] = 0.0", *(f"{row}[l] = 0.0" for row in rows))
-        inside = [
-            "h = step[l]",
-            "u_scale = 1 / (atol[0, d] + rtol * max(abs(u[j]), abs(u_end[j]), u_most[j], u_least[l]) + 1e-300)",
-            "v_scale = 1 / (atol[1, d] + rtol * max(abs(v[j]), abs(v_end[j]), v_most[j], v_least[l]) + 1e-300)",
-            "sum_of_parts = 0.0",
-        ]
-        for row, weights in zip(rows, pair.errors, strict=True):
-            of_u, of_v = (pair.weighted(w) for w in pair.tableau.end([Fraction(x) for x in weights], pair.A))
-            inside += [
-                f"u_part = h * {total(of_u)} * u_scale",
-                f"v_part = {total(of_v)} * v_scale",
-                f"{row}[l] = max({row}[l], u_part * u_part, v_part * v_part)",
-                "sum_of_parts += u_part + v_part",
-            ]
-        lines += self._degrees(*inside, "total[l] += sum_of_parts")
-        value = "u_new[l]"
-        if len(rows) == 2:
-            value = "(u_new[l] * u_new[l] / both if both > 0 else 0.0)"
-        return lines + self._lanes(
-            *["both = u_new[l] + 0.01 * v_new[l]"] * (len(rows) == 2),
-            "not_finite = total[l] - total[l]",
-            f"value = step[l] * step[l] * {value}",
-            "square[l] = value if not_finite == 0 else not_finite",
-        )
-
-    def _begin_step(self) -> list[str]:
-        return self._lanes(
-            "remaining = t_end - time[l]",
-            "step[l] = remaining if h[l] >= remaining else h[l]",
-            "x = step[l]",
-            f"is_long = (x > 0) & (x >= {RESOLUTION!r} * abs(time[l] + x))",
-            "bad[l] = bad[l] if is_long | (h[l] >= remaining) else 1.0",
-            "u_least[l], v_least[l], v_blur[l] = share * u_size[l], share * v_size[l], 0.0",
-        )
-
-    def _at_rest(self) -> list[str]:
-        """Return the lines for lanes in which nothing has moved, as `beginning.at_rest` has them."""
-        lines = ["rests = 0", *self._lanes("rests += (u_size[l] == 0) | (v_size[l] == 0)")]
-        inner = [
-            f"for l in range({self.layout.lanes}):",
-            "    if u_size[l] == 0 or v_size[l] == 0:",
-            "        a_size = 0.0",
-            f"        for d in range({self.layout.n}):",
-            "            if atol[0, d] < math.inf:",
-            f"                j = d * {self.layout.lanes} + l",
-            "                a_size = max(a_size, abs(a0[j]), abs(a_end[j]))",
-            "        u_least[l], v_least[l], v_blur[l] = least_sizes(",
-            "            u_size[l], v_size[l], a_size, time[l] + step[l], t_end - t0, rtol)",
-        ]
-        return [*lines, "if rests > 0 and is_relative == 1:", *(self._of(f"    {line}") for line in inner)]
-
-    def _accept(self) -> list[str]:
-        order = self.pair.order
-        lines = [
-            "x = step[l]",
-            "e = exponent(square[l])",
-            "is_ok = (square[l] <= 1.0) & (x > 0)",
-            f"grown = growth(e, error[l], log2(x / before[l]), {order})",
-            "longer = min(x * (min(grown, 1.0) if rejected[l] > 0 else grown), h_max)",
-            f"shorter = x * shrinkage(square[l], {order})",
-            "reached = t_end if h[l] >= t_end - time[l] else time[l] + x",
-            "h[l] = longer if is_ok else (shorter if x > 0 else h[l])",
-            "time[l] = reached if is_ok else time[l]",
-            f"error[l] = max(e, {LEAST_ERROR!r}) if is_ok else error[l]",
-            "before[l] = x if is_ok else before[l]",
-            "rejected[l] = 0.0 if is_ok else 1.0",
-            "ok[l] = 1.0 if is_ok else 0.0",
-            "taken[l] += ok[l]",
-            "trials[l] += 1.0 if x > 0 else 0.0",
-        ]
-        if self.reads_time:  # the force may not act yet: a single run takes care of the step
-            lines.append("bad[l] = 1.0 if is_ok & (square[l] == 0) else bad[l]")
-        return self._lanes(*lines)
-
-    def _end_step(self) -> list[str]:
-        moved = [f"{x}[j] = {x_end}[j] if ok[l] > 0 else {x}[j]" for x, x_end in
-                 (("u", "u_end"), ("v", "v_end"), ("a0", "a_end"))]
-        sizes = [
-            "counts = atol[0, d] < math.inf",
-            "u_now, v_now = max(u_most[j], abs(u[j])), max(v_most[j], abs(v[j]))",
-            "u_most[j], v_most[j] = (u_now if counts else u_most[j]), (v_now if counts else v_most[j])",
-            "u_new[l], v_new[l] = max(u_new[l], u_most[j]), max(v_new[l], v_most[j])",
-        ]
-        lines = self._degrees(*moved) + ["if is_relative == 1:"]
-        sized = self._lanes("u_new[l], v_new[l] = u_size[l], v_size[l]") + self._degrees(*sizes)
-        sized += self._lanes(
-            "is_new = (v_new[l] > v_blur[l]) & (ok[l] > 0)",
-            "u_size[l], v_size[l] = (u_new[l] if is_new else u_size[l]), (v_new[l] if is_new else v_size[l])",
-        )
-        return lines + _indented(sized)
-
-    def _events(self) -> list[str]:
-        """Return the lines that follow the functions of the events."""
-        lines = []
-        for e in range(self.layout.n_events):
-            state = "u[l], v[l]" if self.layout.form is SCALAR else "VIEW_u(s, l), VIEW_v(s, l)"
-            lines += self._lanes(
-                f"g = EVENT_{e}(time[l], {state}, PARAMS(s_p, l))",
-                f"low{e}[l], high{e}[l] = min(low{e}[l], g), max(high{e}[l], g)",
-                f"bad[l] = bad[l] if (low{e}[l] > 0) | (high{e}[l] < 0) else 1.0",
-            )
-        return lines
-
-    def _look(self) -> list[str]:
-        """Return the lines that end trajectories, and begin others in their lanes."""
-        look = ["ended = 0", *self._lanes(
-            "ended += (bad[l] > 0) | (time[l] >= t_end) | (taken[l] >= max_steps)",
-        )]
-        n, lanes = self.layout.n, self.layout.lanes
-        inner = [
-            f"for l in range({lanes}):",
-            "    if not (bad[l] > 0 or time[l] >= t_end or taken[l] >= max_steps):",
-            "        continue",
-            "    m = members[l]",
-            "    if m >= 0:",
-            "        ends.counts[m, 0], ends.counts[m, 1] = int(taken[l]), int(trials[l] - taken[l])",
-            f"        ends.counts[m, 2] += {self.pair.evaluations} * int(trials[l])",
-            "        is_left = bad[l] > 0 or time[l] < t_end",
-            f"        for d in range({n}):",
-            f"            j = d * {lanes} + l",
-            "            ends.u[m, d], ends.v[m, d] = u[j], v[j]",
-            f"            is_left = is_left or not (abs(u[j]) < {_OVERFLOWING!r} and abs(v[j]) < {_OVERFLOWING!r})",
-            f"        ends.counts[m, 3] = {LEFT} if is_left else {REACHED}",
-            "        members[l] = -1",
-            "        place[1] -= 1",
-            "    bad[l], taken[l], trials[l], time[l], step[l] = 0.0, 0.0, 0.0, t_end, 0.0",
-            "    while place[0] < len(starts.u) and members[l] < 0:",
-            "        m = place[0]",
-            "        place[0] += 1",
-            *(f"        {line}" for line in self._load()),
-        ]
-        idle = ["if place[1] == 0:", "    break"]
-        return [*look, "if ended > 0:", *(self._of(f"    {line}") for line in inner), *_indented(idle)]
-
-    def _load(self) -> list[str]:
-        """Return the lines that begin trajectory m in lane l, as a single run begins."""
-        n, lanes = self.layout.n, self.layout.lanes
-        own = [] if self.layout.shares_params else [
-            f"    for q in range({self.layout.k}):",
-            f"        s[{self.first['p']} + q * {lanes} + l] = starts.params[m, q]",
-        ]
-        state = "one[0, 0], one[1, 0]" if self.layout.form is SCALAR else "one[0], one[1]"
-        rhs = "RHS_AT(rhs)(t0, one[0], one[1], mine, one[2])"
-        return [
-            "mine = starts.params[m if begins_p else 0]",
-            f"for d in range({n}):",
-            f"    one[{U}, d], one[{V}, d], one[{A}, d] = starts.u[m, d], starts.v[m, d], math.nan",
-            f"    one[{U_MOST}, d], one[{V_MOST}, d] = 0.0, 0.0",
-            rhs,
-            "is_finite = True",
-            f"for d in range({n}):",
-            f"    is_finite = is_finite and math.isfinite(one[{A}, d])",
-            "if not is_finite:",
-            f"    ends.counts[m, 3] = {LEFT}",
-            "    place[1] -= 1",
-            "else:",
-            "    tally[:] = 0.0",
-            f"    tally[{TIME}], tally[{STEP}] = t0, min(h_first, h_max)",
-            "    span = Span(t0, t_end, mine, 0, 0, 0, 0, h_max, rtol, atol, is_relative, 0, 0, tally, tally, one, one)",
-            f"    BEGIN(rhs, address_of(span), tally, {self.pair.order}, one)",
-            f"    time[l], h[l], before[l], error[l] = t0, tally[{STEP}], tally[{STEP_BEFORE}], 1.0",
-            f"    u_size[l], v_size[l], rejected[l] = tally[{U_SIZE}], tally[{V_SIZE}], 0.0",
-            f"    ends.counts[m, 2] = 1 + int(tally[{EVALUATIONS}])",
-            *own,
-            f"    for d in range({n}):",
-            f"        j = d * {lanes} + l",
-            f"        u[j], v[j], a0[j] = one[{U}, d], one[{V}, d], one[{A}, d]",
-            f"        u_most[j], v_most[j] = one[{U_MOST}, d], one[{V_MOST}, d]",
-            *(f"    low{e}[l] = high{e}[l] = EVENT_{e}(t0, {state}, mine)" for e in range(self.layout.n_events)),
-            "    members[l] = m",
-        ]
-
-
-def _indented(lines: Sequence[str], times: int = 1) -> list[str]:
-    return [f"{'    ' * times}{line}" for line in lines]
+    for row, weights in zip(("most", "more"), pair.errors, strict=False):
+        of_u, of_v = (pair.weighted(w) for w in pair.tableau.end([Fraction(x) for x in weights], pair.A))
+        inside += [f"u_part, v_part = h * {total(of_u)} * u_scale, {total(of_v)} * v_scale"]
+        inside += [f"{row}[l] = max({row}[l], u_part * u_part, v_part * v_part)", "total[l] += u_part + v_part"]
+    lines += [*_degrees(n, lanes, *inside), f"    for l in range({lanes}):"]
+    value = "most[l]"
+    if len(pair.errors) == 2:
+        lines.append("        both = most[l] + 0.01 * more[l]")
+        value = "(most[l] * most[l] / both if both > 0 else 0.0)"
+    lines.append("        blow_up = total[l] - total[l]  # NaN, which a maximum may leave out")
+    return [*lines, f"        square[l] = step[l] * step[l] * {value} if blow_up == 0 else blow_up"]

@@ -274,7 +274,7 @@ def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) ->
     With `is_checked`, it raises an IndexError for an index beyond an array, and is not vectorised.
     """
     templates = (scalar_own_step, vector_own_step) if layout.has_own_step else (scalar, vector)
-    return _compile(templates[layout.form is not SCALAR], function, layout, VECTOR.rhs.args, is_checked)
+    return compile_template(templates[layout.form is not SCALAR], function, layout, VECTOR.rhs.args, is_checked)
 
 
 def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...], is_checked: bool = False) -> Lanes:
@@ -284,10 +284,10 @@ def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...],
     have k rows of lanes: they take the values, the extremes so far, and the times at which these occurred.
     """
     names = {"VALUES": _view(shape[0], layout.lanes)} if shape else {}
-    return _compile(written if shape else returned, function, layout, _QUANTITY.args, is_checked, names)
+    return compile_template(written if shape else returned, function, layout, _QUANTITY.args, is_checked, names)
 
 
-def _compile(
+def compile_template(
     template: Callable,
     function: Callable,
     layout: Layout,
@@ -295,6 +295,7 @@ def _compile(
     is_checked: bool,
     names: Mapping[str, Any] = MappingProxyType({}),
 ) -> Lanes:
+    """Compile a template for a block, with the user's function inlined in it."""
     options = {**KERNEL_OPTIONS, "boundscheck": True} if is_checked else KERNEL_OPTIONS
     inlined = numba.njit(inline="always", **options)(function)
     function = bound(template, {**layout.names(), **names, "FUNCTION": inlined})
@@ -321,15 +322,17 @@ def _obstacle(code: str) -> str:
 
 def _view(count: int, stride: int, first: int = 0, readonly: bool = False) -> Any:
     """Return a compiled ``view(array, lane)``: the values at first + lane + j stride for j < count."""
-    return _array_view(numba.types.Array(float64, 1, "A", readonly=readonly), count, stride, first, 1)
+    return array_view(numba.types.Array(float64, 1, "A", readonly=readonly), count, stride, first, 1)
 
 
 def _shared(count: int, first: int = 0, readonly: bool = True) -> Any:
     """Return a compiled ``view(array, lane)``: `count` neighbouring values of the array, for every lane."""
-    return _array_view(numba.types.Array(float64, 1, "C", readonly=readonly), count, 1, first, 0)
+    return array_view(numba.types.Array(float64, 1, "C", readonly=readonly), count, 1, first, 0)
 
 
-def _array_view(kind: Any, count: int, stride: int, first: int, of_lane: int) -> Any:
+def array_view(kind: Any, count: int, stride: int, first: int, of_lane: int) -> Any:
+    """Return a compiled ``view(array, lane)`` of `count` values from index ``first + of_lane * lane`` on."""
+
     @intrinsic
     def view(typingctx, array, lane):  # type: ignore[no-untyped-def]
         def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]

@@ -6,26 +6,31 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..functions.callbacks import Callback
+from ..functions.quantities import Quantity
 from ..kernels.adaptive_lanes import (
     ENDED,
     EVALUATED,
+    OPEN,
     REACHED,
     REJECTED,
     TAKEN,
-    AdaptiveLanes,
-    AdaptiveLayout,
     Block,
+    Control,
     Ends,
+    Rows,
     Starts,
-    compile_adaptive,
+    adaptive_kernel,
+    compile_event,
+    compile_rhs_at_times,
+    rows_of,
 )
+from ..kernels.lanes import Lanes, Layout
 from ..kernels.loops.formulas import variable_formulas
-from ..kernels.loops.pair import Pair, V_MOST
+from ..kernels.loops.pair import V_MOST, Pair
 from ..kernels.protocol import EVENTS
 from ..methods import Method
 from ..result.memory import aligned
@@ -33,62 +38,82 @@ from ..stepping.march import Cancel
 from ..stepping.tolerances import Tolerances
 from .alone import Alone
 from .histories import Histories
+from .lanewise import lanes_of
 from .members import Members
 
-LANES = 16
+LANES = 32
 _MOST_DEGREES = 8  # with more, the stages of a block leave the first-level cache
 _MOST_PARAMS = 64  # of a member, for the same reason
 _FEWEST = 4  # members; for fewer, the lanes do not pay
 _SLICE_SECONDS, _FIRST_STEPS = 0.02, 256
 
-_known: WeakKeyDictionary[Any, dict[tuple, tuple[Any, AdaptiveLanes]]] = WeakKeyDictionary()
-
 
 @dataclass(frozen=True, eq=False)
-class AdaptiveRun:
+class Adaptive:
     """What the blocks of an ensemble with tolerances have in common.
 
     Attributes
     ----------
-    lanes : AdaptiveLanes
+    kernel : callable
+    rows : Rows
+    rhs : Lanes
+    events : list of Lanes
     members : Members
     tolerances : Tolerances
-    rhs_address : int
+    callback : Callback
+        The right-hand side of one member.
     histories : Histories
     single : callable
         ``single(member, cancel)`` returns the `Solution` of a member.
     """
 
-    lanes: AdaptiveLanes
+    kernel: Callable
+    rows: Rows
+    rhs: Lanes
+    events: list[Lanes]
     members: Members
     tolerances: Tolerances
-    rhs_address: int
+    callback: Callback
     histories: Histories
     single: Callable[[int, Cancel], Any]
 
-
-def layout_of(members: Members, method: Method, n_events: int) -> AdaptiveLayout | None:
-    """Return the values of a block; None if the members should run one at a time."""
-    k = members.params.shape[-1]
-    is_pair = isinstance(variable_formulas(method.variable), Pair)
-    is_large = members.n > _MOST_DEGREES or (members.has_own_params and k > _MOST_PARAMS)
-    if not is_pair or is_large or len(members) < _FEWEST:
-        return None
-    return AdaptiveLayout(members.form, members.n, LANES, k, not members.has_own_params, n_events)
+    @property
+    def control(self) -> Control:
+        """The span and the tolerances."""
+        t, reads_time = self.tolerances, int(self.callback.reads_time)
+        limits = t.h_first, t.h_max, t.max_steps, t.rtol, t.atol, int(t.is_relative)
+        return Control(*self.members.t_span, *limits, reads_time)
 
 
-def adaptive_lanes_of(
-    rhs: Any, callback: Callback, layout: AdaptiveLayout, method: Method, events: Sequence[tuple[Any, Callback]]
-) -> AdaptiveLanes:
-    """Call `compile_adaptive` for checked functions, at the first call only."""
-    known = _known.setdefault(rhs, {})
-    key = layout, method.variable, tuple(event for event, _ in events)
-    current = callback.compiled, *(found.compiled for _, found in events)
-    if key not in known or known[key][0] != current:  # the user may have compiled a function anew
-        functions = [found.function for _, found in events]
-        made = compile_adaptive(callback.function, layout, method.variable, callback.reads_time, functions)
-        known[key] = current, made
-    return known[key][1]
+def runs_in_lanes(members: Members, method: Method) -> bool:
+    """Whether members with tolerances run in lanes."""
+    is_large = members.n > _MOST_DEGREES or (members.has_own_params and members.params.shape[1] > _MOST_PARAMS)
+    return isinstance(variable_formulas(method.variable), Pair) and not is_large and len(members) >= _FEWEST
+
+
+def in_lanes(
+    rhs: Any,
+    callback: Callback,
+    members: Members,
+    method: Method,
+    events: Sequence[Quantity],
+    tolerances: Tolerances,
+    histories: Histories,
+    single: Callable[[int, Cancel], Any],
+) -> Adaptive:
+    """Compile what runs members in lanes."""
+    layout = Layout(members.form, members.n, LANES, members.params.shape[-1], not members.has_own_params, False)
+    return Adaptive(
+        adaptive_kernel(method.variable, members.form, members.n, LANES),
+        rows_of(method.variable, members.n, LANES),
+        lanes_of(rhs, callback, layout, compile_rhs_at_times),
+        [lanes_of(event.function, event.callback, layout, compile_event) for event in events],
+        members,
+        tolerances,
+        callback,
+        histories,
+        single,
+    )
 
 
 class AdaptiveBlock:
@@ -98,13 +123,13 @@ class AdaptiveBlock:
 
     Parameters
     ----------
-    run : AdaptiveRun
+    shared : Adaptive
     numbers : ndarray of int
         The numbers of the members.
     """
 
-    def __init__(self, run: AdaptiveRun, numbers: np.ndarray) -> None:
-        self.run_of, self.numbers = run, numbers
+    def __init__(self, shared: Adaptive, numbers: np.ndarray) -> None:
+        self.shared, self.numbers = shared, numbers
         self.seconds = 0.0  # in the kernel
 
     def __len__(self) -> int:
@@ -113,35 +138,37 @@ class AdaptiveBlock:
     def run(self, stop: Cancel) -> None:
         """Run the members to their ends, or until `stop` is set."""
         ends = self._march(stop)
-        histories = self.run_of.histories
+        histories = self.shared.histories
         reached = ends.counts[:, ENDED] == REACHED
         counts = (ends.counts[reached, column] for column in (TAKEN, REJECTED, EVALUATED))
         histories.reach(self.numbers[reached], ends.u[reached], ends.v[reached], *counts)
-        left = Alone(self.numbers[~reached], histories, self.run_of.single)
+        left = Alone(self.numbers[~reached], histories, self.shared.single)
         left.run(stop)
         self.seconds += left.seconds
 
     def _march(self, stop: Cancel) -> Ends:
-        run, m = self.run_of, len(self.numbers)
-        members, tolerances, (t0, t_end) = run.members, run.tolerances, run.members.t_span
+        """Run the lanes in slices, so that they see `stop`."""
+        shared, m = self.shared, len(self.numbers)
+        members = shared.members
         params = members.params[self.numbers] if members.has_own_params else members.params[None]
         starts = Starts(members.u0[self.numbers], members.v0[self.numbers], np.ascontiguousarray(params))
         ends = Ends(*np.empty((2, m, members.n)), np.zeros((m, 4), dtype=np.int64))
-        block = self._block(m, t_end)
-        steps = _FIRST_STEPS
-        limits = tolerances.h_first, tolerances.h_max, tolerances.max_steps
-        options = (*limits, tolerances.rtol, tolerances.atol, int(tolerances.is_relative))
-        while block.place[1] and not stop.is_set():
+        events = np.array([event.address for event in shared.events], dtype=np.int64)
+        control, block, steps = shared.control, self._block(m), _FIRST_STEPS
+        while block.place[OPEN] and not stop.is_set():
             begin = time.perf_counter()
-            run.lanes.call(run.rhs_address, steps, t0, t_end, *options, block, starts, ends)
+            shared.kernel(shared.rhs.address, shared.callback.address, events, steps, control, block, starts, ends)
             taken = time.perf_counter() - begin
             self.seconds += taken
             steps = max(1, int(steps * min(16.0, _SLICE_SECONDS / (taken + 1e-9))))
         return ends
 
-    def _block(self, m: int, t_end: float) -> Block:
-        lanes, n = self.run_of.lanes, self.run_of.members.n
-        values = aligned((lanes.size,))
-        values[lanes.times] = t_end  # each lane looks for a member
-        numbers = np.full(LANES, -1, dtype=np.int64)
-        return Block(values, numbers, np.array([0, m]), np.zeros((V_MOST + 1, n)), np.zeros(EVENTS))
+    def _block(self, m: int) -> Block:
+        """Return a block whose lanes have no member yet."""
+        shared, members = self.shared, self.shared.members
+        values = aligned((shared.rows.size,))
+        values[shared.rows.times] = members.t_span[1]
+        p = np.zeros(members.params.shape[-1] * LANES) if members.has_own_params else members.params
+        signs = np.ones((len(shared.events), 2, LANES))
+        numbers, place = np.full(LANES, -1, dtype=np.int64), np.array([0, m])
+        return Block(values, p, signs, numbers, place, np.zeros((V_MOST + 1, members.n)), np.zeros(EVENTS))

@@ -32,8 +32,7 @@ from ..result.labels import Labels
 from ..run.progress import Progress, check_progress
 from ..stepping.march import Cancel, March
 from ..stepping.watching import further_times
-from .adaptive import LANES, AdaptiveBlock, AdaptiveRun, adaptive_lanes_of
-from .adaptive import layout_of as adaptive_layout_of
+from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
 from .alone import Alone, Singles
 from .block import Block
 from .files import Directory
@@ -332,24 +331,23 @@ class Run:
             return [Block(shared, order[i : i + lanes]) for i in range(0, len(order), lanes)]
         return [Alone(order[i : i + _ALONE], self.histories, self._single) for i in range(0, len(order), _ALONE)]
 
-    def _adaptive(self) -> AdaptiveRun | None:
+    def _adaptive(self) -> Adaptive | None:
         """Compile what runs in lanes with tolerances; return None if the members run one at a time."""
         options, members = self.options, self.members
         if options.t_eval is not None or options.save_every is not None or self._invariants or self._outputs:
             return None
-        events = [(q.function, q.callback) for q in self._followed().values()]
-        layout = adaptive_layout_of(members, options.method, len(events))
-        if layout is None:
+        if not runs_in_lanes(members, options.method):
             return None
+        tolerances, events = self._single.prepared(0).tolerances(members.n), [*self._followed().values()]
+        given = members, options.method, events, tolerances, self.histories, self._single
         try:
-            lanes = adaptive_lanes_of(self.rhs, self._callback, layout, options.method, events)
+            adaptive = in_lanes(self.rhs, self._callback, *given)
         except Exception as error:
             self.notes.append(_not_in_lanes(error))
             return None
-        if lanes.obstacle:
-            self.notes.append(f"rhs is not vectorised: {lanes.obstacle}.")
-        tolerances = self._single.prepared(0).tolerances(members.n)
-        return AdaptiveRun(lanes, members, tolerances, self._callback.address, self.histories, self._single)
+        if adaptive.rhs.obstacle:
+            self.notes.append(f"rhs is not vectorised: {adaptive.rhs.obstacle}.")
+        return adaptive
 
     def _shared(self) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
