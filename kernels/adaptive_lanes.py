@@ -269,7 +269,12 @@ def rest(control, lanes_of, a, a_end):
 def widen_sizes(atol, lanes_of, u, v, u_most, v_most):
     """Widen the sizes of u and v, of each degree of freedom and of all."""
     u_size, v_size, v_blur, ok, most, more = (
-        lanes_of[6], lanes_of[7], lanes_of[10], lanes_of[15], lanes_of[18], lanes_of[19]
+        lanes_of[6],
+        lanes_of[7],
+        lanes_of[10],
+        lanes_of[15],
+        lanes_of[18],
+        lanes_of[19],
     )
     for l in range(LANES):
         most[l], more[l] = u_size[l], v_size[l]

@@ -41,10 +41,10 @@ from .histories import Histories
 from .lanewise import lanes_of
 from .members import Members
 
-LANES = 32
+LANES = 64
 _MOST_DEGREES = 8  # with more, the stages of a block leave the first-level cache
 _MOST_PARAMS = 64  # of a member, for the same reason
-_FEWEST = 4  # members; for fewer, the lanes do not pay
+_FEWEST = 16  # members; for fewer, the lanes do not pay
 _SLICE_SECONDS, _FIRST_STEPS = 0.02, 256
 
 
