@@ -18,7 +18,7 @@ from .members import Members
 
 def alone(rhs: Any, members: Members, method: Method, i: int, cancel: Cancel | None = None, **options: Any) -> Solution:
     """Integrate member i as a single run."""
-    h = float(members.steps[i])
+    h, method = float(members.steps[i]), method.of_member(members.first + i)
     return integrate(rhs, members.t_span, **members.start(i), h=h, method=method, cancel=cancel, **options)
 
 

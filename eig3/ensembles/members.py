@@ -30,6 +30,8 @@ class Members:
     h : float or ndarray, shape (m,)
         The step, or one for each member. It divides the span.
     n_steps : ndarray, shape (m,)
+    first : int
+        The number of the first of them in the whole ensemble.
     """
 
     form: Form
@@ -39,6 +41,7 @@ class Members:
     params: np.ndarray
     h: Any
     n_steps: np.ndarray
+    first: int = 0
 
     def __len__(self) -> int:
         return len(self.u0)
@@ -72,6 +75,7 @@ class Members:
             params=self.params[chosen] if self.has_own_params else self.params,
             h=self.h[chosen] if self.has_own_step else self.h,
             n_steps=self.n_steps[chosen],
+            first=self.first + chosen.start,
         )
 
     def start(self, i: int) -> dict[str, Any]:

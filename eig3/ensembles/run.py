@@ -114,7 +114,8 @@ def ensemble(
     Notes
     -----
     The numbers of a member do not depend on the other members, on its place or on the number of threads, to the last
-    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k).
+    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). With `Langevin`,
+    member i has the random numbers of the stream i, and takes this stream along: ``Langevin(..., stream=i)``.
     """
     if save_to is not None:
         raise TypeError("save_to is for single runs: take reduce=, a function that saves what you need of each part.")
