@@ -482,7 +482,7 @@ class Langevin(Method):
 
     gamma: float = 0.0
     temperature: float = 0.0
-    mass: float | tuple[float, ...] = 1.0
+    mass: float | Sequence[float] = 1.0
     seed: int = 0
     stream: int = 0
     name: ClassVar[str] = "langevin"
@@ -493,18 +493,16 @@ class Langevin(Method):
     is_stochastic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        for name in ("gamma", "temperature"):
-            value = getattr(self, name)
+        for name, value in (("gamma", self.gamma), ("temperature", self.temperature)):
             if not (isinstance(value, numbers.Real) and 0 <= value <= _LARGEST):
                 raise ValueError(f"{name} must be a finite number of at least 0, not {shown(value)}.")
-        masses = self.mass if isinstance(self.mass, tuple) else tuple(np.ravel(self.mass).tolist())
+        masses: tuple[float, ...] = tuple(np.ravel(np.asarray(self.mass)).tolist())
         if not masses or not all(isinstance(m, numbers.Real) and 0 < m <= _LARGEST for m in masses):
             raise ValueError(f"mass must be a positive, finite number, or a sequence of them, not {shown(self.mass)}.")
         object.__setattr__(self, "mass", masses if np.ndim(self.mass) else masses[0])  # hashable
-        for name in ("seed", "stream"):
-            value = getattr(self, name)
-            if not (isinstance(value, numbers.Integral) and 0 <= value <= _LARGEST_COUNT):
-                raise ValueError(f"{name} must be a whole number from 0 to 2^53, not {shown(value)}.")
+        for name, count in (("seed", self.seed), ("stream", self.stream)):
+            if not (isinstance(count, numbers.Integral) and 0 <= count <= _LARGEST_COUNT):
+                raise ValueError(f"{name} must be a whole number from 0 to 2^53, not {shown(count)}.")
 
     @property
     def settings(self) -> tuple[float, ...]:

@@ -10,6 +10,7 @@ from .kernels.elementary import inlined, sqrt
 from .kernels.philox import normal
 
 _ZERO = np.uint64(0)
+_JUST_AFTER = 1 + 2.0**-50  # a time i h, and its quotient by dt, may be rounded down by four units in the last place
 
 
 @inlined
@@ -47,7 +48,7 @@ def white_noise(seed: int, member: int, t: float, dt: float, S: float) -> float:
     t : float
         The time, of at least 0, s.
     dt : float
-        The time over which the noise is constant, s. Let steps end at its multiples, such as those of h = dt / 2.
+        The time over which the noise is constant, s. Let steps end at its multiples, such as with h = dt / 2.
     S : float
         The spectral density, two-sided and over angular frequencies: the variance of a signal is the integral of its
         density over all omega from minus to plus infinity, in rad/s. For accelerations, S is in (m/s^2)^2 s.
@@ -55,7 +56,7 @@ def white_noise(seed: int, member: int, t: float, dt: float, S: float) -> float:
     Returns
     -------
     float
-        ``sqrt(2 pi S / dt) * eig3.noise(seed, member, int(t / dt))``.
+        ``sqrt(2 pi S / dt) * eig3.noise(seed, member, k)``, where k is t / dt rounded down.
 
     Notes
     -----
@@ -63,4 +64,4 @@ def white_noise(seed: int, member: int, t: float, dt: float, S: float) -> float:
     omega dt = 0.35. A one-sided density over frequencies in Hz, such as that of a record, is 4 pi S. The noise jumps at
     the multiples of dt: at a given dt, the errors of all methods fall with the step h to the first power.
     """
-    return sqrt(2 * math.pi * S / dt) * noise(seed, member, int(t / dt))
+    return sqrt(2 * math.pi * S / dt) * noise(seed, member, int(t / dt * _JUST_AFTER))

@@ -1,4 +1,4 @@
-"""Noise by counts: NumPy's bits, its distribution, and the response of a linear oscillator."""
+"""Noise by counts: NumPy's bits, its distribution, its spectral density, and the response of a linear oscillator."""
 
 import numba
 import numpy as np
@@ -64,6 +64,14 @@ def test_white_noise_has_its_spectral_density():
         ratio = np.mean(density[band] / (S * np.sinc(omega[band] * dt / (2 * np.pi)) ** 2))
         assert ratio == pytest.approx(1, abs=4 / np.sqrt(m * band.sum()) + (high / 16) ** 2 / 3)
     assert eig3.white_noise(4, 2, 0.35, dt, S) == np.sqrt(2 * np.pi * S / dt) * eig3.noise(4, 2, 3)
+
+
+@settings(deadline=None)
+@given(st.floats(1e-6, 1e3), st.integers(1, 8), st.integers(0, 10**9))
+def test_white_noise_jumps_at_the_ends_of_steps(dt, parts, i):
+    assert eig3.white_noise(4, 2, i * (dt / parts), dt, 1 / (2 * np.pi)) == pytest.approx(
+        eig3.noise(4, 2, i // parts) / np.sqrt(dt), rel=1e-12
+    )
 
 
 @eig3.jit
