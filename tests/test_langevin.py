@@ -301,6 +301,23 @@ def test_noise_is_no_divergence_and_an_unstable_step_is_one():
     assert all(status is eig3.Status.DIVERGED for status in runs.status)
 
 
+@eig3.jit
+def energy(t, u, v, p):
+    total = 0.0
+    for j in range(u.size):
+        total += (u[j] * u[j] + v[j] * v[j]) / 2
+    return total
+
+
+def test_warming_up_is_no_instability():
+    """The energy of many oscillators grows steadily from a cold start, as that of a method that grows weakly does."""
+    method = eig3.Langevin(gamma=1e-3, temperature=5.0, seed=3)
+    options = {"h": 0.05, "method": method, "invariants": {"energy": energy}}
+    run = eig3.integrate(springs, (0, 200), np.ones(200), np.zeros(200), **options)
+    assert run.drift["energy"] > 100  # in 200 s, 18 % of 1000 - 100 J
+    assert run.notes == ()
+
+
 def test_noise_is_no_short_period():
     """With much friction, u is a random walk, which bends in every step."""
     method = eig3.Langevin(gamma=100.0, temperature=1.0, seed=2)
