@@ -319,9 +319,9 @@ def test_warming_up_is_no_instability():
 
 
 def test_noise_is_no_short_period():
-    """With much friction, u is a random walk, which bends in every step."""
-    method = eig3.Langevin(gamma=100.0, temperature=1.0, seed=2)
-    assert eig3.integrate(spring, (0, 50), 0.0, 0.0, h=0.1, method=method).notes == ()
+    """With much friction, u forgets its place within a few steps of this length, and its path bends in every step."""
+    method = eig3.Langevin(gamma=1000.0, temperature=1.0, seed=2)
+    assert eig3.integrate(spring, (0, 103), 0.0, 0.0, h=1.03, method=method).notes == ()
 
 
 def test_its_limit_is_that_of_verlet():
