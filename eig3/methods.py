@@ -477,7 +477,8 @@ class Langevin(Method):
     averages. For an oscillator, the variance of u is k_B T / (m omega^2) at every step up to the limit omega h = 2, and
     that of v is k_B T / m (1 - (omega h)^2 / 4). With large friction, averages over u have the order 4.
 
-    f must not read the velocity: a force that does has another distribution, and BAOAB another order.
+    f must not read the velocity: a force that does has another distribution, and BAOAB another order. States within a
+    step, for `t_eval` and events, are interpolated, without noise of their own.
     """
 
     gamma: float = 0.0

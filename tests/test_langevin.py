@@ -259,6 +259,19 @@ def test_a_member_keeps_its_bits_without_the_others():
     np.testing.assert_array_equal(one.u, ends(300).u[7:8])
 
 
+@eig3.jit
+def softening(t, u, v, p):
+    return u * u * u - u
+
+
+def test_a_member_that_diverges_does_not_change_the_others():
+    method, u0 = eig3.Langevin(gamma=1.0, temperature=1e-3, seed=3), np.linspace(0, 0.1, 20)
+    well = eig3.ensemble(softening, (0, 20), u0, 0.0, h=0.125, method=method)
+    ill = eig3.ensemble(softening, (0, 20), np.where(np.arange(20) == 3, 50.0, u0), 0.0, h=0.125, method=method)
+    assert np.flatnonzero(~ill.success).tolist() == [3]
+    np.testing.assert_array_equal(np.delete(ill.u, 3, axis=0), np.delete(well.u, 3, axis=0))
+
+
 def test_degrees_of_freedom_in_lanes_have_their_masses():
     method = eig3.Langevin(gamma=1.0, temperature=0.5, mass=(0.5, 4.0), seed=3)
     runs = eig3.ensemble(springs, (0, 20), np.zeros((20, 2)), np.zeros(2), h=0.125, method=method)
