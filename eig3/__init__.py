@@ -12,7 +12,23 @@ from .functions.events import Event, Occurrences
 from .functions.extremes import Extremes
 from .functions.named import Parameters
 from .functions.sparse import Sparse
-from .methods import AB2, AB3, BM6, EIG, EIG3, METHODS, RK2, RK3, RK4, RK5, RK8, RKN12, CentralDifference, Method
+from .methods import (
+    AB2,
+    AB3,
+    BM6,
+    EIG,
+    EIG3,
+    METHODS,
+    RK2,
+    RK3,
+    RK4,
+    RK5,
+    RK8,
+    RKN12,
+    CentralDifference,
+    Langevin,
+    Method,
+)
 from .planning.planner import Plan, plan
 from .problem import Problem
 from .result.solution import Solution, Status
@@ -41,6 +57,7 @@ __all__ = [
     "Event",
     "Extremes",
     "IntegrationError",
+    "Langevin",
     "Method",
     "Modal",
     "NoCriticalStepError",
@@ -71,6 +88,7 @@ __all__ = [
     "scene",
     "stability",
     "structures",
+    "white_noise",
 ]
 
 
@@ -78,8 +96,8 @@ def __getattr__(name: str) -> Any:
     # These modules are imported on first access, so that `import eig3` stays fast.
     if name in ("effects", "math", "problems", "scene", "stability", "structures"):
         return importlib.import_module(f"eig3.{name}")
-    if name == "noise":
-        return importlib.import_module("eig3.philox").noise
+    if name in ("noise", "white_noise"):
+        return getattr(importlib.import_module("eig3.philox"), name)
     if name == "report":
         return importlib.import_module("eig3.bench.report").report
     if name in ("Modal", "Rayleigh", "linear"):

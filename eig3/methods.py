@@ -3,12 +3,15 @@
 import dataclasses
 import difflib
 import functools
+import math
 import numbers
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
+
+import numpy as np
 
 from .kernels.loops.formulas import Formulas, formulas
 
@@ -17,6 +20,7 @@ from .kernels.loops.formulas import Formulas, formulas
 _MOST_DIFFERENCES = 64
 
 _LARGEST = sys.float_info.max
+_LARGEST_COUNT = 2**53  # whole numbers up to this one are floats
 
 #: The record class of every method, by its short name. A class is added here when it is defined.
 METHODS: dict[str, Any] = {}
@@ -46,6 +50,8 @@ class Method:
         The name of the file of kernels with the formulas for steps of variable length; empty if there are none.
     ignores_velocity : bool
         Whether the method is valid only for a right-hand side that does not depend on the velocity.
+    is_stochastic : bool
+        Whether the steps add random numbers. The commands and `eig3.plan` do not compare such a method with others.
     jacobian : jitted function or None
         df/dv, for a method that can use it.
 
@@ -63,6 +69,7 @@ class Method:
     member: ClassVar[tuple] = ()
     variable: ClassVar[str] = ""
     ignores_velocity: ClassVar[bool] = False
+    is_stochastic: ClassVar[bool] = False
     jacobian: Callable | None = None
 
     def __init_subclass__(cls) -> None:
@@ -84,6 +91,18 @@ class Method:
     def settings(self) -> tuple[float, ...]:
         """The options that the kernel needs, as numbers."""
         return ()
+
+    def settings_of(self, members: Sequence[int]) -> tuple[float, ...]:
+        """Return the settings for a block of members of an ensemble, with their numbers."""
+        return self.settings
+
+    def of_member(self, member: int) -> "Method":
+        """Return the record that takes the steps of the member of an ensemble with this number."""
+        return self
+
+    def without_noise(self) -> "Method":
+        """Return the record whose steps add no random numbers, and have the same limit of stability."""
+        return self
 
     def for_force(self, reads_velocity: bool, n: int) -> "Method":
         """Return the record that takes the steps for n degrees of freedom, with every option "auto" decided."""
@@ -430,8 +449,86 @@ class EIG(_MayIgnoreVelocity):
 METHODS |= {f"eig{grade}": functools.partial(EIG, grade) for grade in range(4, 14)}
 
 
-#: The names of the library's own methods. `METHODS` also contains the methods that a user defines.
-LIBRARY: tuple[str, ...] = tuple(METHODS)
+@dataclass(frozen=True)
+class Langevin(Method):
+    """BAOAB, for u'' = f(t, u) - gamma v + noise of a temperature: Leimkuhler and Matthews (2013).
+
+    Parameters
+    ----------
+    gamma : float
+        Friction, 1/s.
+    temperature : float
+        k_B T in units of energy, such as J. The noise is such that a motion in a potential m phi(u), with f = -phi',
+        comes to the distribution exp(-(m v^2/2 + m phi) / (k_B T)).
+    mass : float or sequence of float
+        The mass m of all degrees of freedom, or that of each, such as in kg: f is the force divided by it.
+    seed, stream : int
+        Whole numbers from 0 to 2^53. A random number depends on them, the step index and the degree of freedom only.
+        Member i of an ensemble has the stream `stream` + i, where i is its number in the whole ensemble.
+
+    Raises
+    ------
+    ValueError
+        If an option is not valid, or the number of masses is not that of the degrees of freedom.
+
+    Notes
+    -----
+    By default there is neither friction nor noise: the method is then velocity Verlet. The order is 2, also that of
+    averages. For an oscillator, the variance of u is k_B T / (m omega^2) at every step up to the limit omega h = 2, and
+    that of v is k_B T / m (1 - (omega h)^2 / 4). With large friction, averages over u have the order 4.
+
+    f must not read the velocity: a force that does has another distribution, and BAOAB another order. States within a
+    step, for `t_eval` and events, are interpolated, without noise of their own.
+    """
+
+    gamma: float = 0.0
+    temperature: float = 0.0
+    mass: float | Sequence[float] = 1.0
+    seed: int = 0
+    stream: int = 0
+    name: ClassVar[str] = "langevin"
+    label: ClassVar[str] = "Langevin"
+    kernel: ClassVar[str] = "eig3.kernels.methods.langevin"
+    order: ClassVar[int] = 2
+    ignores_velocity: ClassVar[bool] = True
+    is_stochastic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        for name, value in (("gamma", self.gamma), ("temperature", self.temperature)):
+            if not (isinstance(value, numbers.Real) and 0 <= value <= _LARGEST):
+                raise ValueError(f"{name} must be a finite number of at least 0, not {shown(value)}.")
+        masses: tuple[float, ...] = tuple(np.ravel(np.asarray(self.mass)).tolist())
+        if not masses or not all(isinstance(m, numbers.Real) and 0 < m <= _LARGEST for m in masses):
+            raise ValueError(f"mass must be a positive, finite number, or a sequence of them, not {shown(self.mass)}.")
+        object.__setattr__(self, "mass", masses if np.ndim(self.mass) else masses[0])  # hashable
+        for name, count in (("seed", self.seed), ("stream", self.stream)):
+            if not (isinstance(count, numbers.Integral) and 0 <= count <= _LARGEST_COUNT):
+                raise ValueError(f"{name} must be a whole number from 0 to 2^53, not {shown(count)}.")
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        return self.settings_of([0])
+
+    def settings_of(self, members: Sequence[int]) -> tuple[float, ...]:
+        streams = (float(self.stream + member) for member in members)
+        weights = (1 / math.sqrt(mass) for mass in np.ravel(self.mass))
+        return float(self.gamma), float(self.temperature), float(self.seed), float(len(members)), *streams, *weights
+
+    def of_member(self, member: int) -> Method:
+        return dataclasses.replace(self, stream=self.stream + member)
+
+    def without_noise(self) -> Method:
+        return Langevin()  # friction does not change the limit of BAOAB
+
+    def for_force(self, reads_velocity: bool, n: int) -> Method:
+        if np.ndim(self.mass) and np.size(self.mass) != n:
+            raise ValueError(f"mass must be a number, or {n} of them for {n} degrees of freedom, not {self.mass}.")
+        return self
+
+
+#: The names of the library's own methods that add no random numbers. `METHODS` also contains those that do, and the
+#: methods that a user defines.
+LIBRARY: tuple[str, ...] = tuple(name for name, record in METHODS.items() if not record().is_stochastic)
 
 
 #: The forms of CD that tables name, by the letters of their labels.

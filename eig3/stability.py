@@ -101,7 +101,7 @@ def state_size(method: Method) -> int:
 
 def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -> np.ndarray:
     """Take one step of h = 1 with the vector kernel from the rows (u, v, past ...); NaN if a solve fails."""
-    method = method.fallback(1) or method
+    method = (method.fallback(1) or method).without_noise()
     if method.jacobian is not None:  # it is the jacobian of another system
         method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
     rows, n = state.shape

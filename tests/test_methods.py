@@ -24,6 +24,7 @@ def test_names_are_those_of_the_design():
         "rkn12",
         "bm6",
         *(f"eig{grade}" for grade in range(4, 14)),
+        "langevin",
     ]
 
 

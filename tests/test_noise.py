@@ -1,22 +1,24 @@
-"""Noise by counts: NumPy's bits, its distribution, and the response of a linear oscillator."""
+"""Noise by counts: NumPy's bits, its distribution, its spectral density, and the response of a linear oscillator."""
 
 import numba
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.signal
 import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
-from eig3.philox import block
+from eig3.kernels.philox import block
 
 OMEGA, XI, DT = 2.0, 0.1, 0.0625  # dt is a power of 2, so that steps end at its multiples
 
 
 @numba.njit
 def numbers(seed, member, k):
-    return block(seed, member, k)
+    zero = np.uint64(0)
+    return block(seed, member, k, zero, zero)
 
 
 WORD = st.integers(0, 2**64 - 1)
@@ -39,6 +41,37 @@ def test_the_numbers_are_normal_and_independent():
     assert np.abs(np.corrcoef(sequences) - np.eye(3)).max() < error
     assert abs(np.corrcoef(sequences[0, :-1], sequences[0, 1:])[0, 1]) < error
     assert eig3.noise(1, 2.0, 7) == eig3.noise(1, 2, 7) == sequences[2, 7]
+
+
+@numba.njit
+def series(member, dt, S, count):
+    """White noise at eight times in each dt."""
+    return np.array([eig3.white_noise(4, member, (i + 0.5) * dt / 8, dt, S) for i in range(count)])
+
+
+def test_white_noise_has_its_spectral_density():
+    """S sinc(omega dt / 2)^2 in bands of omega dt up to 3, and 4 pi S over frequencies in Hz on one side.
+
+    The values of a periodogram are exponential and independent: the mean of m bands of k values has the relative
+    standard error 1 / sqrt(m k). Eight points in dt add (omega dt / 16)^2 / 3 = 1.2 % at omega dt = 3.
+    """
+    dt, S, m, count = 0.1, 0.7, 100, 8 * 1024
+    x = np.array([series(member, dt, S, count) for member in range(m)])
+    frequency, density = scipy.signal.periodogram(x, 8 / dt, detrend=False)  # one-sided, over Hz
+    omega, density = 2 * np.pi * frequency, density.mean(axis=0) / (4 * np.pi)
+    for low, high in ((0.01, 0.3), (0.8, 1.2), (2.6, 3.0)):
+        band = (omega * dt > low) & (omega * dt < high)
+        ratio = np.mean(density[band] / (S * np.sinc(omega[band] * dt / (2 * np.pi)) ** 2))
+        assert ratio == pytest.approx(1, abs=4 / np.sqrt(m * band.sum()) + (high / 16) ** 2 / 3)
+    assert eig3.white_noise(4, 2, 0.35, dt, S) == np.sqrt(2 * np.pi * S / dt) * eig3.noise(4, 2, 3)
+
+
+@settings(deadline=None)
+@given(st.floats(1e-6, 1e3), st.integers(1, 8), st.integers(0, 10**9))
+def test_white_noise_jumps_at_the_ends_of_steps(dt, parts, i):
+    assert eig3.white_noise(4, 2, i * (dt / parts), dt, 1 / (2 * np.pi)) == pytest.approx(
+        eig3.noise(4, 2, i // parts) / np.sqrt(dt), rel=1e-12
+    )
 
 
 @eig3.jit

@@ -36,7 +36,7 @@ def coarseness(stepper: Stepper, u: np.ndarray | None) -> str:
     u : ndarray, shape (m,) or (m, n), or None
         The displacements after every step, if they were saved.
     """
-    if u is None or len(u) <= _SHORT:
+    if u is None or len(u) <= _SHORT or stepper.method.is_stochastic:  # noise bends a path in every step
         return _at_start(stepper)
     theta = _theta(u[-max(_SHORT + 1, min(_ROWS, _VALUES // stepper.n)) :])
     return _few(stepper.h, theta, "end", "") if theta > _most(stepper.method) else ""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.guard import NotFiniteAtStartError
+from ..methods import Method
 from ..result.solution import Solution, Status
 from ..run.prepare import Prepared
 from ..stepping.march import Cancel
@@ -33,21 +34,22 @@ class Singles:
         self._shared: Prepared | None = None
 
     def prepared(self, i: int) -> Prepared:
-        """Return the prepared run of member i, which all members share if they have the same step."""
-        if self._members.has_own_step:
-            return self._prepared(float(self._members.steps[i]))
+        """Return the prepared run of member i, which all members share if they have the same step and no noise."""
+        members, method = self._members, self._options.method
+        h = None if self._options.has_tolerances else float(members.steps[i])
+        if members.has_own_step or method.is_stochastic:
+            return self._prepared(h, method.of_member(members.first + i))
         if self._shared is None:
-            self._shared = self._prepared(None if self._options.has_tolerances else float(self._members.h))
+            self._shared = self._prepared(h, method)
         return self._shared
 
     def __call__(self, i: int, cancel: Cancel | None = None) -> Solution:
         """Integrate member i."""
-        return self.prepared(i).member(
-            self._members.t_span, *self._members.start(i, len(self._options.integrals)), cancel
-        )
+        start = self._members.start(i, len(self._options.integrals))
+        return self.prepared(i).member(self._members.t_span, *start, cancel)
 
-    def _prepared(self, h: float | None) -> Prepared:
-        return self._options.prepared(self._rhs, self._members.form, h, **self._changes)
+    def _prepared(self, h: float | None, method: Method) -> Prepared:
+        return self._options.prepared(self._rhs, self._members.form, h, **{"method": method, **self._changes})
 
 
 class Alone:

@@ -237,19 +237,20 @@ class Block:
     def _judge_growth(self, suspects: np.ndarray) -> None:
         """End suspects that grew because of their step as diverged.
 
-        A growth because of the step changes by orders of magnitude with half the step. Where this does not tell, a run
-        alone does: it finds the critical steps, which takes longer than thousands of steps in lanes.
+        A growth because of the step changes by orders of magnitude with half the step. Where this does not tell, or the
+        motion is random, a run alone does: it finds the critical steps, which takes longer than thousands of steps in
+        lanes.
         """
         histories, state = self.shared.histories, self._state
         suspects = suspects & (histories.status[self._members] == Status.COMPLETED)
         if not suspects.any():
             return
-        model = int(np.argmax(suspects))
         sizes = np.array(state.sizes)
-        half = sizes_with_half_the_step(
-            self.shared, np.where(suspects, self._members, self._members[model]), self._stop
-        )
-        ratio = np.where(sizes == half, 1.0, np.maximum(sizes / half, half / sizes)).max(axis=0)
+        if self.shared.method.is_stochastic:
+            half, ratio = sizes, np.full(len(suspects), _SAME)
+        else:
+            half = self._with_half_the_step(suspects)
+            ratio = np.where(sizes == half, 1.0, np.maximum(sizes / half, half / sizes)).max(axis=0)
         for lane in np.flatnonzero(suspects & ~(ratio < _SAME)).tolist():
             member, h = int(self._members[lane]), state.h[lane]
             if self._stop.is_set():
@@ -266,3 +267,8 @@ class Block:
                     f"is {sizes[:, lane].max():.2g}, and {half[:, lane].max():.2g} with h = {h / 2:g}; "
                     "solution.explain() looks for the reason.",
                 )
+
+    def _with_half_the_step(self, suspects: np.ndarray) -> np.ndarray:
+        """Return the largest |u| and |v| at the end of the suspects with half the step, shape (2, lanes)."""
+        model = self._members[np.argmax(suspects)]
+        return sizes_with_half_the_step(self.shared, np.where(suspects, self._members, model), self._stop)

@@ -52,7 +52,8 @@ class LaneState:
         self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
         self._rhs, self._kernel = shared.rhs, shared.kernel
         self._slices = Slices(shared.pace.seconds)
-        self._settings, self._tally = np.array(shared.method.settings, dtype=np.float64), np.zeros(EVENTS)
+        self._method, self._tally = shared.method, np.zeros(EVENTS)
+        self._set_numbers(everyone.first + members)
         self._tally[PART_END] = NEVER
         self._p = self._params(layout, everyone, members)
         u, v = (np.ascontiguousarray(x[members].T) for x in (everyone.u0, everyone.v0))
@@ -68,6 +69,11 @@ class LaneState:
         self._look = Look(_NO_WATCH, self.tracks.record) if shared.quantities else None
         self._saves = {name: (shared.quantities[name][0].width, layout.lanes) for name in shared.histories.outputs}
         self._reserve(0)
+
+    def _set_numbers(self, numbers: np.ndarray) -> None:
+        """Give the method the number of the member in each lane."""
+        self._numbers = numbers
+        self._settings = np.array(self._method.settings_of(numbers.tolist()), dtype=np.float64)
 
     def _params(self, layout: Layout, everyone: Members, members: np.ndarray) -> np.ndarray:
         """Return the array p of the kernel."""
@@ -180,6 +186,7 @@ class LaneState:
         layout = self.layout
         p = self._p[layout.begin_of_steps if layout.shares_params else 0 :].reshape(-1, layout.lanes)
         p[:, lanes] = p[:, model, None]
+        self._set_numbers(np.where(lanes, self._numbers[model], self._numbers))
 
     def extremes(self, name: str) -> np.ndarray:
         """The minimum and the maximum of a quantity so far, and the step indices where they occurred: (4, k, lanes)."""

@@ -32,8 +32,8 @@ def layout_of(members: Members, method: Method, n_followed: int, threads: int) -
     More lanes keep the vector units busy for longer in each loop, as long as the rows stay in the cache and each thread
     has blocks to run. A member's numbers do not depend on the number of lanes.
     """
-    if method.is_implicit or members.n > MOST_DEGREES:
-        return None
+    if method.is_implicit or members.n > MOST_DEGREES or (method.is_stochastic and members.has_own_step):
+        return None  # the noise of a step depends on its length
     lanes, rows = _MOST_LANES, members.n * method.formulas.own_rows + _ROWS_FOLLOWED * n_followed
     while lanes > _LEAST_LANES and 8 * rows * lanes > _CACHE:
         lanes //= 2

@@ -34,6 +34,8 @@ class Members:
         The step, or one for each member. It divides the span. NaN with tolerances.
     n_steps : ndarray, shape (m,)
         Number of steps; 0 with tolerances.
+    first : int
+        The number of the first of them in the whole ensemble.
     """
 
     form: Form
@@ -43,6 +45,7 @@ class Members:
     params: np.ndarray
     h: Any
     n_steps: np.ndarray
+    first: int = 0
 
     def __len__(self) -> int:
         return len(self.u0)
@@ -76,6 +79,7 @@ class Members:
             params=self.params[chosen] if self.has_own_params else self.params,
             h=self.h[chosen] if self.has_own_step else self.h,
             n_steps=self.n_steps[chosen],
+            first=self.first + chosen.start,
         )
 
     def start(self, i: int, n_integrals: int = 0) -> tuple[Any, Any, np.ndarray]:

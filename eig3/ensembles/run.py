@@ -148,8 +148,10 @@ def ensemble(
     Notes
     -----
     The numbers of a member do not depend on the other members, on its place or on the number of threads, to the last
-    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). Members with an
-    occurrence of an event, and all members with `t_eval`, run one at a time; their bits are those of `integrate`.
+    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). With `Langevin`,
+    member i has the random numbers of the stream i, and takes this stream along: ``Langevin(..., stream=i)``. Members
+    with an occurrence of an event, and all members with `t_eval`, run one at a time: their bits are those of
+    `integrate`.
     """
     _refuse(refused)
     try:

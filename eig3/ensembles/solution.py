@@ -149,7 +149,7 @@ class EnsembleSolution:
             status=self.status[i],
             message=self.message[i],
             kernel_seconds=self.kernel_seconds * float(self.n_steps[i] / max(1, self.n_steps.sum())),
-            method=self.method,
+            method=self.method.of_member(self.first + i),
             drift={name: float(values[i]) for name, values in self.drift.items()},
             extremes={name: extremes.of_member(i) for name, extremes in self.extremes.items()},
             notes=self.notes,

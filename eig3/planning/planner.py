@@ -243,6 +243,9 @@ def plan(
         records = _for(problem, records)
     if not records:
         raise ValueError("methods must name at least one method.")
+    for method in records:
+        if method.is_stochastic:
+            raise ValueError(f"methods must add no random numbers, and {method!r} does: its path has no exact one.")
     pilots = Pilots(problem, metric, _AIM[metric] * accuracy)
     first = guide(pilots)
     if isinstance(first, str):

@@ -305,9 +305,12 @@ class Run:
         return None if save_to is None else Place.of(save_to, system.labels, system.integrals)
 
     def _growth_notes(self, remedy: str) -> list[str]:
-        """Return a sentence about each invariant that grew steadily; `remedy` says what may help."""
+        """Return a sentence about each invariant that grew steadily; `remedy` says what may help.
+
+        Under noise there is none: an energy grows from a cold start.
+        """
         stepper, notes = self.stepper, []
-        if stepper.look:
+        if stepper.look and not stepper.method.is_stochastic:
             follower = stepper.look.follower
             for name, k in follower.followed.invariants.items():
                 growth = follower.growth(name, stepper.tally, stepper.index)
