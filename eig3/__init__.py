@@ -40,6 +40,7 @@ __all__ = [
     "EnsembleSolution",
     "Event",
     "Extremes",
+    "Fit",
     "IntegrationError",
     "Method",
     "Modal",
@@ -50,6 +51,7 @@ __all__ = [
     "Prepared",
     "Problem",
     "Rayleigh",
+    "Sensitivities",
     "Solution",
     "Sparse",
     "Status",
@@ -58,6 +60,7 @@ __all__ = [
     "critical_step",
     "effects",
     "ensemble",
+    "fit",
     "integrate",
     "jit",
     "linear",
@@ -69,6 +72,7 @@ __all__ = [
     "problems",
     "report",
     "scene",
+    "sensitivities",
     "stability",
     "structures",
 ]
@@ -82,6 +86,10 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module("eig3.philox").noise
     if name == "report":
         return importlib.import_module("eig3.bench.report").report
+    if name in ("Fit", "fit"):
+        return getattr(importlib.import_module("eig3.fitting.fit"), name)
+    if name in ("Sensitivities", "sensitivities"):
+        return getattr(importlib.import_module("eig3.fitting.sensitivities"), name)
     if name in ("Modal", "Rayleigh", "linear"):
         return getattr(importlib.import_module("eig3.structures"), name)
     raise AttributeError(f"module 'eig3' has no attribute {name!r}")
