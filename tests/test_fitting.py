@@ -448,6 +448,9 @@ GOOD = {"data": (T, U), "parameters": ["k", "c"], **RK4}
             ValueError,
             r"sigma of u must be a number or have the shape \(41,\) of the values, not \(2,\)",
         ),
+        ({"outputs": restoring}, TypeError, "outputs must be a dictionary of names and jitted functions"),
+        ({"problem": damped}, TypeError, r"problem must be an eig3\.Problem, not "),
+        ({"parameters": 3}, TypeError, "parameters must be a name such as 'k' or a sequence of names, not 3"),
         ({"parameters": "kk"}, ValueError, r"oscillator has no kk: did you mean k\?"),
         ({"parameters": {"k": np.nan}}, ValueError, r"parameters\['k'\] must be a finite first value, not nan"),
         ({"parameters": {"k": "4"}}, TypeError, r"parameters\['k'\] must be made of real numbers"),
@@ -467,7 +470,7 @@ GOOD = {"data": (T, U), "parameters": ["k", "c"], **RK4}
 def test_bad_arguments_of_a_fit_are_refused_before_anything_runs(change, error, message, monkeypatch):
     monkeypatch.setattr(eig3.Problem, "ensemble", None)
     with pytest.raises(error, match=f"^{message}"):
-        eig3.fit(OSCILLATOR, **{**GOOD, **change})
+        eig3.fit(**{"problem": OSCILLATOR, **GOOD, **change})
 
 
 def test_the_picture_of_a_fit(tmp_path, monkeypatch):
@@ -489,3 +492,18 @@ def test_without_scipy_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.optimize", None)
     with pytest.raises(ImportError, match=r"^a fit needs SciPy: pip install 'eig3\[fitting\]'\.$"):
         eig3.fit(OSCILLATOR, **GOOD)
+
+
+@pytest.mark.system
+def test_the_derivatives_of_diffrax_are_the_same():
+    pytest.importorskip("diffrax")
+    from eig3.bench import gradients
+
+    t_end, tolerance = 5.0, 1e-9
+    exact = gradients.reference(t_end)
+    for adjoint in ("forward", "reverse"):
+        assert gradients._diffrax("Dopri8", adjoint, t_end, tolerance)() == pytest.approx(exact, abs=1e-6)
+    lines = gradients.table(t_end, 1, has_diffrax=False).splitlines()
+    assert [line.split("|")[1].strip() for line in lines[2:]] == [
+        f"eig3.sensitivities, {m}" for m in ("rk4", "rk8", "eig9")
+    ]

@@ -44,7 +44,7 @@ class Series:
         return values if self.column is None else values[..., self.column]
 
 
-def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any] | None, sigma: Any) -> list[Series]:
+def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any], sigma: Any) -> list[Series]:
     """Return the series of data.
 
     Raises
@@ -52,7 +52,7 @@ def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any] | None, s
     TypeError, ValueError
         If data or sigma is not as `eig3.fit` describes it, or a name is not one of the problem.
     """
-    known = _quantities(problem, outputs or {})
+    known = _quantities(problem, outputs)
     if not isinstance(data, Mapping):
         return _series("u", data, "data", {"group": "u"}, np.shape(problem.u0), sigma)
     if not data:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..functions.checks import check_h, reals, shown
 from ..functions.layout import unknown_name
+from ..functions.quantities import check_functions
 from ..methods import Method
 from ..problem import Problem
 from .data import Series, check_data
@@ -157,8 +158,8 @@ def fit(
     IntegrationError
         The run with the first values, or one for the derivatives, diverges.
     """
-    series = check_data(problem, data, outputs, sigma)
     places = check_places(problem, parameters)
+    series = check_data(problem, data, check_functions(None, outputs).outputs, sigma)
     problem = _first(problem, places, parameters)
     low, high = _check_bounds(problem, places, bounds or {})
     n_data = sum(len(each.t) for each in series)

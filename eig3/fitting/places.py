@@ -59,8 +59,12 @@ def check_places(problem: Problem, names: str | Iterable[str]) -> list[Place]:
     Raises
     ------
     TypeError, ValueError
-        If there is no such value, if it is no real number, or if a name is there twice.
+        If there is no such value, if it is no real number, if a name is there twice, or if problem is none.
     """
+    if not isinstance(problem, Problem):
+        raise TypeError(f"problem must be an eig3.Problem, not {shown(problem)}.")
+    if not isinstance(names, Iterable):
+        raise TypeError(f"parameters must be a name such as 'k' or a sequence of names, not {shown(names)}.")
     given = [names] if isinstance(names, str) else list(names)
     if not given:
         raise ValueError("parameters must name at least one parameter, such as 'k' or 'u0[1]', but it is empty.")
