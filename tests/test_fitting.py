@@ -97,7 +97,7 @@ def steps_of_rk4(f, u, v, h, count):
     return np.array(found)
 
 
-@pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("eig4", 3), ("rk4", 4)])
+@pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("rk4", 4)])
 def test_derivatives_converge_to_the_closed_forms_to_the_order_of_the_method(method, order):
     errors = []
     for h in (0.05, 0.025):
@@ -182,6 +182,9 @@ def test_at_other_times_derivatives_are_those_of_the_interpolated_motion():
     options = {"h": 0.01, "method": "rk4", "outputs": {"forces": (forces, 2)}}
     some = eig3.sensitivities(CHAIN, ["k[0]", "c"], t_eval=times, **options)
     fine = eig3.sensitivities(CHAIN, ["k[0]", "c"], **{**options, "h": 0.001})
+    u, v = CHAIN.integrate(h=0.01, method="rk4").at(times)
+    assert some.states.u == pytest.approx(u, abs=1e-12)
+    assert some.states.v == pytest.approx(v, abs=1e-12)
     rows = np.round(times / 0.001).astype(int)
     for now, then in ((some.states, fine.states), (some["k[0]"], fine["k[0]"]), (some["c"], fine["c"])):
         assert now.u == pytest.approx(then.u[rows], abs=1e-6)
@@ -214,9 +217,9 @@ def test_a_structure_with_a_sparse_stiffness_has_derivatives():
 
 def test_a_member_that_diverges_is_named():
     problem = OSCILLATOR.with_(params={"k": 4e4, "c": 0.2})
-    limit = problem.critical_step(method="cd", safety=1.0).h
+    limit = problem.critical_step(method="rk4", safety=1.0).h
     with pytest.raises(eig3.IntegrationError, match=r"^The run with k = .* fails") as caught:
-        eig3.sensitivities(problem.with_(t_span=(0, 1000 * limit)), "k", h=1.01 * limit, method="cd")
+        eig3.sensitivities(problem.with_(t_span=(0, 1000 * limit)), "k", h=1.05 * limit, method="rk4")
     assert caught.value.solution.status is eig3.Status.DIVERGED
     with pytest.raises(ValueError, match=r"^outputs\['f'\] must be finite, but is not with k = 4\.$"):
         eig3.sensitivities(OSCILLATOR, "k", h=0.1, outputs={"f": undefined})

@@ -174,33 +174,38 @@ def fit(
     return _found(model, problem, places, has_sigma=sigma is not None)
 
 
-def _found(model: Model, problem: Problem, places: Sequence[Place], *, has_sigma: bool) -> Fit:
-    least_squares, sizes = _least_squares(), model.sizes
-    first = model.runs.first
-    model.check(first)
-    options = {"ftol": _TOLERANCE, "xtol": _TOLERANCE, "gtol": _NO_GRADIENT}
-    low, high = model.bounds
+def _minimise(model: Model) -> Any:
+    """Return SciPy's result, with x in the units of the parameters, and J by the parameters as parts of their sizes."""
+    least_squares, sizes, (low, high) = _least_squares(), model.sizes, model.bounds
 
     def values(q: np.ndarray) -> np.ndarray:
         return np.clip(q * sizes, low, high)  # a product may be beyond a bound by its last bit
 
     result = least_squares(
         lambda q: model.residuals(values(q)) / model.size,  # q and the residuals have the size 1
-        first / sizes,
+        model.runs.first / sizes,
         jac=lambda q: model.jacobian(values(q)) * sizes / model.size,
         bounds=(low / sizes, high / sizes),
-        **options,
+        ftol=_TOLERANCE,
+        xtol=_TOLERANCE,
+        gtol=_NO_GRADIENT,
     )
-    x, is_bound = _at_bounds(values(result.x), result.jac.T @ result.fun, model)
-    residuals = model.residuals(x)
+    result.x, result.jac = values(result.x), result.jac * model.size
+    return result
+
+
+def _found(model: Model, problem: Problem, places: Sequence[Place], *, has_sigma: bool) -> Fit:
+    model.check(model.runs.first)
+    result = _minimise(model)
+    x, is_bound = _at_bounds(result.x, result.jac.T @ result.fun, model)
+    curves, residuals = model.curves(x), model.residuals(x)
     freedom = len(residuals) - np.count_nonzero(~is_bound)
     scatter = float(np.sqrt(residuals @ residuals / freedom)) if freedom else np.nan
-    matrix, is_loose = covariance(result.jac * model.size, sizes, ~is_bound, 1.0 if has_sigma else scatter**2)
+    matrix, is_loose = covariance(result.jac, model.sizes, ~is_bound, 1.0 if has_sigma else scatter**2)
     names = [place.name for place in places]
     errors = np.sqrt(np.diag(matrix)).tolist()
     ends = np.cumsum([len(each.t) for each in model.series])[:-1]
     parts = zip(model.series, np.split(residuals, ends), strict=True)
-    curves = model.curves(x)
     return Fit(
         values=dict(zip(names, x.tolist(), strict=True)),
         errors=dict(zip(names, errors, strict=True)),
