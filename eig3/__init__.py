@@ -56,6 +56,7 @@ __all__ = [
     "EnsembleSolution",
     "Event",
     "Extremes",
+    "Fit",
     "IntegrationError",
     "Langevin",
     "Method",
@@ -67,6 +68,7 @@ __all__ = [
     "Prepared",
     "Problem",
     "Rayleigh",
+    "Sensitivities",
     "Solution",
     "Sparse",
     "Status",
@@ -75,6 +77,7 @@ __all__ = [
     "critical_step",
     "effects",
     "ensemble",
+    "fit",
     "integrate",
     "jit",
     "linear",
@@ -86,6 +89,7 @@ __all__ = [
     "problems",
     "report",
     "scene",
+    "sensitivities",
     "stability",
     "structures",
     "white_noise",
@@ -100,6 +104,10 @@ def __getattr__(name: str) -> Any:
         return getattr(importlib.import_module("eig3.philox"), name)
     if name == "report":
         return importlib.import_module("eig3.bench.report").report
+    if name in ("Fit", "fit"):
+        return getattr(importlib.import_module("eig3.fitting.fit"), name)
+    if name in ("Sensitivities", "sensitivities"):
+        return getattr(importlib.import_module("eig3.fitting.sensitivities"), name)
     if name in ("Modal", "Rayleigh", "linear"):
         return getattr(importlib.import_module("eig3.structures"), name)
     raise AttributeError(f"module 'eig3' has no attribute {name!r}")

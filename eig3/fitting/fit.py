@@ -1,0 +1,311 @@
+"""`fit`: find parameters and starts of a problem from measured data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..functions.checks import check_h, reals, shown
+from ..functions.layout import unknown_name
+from ..functions.quantities import check_functions
+from ..methods import Method
+from ..problem import Problem
+from .data import Series, check_data
+from .estimates import correlation, covariance, loose_note
+from .model import Model
+from .picture import save
+from .places import Place, changed, check_places
+from .runs import Runs
+
+_TOLERANCE = 1e-12  # of the sum of squares, and of the parameters by their sizes
+_NO_GRADIENT = float(np.finfo(np.float64).eps)  # SciPy divides by zero where the gradient is zero from the first
+_DIGITS = 16  # most digits of a value in texts
+_AT_BOUND = 1e-6  # largest distance from a bound of a parameter that the data push towards it, by its size
+_ENDS = {
+    0: "The fit took too many runs without an end: give first values that are nearer, or bounds.",
+    1: "The fit ended, because the sum of squares becomes no smaller.",
+    2: "The fit ended, because the parameters change no more.",
+    3: "The fit ended, because the sum of squares becomes no smaller.",
+    4: "The fit ended, because neither the sum of squares nor the parameters change any more.",
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """Parameters that were found from data, and how well the data determine them.
+
+    Attributes
+    ----------
+    values, errors : dict of str to float
+        The parameters and their standard errors, by name. An error is NaN at a bound, where the parameter is held, and
+        infinite if the data do not determine it.
+    covariance, correlation : ndarray, shape (p, p)
+        Of the parameters, in the order of `values`.
+    residuals : dict of str to ndarray
+        Data less model, for each series of the data.
+    scatter : float
+        The standard deviation of the residuals: in the unit of the data without sigma, and in multiples of sigma with
+        it. It is then near 1 if sigma and the model are right.
+    at_bound : tuple of str
+        The parameters that ended at a bound.
+    problem : Problem
+        The problem with the parameters found.
+    success : bool
+    status : int
+        Why the fit ended, as SciPy's least_squares numbers it.
+    message : str
+        The same in a sentence.
+    n_runs : int
+        Number of runs.
+    """
+
+    values: dict[str, float]
+    errors: dict[str, float]
+    covariance: np.ndarray
+    correlation: np.ndarray
+    residuals: dict[str, np.ndarray]
+    scatter: float
+    at_bound: tuple[str, ...]
+    problem: Problem
+    success: bool
+    status: int
+    message: str
+    n_runs: int
+    _series: list[Series]
+    _curves: tuple[np.ndarray, list[np.ndarray]]
+
+    def plot(self, path: str | PathLike[str], *, units: Mapping[str, str] | None = None) -> Path:
+        """Write a picture of the data, the fitted motion and the residuals.
+
+        Parameters
+        ----------
+        path : str or path
+            The file, whose ending is the format, such as ".png" or ".svg".
+        units : dict of str to str
+            Units of outputs and integrals by name, such as ``{"force": "N"}``. Those of u and v are the problem's.
+
+        Returns
+        -------
+        Path
+            The path of the file.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        """
+        title = ", ".join(_with_error(name, value, self.errors[name]) for name, value in self.values.items())
+        given = {each.name: _unit(self.problem, each) for each in self._series} | dict(units or {})
+        return save(Path(path), title, self._series, self.residuals, self._curves, given)
+
+    def __repr__(self) -> str:
+        n_data = sum(map(len, self.residuals.values()))
+        lines = [f"Fit of {len(self.values)} parameters to {n_data} values, with {self.n_runs} runs:"]
+        lines += [f"  {_with_error(name, value, self.errors[name])}" for name, value in self.values.items()]
+        return "\n".join([*lines, f"  scatter of the residuals: {self.scatter:.4g}", f"  {self.message}"])
+
+
+def fit(
+    problem: Problem,
+    data: Any,
+    parameters: str | Iterable[str] | Mapping[str, float],
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
+    *,
+    h: float,
+    method: str | Method = "eig3",
+    outputs: Mapping[str, Any] | None = None,
+    sigma: Any = None,
+) -> Fit:
+    """Find parameters and starts of a problem from data, by least squares.
+
+    SciPy's ``least_squares`` (a trust region that is reflected at bounds) minimises the sum of
+    ``((data - model) / sigma)**2``, with the derivatives of `eig3.sensitivities`. The model's u and v at the times of
+    the data are those of `Solution.at`: Hermite polynomials through u, v and a at the ends of each step. Outputs and
+    integrals follow from polynomials through six steps. The page eig3/fitting/README.md has an example.
+
+    Parameters
+    ----------
+    problem : Problem
+        Without events. The runs end at the last time of the data.
+    data : (times, values); or dict of str to (times, values)
+        Values of u, of shape (m,), or (m, n) for n degrees of freedom. Or series by name, each with its own times: "u"
+        or "v" with one degree of freedom, "u0", "v1" or the problem's names with several, outputs and integrals.
+    parameters : str or sequence of str; or dict of str to float
+        Names as for `eig3.sensitivities`. The first values are those of the problem, or of the dictionary.
+    bounds : dict of str to (low, high)
+        Bounds by name; None or infinite for no bound on a side. No run has values beyond them.
+    h, method, outputs
+        As for `Problem.integrate`.
+    sigma : float or array_like; or dict of str to float or array_like
+        Standard deviation of the noise in the data, of all values or of each. Without it, the standard errors follow
+        from the scatter of the residuals; data with several names need it.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    TypeError, ValueError
+        An argument is not valid. These errors are raised before anything runs.
+    ImportError
+        SciPy is not installed.
+    IntegrationError
+        The run with the first values, or one for the derivatives, diverges.
+    """
+    places = check_places(problem, parameters)
+    series = check_data(problem, data, check_functions(None, outputs).outputs, sigma)
+    problem = _first(problem, places, parameters)
+    low, high = _check_bounds(problem, places, bounds or {})
+    n_data = sum(len(each.t) for each in series)
+    if n_data < len(places) + (sigma is None):
+        least = f"at least {len(places) + (sigma is None)} values for {len(places)} parameters"
+        raise ValueError(f"data must hold {least}{' and their scatter' * (sigma is None)}, not {n_data}.")
+    options: dict[str, Any] = {"h": check_h(h), "method": method, "outputs": outputs}
+    runs = Runs(problem, places, t_end=_end(problem, series), save_every=1, **options)
+    spans = high - low
+    sizes = runs.sizes(np.where(np.isfinite(spans), spans, 1.0))
+    model = Model(runs, series, low, high, sizes)
+    return _found(model, problem, places, has_sigma=sigma is not None)
+
+
+def _minimise(model: Model) -> Any:
+    """Return SciPy's result, with x in the units of the parameters, and J by the parameters as parts of their sizes."""
+    least_squares, sizes, (low, high) = _least_squares(), model.sizes, model.bounds
+
+    def values(q: np.ndarray) -> np.ndarray:
+        return np.clip(q * sizes, low, high)  # a product may be beyond a bound by its last bit
+
+    result = least_squares(
+        lambda q: model.residuals(values(q)) / model.size,  # q and the residuals have the size 1
+        model.runs.first / sizes,
+        jac=lambda q: model.jacobian(values(q)) * sizes / model.size,
+        bounds=(low / sizes, high / sizes),
+        ftol=_TOLERANCE,
+        xtol=_TOLERANCE,
+        gtol=_NO_GRADIENT,
+    )
+    result.x, result.jac = values(result.x), result.jac * model.size
+    return result
+
+
+def _found(model: Model, problem: Problem, places: Sequence[Place], *, has_sigma: bool) -> Fit:
+    model.check(model.runs.first)
+    result = _minimise(model)
+    x, is_bound = _at_bounds(result.x, result.jac.T @ result.fun, model)
+    curves, residuals = model.curves(x), model.residuals(x)
+    freedom = len(residuals) - np.count_nonzero(~is_bound)
+    scatter = float(np.sqrt(residuals @ residuals / freedom)) if freedom else np.nan
+    matrix, is_loose = covariance(result.jac, model.sizes, ~is_bound, 1.0 if has_sigma else scatter**2)
+    names = [place.name for place in places]
+    errors = np.sqrt(np.diag(matrix)).tolist()
+    ends = np.cumsum([len(each.t) for each in model.series])[:-1]
+    parts = zip(model.series, np.split(residuals, ends), strict=True)
+    return Fit(
+        values=dict(zip(names, x.tolist(), strict=True)),
+        errors=dict(zip(names, errors, strict=True)),
+        covariance=matrix,
+        correlation=correlation(matrix),
+        residuals={each.name: -part * each.sigma for each, part in parts},
+        scatter=scatter,
+        at_bound=tuple(name for name, each in zip(names, is_bound, strict=True) if each),
+        problem=changed(problem, places, x),
+        success=bool(result.success),
+        status=int(result.status),
+        message=_ENDS[result.status] + loose_note(names, is_loose),
+        n_runs=model.runs.count,
+        _series=list(model.series),
+        _curves=curves,
+    )
+
+
+def _least_squares() -> Any:
+    try:
+        from scipy.optimize import least_squares
+    except ImportError as error:
+        raise ImportError("a fit needs SciPy: pip install 'eig3[fitting]'.") from error
+    return least_squares
+
+
+def _at_bounds(x: np.ndarray, gradient: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parameters and which of them are at a bound; these have the value of the bound itself."""
+    low, high = model.bounds
+    is_low = (x - low <= _AT_BOUND * model.sizes) & (gradient > 0)
+    is_high = (high - x <= _AT_BOUND * model.sizes) & (gradient < 0)
+    return np.where(is_low, low, np.where(is_high, high, x)), is_low | is_high
+
+
+def _first(problem: Problem, places: Sequence[Place], parameters: Any) -> Problem:
+    """Return the problem with the first values of the parameters."""
+    if not isinstance(parameters, Mapping):
+        return problem
+    values = [reals(value, f"parameters[{name!r}]") for name, value in parameters.items()]
+    for name, value in zip(parameters, values, strict=True):
+        if value.ndim or not np.isfinite(value):
+            raise ValueError(f"parameters[{name!r}] must be a finite first value, not {shown(parameters[name])}.")
+    return changed(problem, places, np.array(values))
+
+
+def _check_bounds(problem: Problem, places: Sequence[Place], bounds: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and the highest values of the parameters."""
+    if not isinstance(bounds, Mapping):
+        raise TypeError(f"bounds must be a dictionary such as {{'k': (0, 10)}}, not {shown(bounds)}.")
+    names = [place.name for place in places]
+    low, high = np.full(len(places), -np.inf), np.full(len(places), np.inf)
+    for name, pair in bounds.items():
+        if name not in names:
+            raise unknown_name("bounds must be those of the parameters, which have", str(name), names, ValueError)
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            raise TypeError(f"bounds[{name!r}] must be a pair (low, high), not {shown(pair)}.")
+        i = names.index(name)
+        ends = zip(pair, (-np.inf, np.inf), strict=True)
+        low[i], high[i] = reals([free if end is None else end for end, free in ends], f"bounds[{name!r}]")
+        value = places[i].value(problem)
+        if not low[i] < high[i]:
+            raise ValueError(f"bounds[{name!r}] must be (low, high) with low < high, not {shown(pair)}.")
+        if not low[i] <= value <= high[i]:
+            raise ValueError(
+                f"bounds[{name!r}] = ({low[i]:g}, {high[i]:g}) must contain the first value {value:g}: give another, "
+                f"such as parameters={{{name!r}: {_inside(low[i], high[i]):g}, ...}}."
+            )
+    return low, high
+
+
+def _inside(low: float, high: float) -> float:
+    if np.isfinite(low) and np.isfinite(high):
+        return (low + high) / 2
+    return low + abs(low) + 1 if np.isfinite(low) else high - abs(high) - 1
+
+
+def _end(problem: Problem, series: Sequence[Series]) -> float:
+    """Return the last time of the data, which must be within the span of the problem."""
+    begin, end = problem.t_span
+    first, last = min(each.t.min() for each in series), max(each.t.max() for each in series)
+    if first < begin or last > end:
+        raise ValueError(
+            f"data must have times within the problem's t_span = ({begin:g}, {end:g}), not {first:g} to {last:g}: give "
+            "problem.with_(t_span=...)."
+        )
+    if last == begin:
+        raise ValueError(f"data must have a time after the start of the run at t = {begin:g}.")
+    return float(last)
+
+
+def _unit(problem: Problem, series: Series) -> str:
+    """Return the unit of a series of u or v; empty for others."""
+    return problem.unit(series.group, series.column or 0) if series.group in ("u", "v") else ""
+
+
+def _with_error(name: str, value: float, error: float) -> str:
+    """Return a value with the digits that its error leaves, such as "k = 4.003 +- 0.012"."""
+    if np.isnan(error):
+        return f"{name} = {value:.6g} (held)"
+    if not 0 < error < np.inf:
+        return f"{name} = {value:.6g} +- {error:g}"
+    digits = int(np.floor(np.log10(max(abs(value), error)))) - int(np.floor(np.log10(error)))
+    return f"{name} = {value:#.{min(digits + 2, _DIGITS)}g} +- {error:#.2g}"

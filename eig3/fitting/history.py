@@ -1,0 +1,44 @@
+"""Values over time of all that a run gives: displacements, velocities, outputs and integrals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class History:
+    """Displacements, velocities, outputs and integrals at some times, or their derivatives, or errors of these.
+
+    Attributes
+    ----------
+    u, v : ndarray, shape (s,) or (s, n)
+    outputs : dict of str to ndarray, shape (s,) or (s, k)
+    integrals : dict of str to ndarray, shape (s,)
+        Where there is one for each of p parameters, all arrays have a further first axis of length p.
+    """
+
+    u: np.ndarray
+    v: np.ndarray
+    outputs: dict[str, np.ndarray]
+    integrals: dict[str, np.ndarray]
+
+    def map(self, function: Callable[..., Any], *others: History) -> History:
+        """Return the history of ``function(x, ...)`` for each array x and those of other histories beside it."""
+        return History(
+            function(self.u, *(other.u for other in others)),
+            function(self.v, *(other.v for other in others)),
+            {name: function(x, *(other.outputs[name] for other in others)) for name, x in self.outputs.items()},
+            {name: function(x, *(other.integrals[name] for other in others)) for name, x in self.integrals.items()},
+        )
+
+    def __getitem__(self, i: Any) -> History:
+        """Return the history of one parameter, by its number."""
+        return self.map(lambda x: x[i])
+
+    def __repr__(self) -> str:
+        names = ["u", "v", *self.outputs, *self.integrals]
+        return f"History of {', '.join(names)} in arrays whose shape begins with {self.u.shape}"

@@ -1,0 +1,149 @@
+"""The names of parameters and of entries of the start, and where their values are in a problem."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..functions.checks import check_params, shown
+from ..functions.layout import unknown_name
+from ..problem import Problem
+
+_NAME = re.compile(r"(\w+)(?:\[(\d+)(?:, ?(\d+))?\])?")
+_FLAT = "p"  # the name of parameters without names, as functions call them
+
+
+class Place(NamedTuple):
+    """Where a value is in a problem.
+
+    Attributes
+    ----------
+    name : str
+        As the user wrote it, such as "k", "k[2]", "p[3]" or "u0[1]".
+    field : str
+        "u0", "v0" or "params".
+    key : str
+        The name of the parameter; empty for u0, v0 and an array of parameters.
+    entry : tuple of int
+        The index in the array; empty for a number.
+    """
+
+    name: str
+    field: str
+    key: str
+    entry: tuple[int, ...]
+
+    def array(self, problem: Problem) -> np.ndarray:
+        """Return the whole array in which the value is, of a shape () for a number."""
+        if self.key:
+            return np.asarray(problem.params[self.key], dtype=np.float64)
+        if self.field == "params":
+            return check_params(problem.params)
+        return np.asarray(getattr(problem, self.field), dtype=np.float64)
+
+    def value(self, problem: Problem) -> float:
+        """Return the value."""
+        return float(self.array(problem)[self.entry])
+
+    def size(self, problem: Problem) -> float:
+        """Return the size of the value, or that of the largest value in its named array if it is zero."""
+        return abs(self.value(problem)) or (float(np.abs(self.array(problem)).max()) if self.key else 0.0)
+
+
+def check_places(problem: Problem, names: str | Iterable[str]) -> list[Place]:
+    """Return the places of the values with these names.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no such value, if it is no real number, if a name is there twice, or if problem is none.
+    """
+    if not isinstance(problem, Problem):
+        raise TypeError(f"problem must be an eig3.Problem, not {shown(problem)}.")
+    if not isinstance(names, Iterable):
+        raise TypeError(f"parameters must be a name such as 'k' or a sequence of names, not {shown(names)}.")
+    given = [names] if isinstance(names, str) else list(names)
+    if not given:
+        raise ValueError("parameters must name at least one parameter, such as 'k' or 'u0[1]', but it is empty.")
+    places = [_place(problem, name) for name in given]
+    for i, place in enumerate(places):
+        if any(place[1:] == other[1:] for other in places[:i]):
+            raise ValueError(f"parameters must name each value once, but {place.name} is there twice.")
+    return places
+
+
+def varied(problem: Problem, places: Sequence[Place], rows: np.ndarray) -> dict[str, Any]:
+    """Return the arguments of `Problem.ensemble` for members with these values.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (m, p)
+        The values at the p places, in each of m members.
+    """
+    arrays: dict[tuple[str, str], np.ndarray] = {}
+    for place, column in zip(places, rows.T, strict=True):
+        array = arrays.setdefault(place[1:3], np.repeat(place.array(problem)[None], len(rows), axis=0))
+        each: tuple[Any, ...] = (slice(None), *place.entry)
+        array[each] = column
+    found: dict[str, Any] = {field: array for (field, key), array in arrays.items() if not key}
+    named = {key: array for (_, key), array in arrays.items() if key}
+    return {**found, **({"params": named} if named else {})}
+
+
+def changed(problem: Problem, places: Sequence[Place], values: np.ndarray) -> Problem:
+    """Return the problem with other values, shape (p,), at the places."""
+    changes = {}
+    for field, arrays in varied(problem, places, values[None]).items():
+        named = isinstance(arrays, dict)
+        changes[field] = problem.params._replace(**{k: x[0] for k, x in arrays.items()}) if named else arrays[0]
+    return problem.with_(**changes)
+
+
+def _place(problem: Problem, name: Any) -> Place:
+    match = _NAME.fullmatch(name) if isinstance(name, str) else None
+    if match is None:
+        raise ValueError(f"parameters must hold names such as 'k', 'k[2]', 'p[3]' or 'u0[1]', not {shown(name)}.")
+    head, index = match[1], tuple(int(i) for i in match.groups()[1:] if i is not None)
+    heads = _heads(problem)
+    if head not in heads:
+        raise unknown_name(f"{problem.name} has", head, [*heads], ValueError)
+    field, key = heads[head]
+    if key:
+        _check_kind(problem, key)
+    place = Place(name, field, key, index)
+    shape = place.array(problem).shape
+    if not index and np.prod(shape) == 1:
+        return place._replace(entry=(0,) * len(shape))
+    if len(index) != len(shape) or any(i >= size for i, size in zip(index, shape, strict=True)):
+        raise ValueError(f"parameters must name {_entries(head, shape)} of {problem.name}, not {name}.")
+    return place
+
+
+def _heads(problem: Problem) -> dict[str, tuple[str, str]]:
+    """Return the field and the key of each name; a parameter that is called u0 comes before the start."""
+    heads = {"u0": ("u0", ""), "v0": ("v0", "")}
+    layout = getattr(problem.params, "layout", None)
+    if layout is not None:
+        return {**heads, **{name: ("params", name) for name in layout.names}}
+    return {**({_FLAT: ("params", "")} if check_params(problem.params).size else {}), **heads}
+
+
+def _check_kind(problem: Problem, key: str) -> None:
+    layout = problem.params.layout
+    kind = layout.kinds[layout.names.index(key)]
+    if kind.ndim < 0:
+        raise TypeError(f"{key} is a sparse matrix, which has no derivative here: let rhs read a factor of it instead.")
+    if kind.is_whole:
+        raise TypeError(f"{key} is a whole number in the parameters: write it as a real one, such as 2.0 for 2.")
+
+
+def _entries(head: str, shape: tuple[int, ...]) -> str:
+    if not shape:
+        return f"{head} without an index"
+    if np.prod(shape) == 1:
+        return head
+    first, last = (", ".join(map(str, index)) for index in (np.zeros_like(shape), np.array(shape) - 1))
+    return f"an entry {head}[{first}] to {head}[{last}]"

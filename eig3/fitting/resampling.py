@@ -1,0 +1,36 @@
+"""Values at times between the saved ones, from the saved values alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_COUNT = 6  # values that a polynomial goes through
+
+
+def resampled(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Interpolate at other times by the polynomials through the values at the six nearest saved times.
+
+    The result is linear in the values, so that its derivatives are the interpolated derivatives. Lagrange's formula
+    gives the saved value itself at a saved time.
+
+    Parameters
+    ----------
+    t : ndarray, shape (s,)
+    values : ndarray, shape (m, s, ...)
+    times : ndarray, shape (q,)
+        Times between the first and the last of t.
+
+    Returns
+    -------
+    ndarray, shape (m, q, ...)
+    """
+    count = min(_COUNT, len(t))
+    first = np.clip(np.searchsorted(t, times, side="right") - count // 2, 0, len(t) - count)
+    rows = first[:, None] + np.arange(count)
+    nodes = t[rows]
+    found = np.zeros((len(values), len(times), *values.shape[2:]))
+    for j in range(count):
+        others = np.delete(nodes, j, axis=1)
+        weights = np.prod((times[:, None] - others) / (nodes[:, j : j + 1] - others), axis=1)
+        found += weights.reshape(-1, *[1] * (values.ndim - 2)) * values[:, rows[:, j]]
+    return found

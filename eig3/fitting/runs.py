@@ -1,0 +1,124 @@
+"""Runs of a problem with other values of some parameters, as the members of an ensemble."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..ensembles.solution import EnsembleSolution
+from ..methods import Method
+from ..problem import Problem
+from ..result.interpolation import Knots
+from ..run.run import IntegrationError
+from .history import History
+from .places import Place, varied
+from .resampling import resampled
+
+_LEAST = 1e-200  # a smaller size counts as zero
+
+
+class Runs:
+    """Runs that differ in the values at some places of a problem, with one and the same sequence of steps.
+
+    Parameters
+    ----------
+    problem : Problem
+    places : sequence of Place
+    h, method, t_end, save_every, outputs
+        As for `Problem.ensemble`.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        places: Sequence[Place],
+        *,
+        h: float,
+        method: str | Method,
+        t_end: float | None,
+        save_every: int | None,
+        outputs: Mapping[str, Any] | None,
+    ) -> None:
+        self.problem, self.places = problem, places
+        self._options: dict[str, Any] = {
+            "h": h,
+            "method": method,
+            "t_end": t_end,
+            "save_every": save_every,
+            "outputs": outputs,
+        }
+        self.count = 0  # members up to now
+
+    def __call__(self, rows: np.ndarray) -> EnsembleSolution:
+        """Run members with these values, shape (m, p)."""
+        self.count += len(rows)
+        return self.problem.ensemble(**varied(self.problem, self.places, rows), invariants={}, **self._options)
+
+    @property
+    def first(self) -> np.ndarray:
+        """The values of the problem itself, shape (p,)."""
+        return np.array([place.value(self.problem) for place in self.places])
+
+    def sizes(self, of_zeros: np.ndarray | float = 1.0) -> np.ndarray:
+        """Return the sizes of the values, shape (p,).
+
+        Each is that of the value itself; or of the largest value in its named array; or for a start of the motion; or
+        else `of_zeros`.
+        """
+        sizes = np.array([place.size(self.problem) for place in self.places])
+        resting = [i for i, place in enumerate(self.places) if sizes[i] < _LEAST and place.field != "params"]
+        if resting:
+            rows = self.first[None]
+            members = self(rows)
+            self.check(members, rows)
+            motion = {"u0": members.u[0], "v0": members.v[0]}
+            for i in resting:
+                place = self.places[i]
+                sizes[i] = np.abs(motion[place.field][(slice(None), *place.entry)]).max()
+        return np.where(sizes < _LEAST, of_zeros, sizes)
+
+    def check(self, members: EnsembleSolution, rows: np.ndarray) -> None:
+        """Raise an error that names the values of the first member that did not complete, or has no finite output.
+
+        Raises
+        ------
+        IntegrationError, ValueError
+        """
+        failed = np.flatnonzero(~members.success)
+        if failed.size:
+            i = int(failed[0])
+            message = f"The run with {self._said(rows[i])} fails: {members.message[i]}"
+            raise IntegrationError(dataclasses.replace(members[i], message=message))
+        for name, values in members.outputs.items():
+            bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(1, values.ndim))))
+            if bad.size:
+                raise ValueError(f"outputs[{name!r}] must be finite, but is not with {self._said(rows[bad[0]])}.")
+
+    def _said(self, row: np.ndarray) -> str:
+        return ", ".join(f"{place.name} = {value:.10g}" for place, value in zip(self.places, row, strict=True))
+
+
+def history(members: EnsembleSolution, times: np.ndarray | None) -> History:
+    """Return the histories of members that completed, at the saved times or at others between them.
+
+    u and v are those of `Solution.at`. Outputs and integrals are interpolated by `resampled`.
+    """
+    if times is None:
+        return History(members.u, members.v, members.outputs, members.integrals)
+    members[0].at(times)  # which warns of saved states that are too far apart
+    values = (
+        {name: resampled(members.t[0], x, times) for name, x in group.items()}
+        for group in (members.outputs, members.integrals)
+    )
+    return History(*_states_at(members, times), *values)
+
+
+def _states_at(members: EnsembleSolution, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Interpolate u and v of all members as `Solution.at` does, but at once: this takes a tenth of the time."""
+    each = list(members)
+    u, v, a = (np.stack(values, axis=1) for values in zip(*((x.u, x.v, x.a) for x in each), strict=True))
+    found = Knots(each[0].t, u, v, a.__getitem__).at(times, each[0]._knots_of_a_polynomial)
+    return np.moveaxis(found[0], 1, 0), np.moveaxis(found[1], 1, 0)

@@ -1,0 +1,148 @@
+"""`sensitivities`: derivatives of a run with respect to parameters and to the start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..functions.checks import check_h, reals
+from ..functions.layout import unknown_name
+from ..methods import Method
+from ..problem import Problem
+from .history import History
+from .places import Place, check_places
+from .runs import Runs, history
+from .stencils import differences, usual_steps
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities:
+    """A run, and its derivatives with respect to p parameters.
+
+    ``result["k"]`` is the `History` of the derivatives with respect to k, such as ``result["k"].u``.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        The parameters by name, in the order in which they were given.
+    t : ndarray, shape (s,)
+    states : History
+        The run itself.
+    derivatives, errors : History
+        Derivatives with respect to each parameter, and estimates of their errors, with a first axis of parameters.
+        `errors` are those of the differences: the derivatives are those of the computed run with its steps, whose own
+        errors have the order of the method.
+    steps : dict of str to float
+        The steps of the differences.
+    """
+
+    values: dict[str, float]
+    t: np.ndarray
+    states: History
+    derivatives: History
+    errors: History
+    steps: dict[str, float]
+
+    def __getitem__(self, name: str) -> History:
+        if name not in self.values:
+            raise unknown_name("the sensitivities have", str(name), [*self.values], KeyError)
+        return self.derivatives[[*self.values].index(name)]
+
+    def __repr__(self) -> str:
+        lines = [f"Sensitivities at {len(self.t)} times:"]
+        for i, (name, value) in enumerate(self.values.items()):
+            most, error = (np.abs(x.u[i]).max(initial=0.0) for x in (self.derivatives, self.errors))
+            lines.append(f"  {name} = {value:.6g}: |du/d{name}| is at most {most:.4g}, with an error of {error:.1g}")
+        return "\n".join(lines)
+
+
+def sensitivities(
+    problem: Problem,
+    parameters: str | Iterable[str],
+    *,
+    h: float,
+    method: str | Method = "eig3",
+    t_end: float | None = None,
+    save_every: int | None = 1,
+    t_eval: ArrayLike | None = None,
+    outputs: Mapping[str, Any] | None = None,
+    steps: Mapping[str, float] | None = None,
+) -> Sensitivities:
+    """Find the derivatives of a run with respect to parameters and to the start, from runs side by side in SIMD lanes.
+
+    For each parameter p, four members of an ensemble have the values p - 2 d, p - d, p + d and p + 2 d. All members
+    take the same steps h, so that the computed states are smooth functions of p if rhs is. Central differences D(d) and
+    D(2 d) give the derivative (4 D(d) - D(2 d)) / 3 of the order 4, by Richardson's rule.
+
+    Parameters
+    ----------
+    problem : Problem
+        Without events. Integrals of a problem have derivatives too.
+    parameters : str or sequence of str
+        Names of parameters: "k", an entry "k[2]" of an array, "p[3]" where they have no names; and entries "u0[1]" and
+        "v0[0]" of the start, or "u0" and "v0" with one degree of freedom.
+    h, method, t_end, save_every, outputs
+        As for `Problem.integrate`.
+    t_eval : array_like, shape (s,)
+        Find the derivatives at these times. u and v are those of `Solution.at`, from all saved states; outputs and
+        integrals follow from polynomials through six saved values.
+    steps : dict of str to float
+        Steps d by name, rounded down to powers of two. By default d is 2^-12 of the size of the value. For a value of
+        zero this size is that of the largest entry of its array with a name, for a start that of the motion, or else 1.
+
+    Returns
+    -------
+    Sensitivities
+
+    Raises
+    ------
+    TypeError, ValueError
+        An argument is not valid.
+    IntegrationError
+        A member diverged.
+    """
+    places = check_places(problem, parameters)
+    times = None if t_eval is None else _check_times(problem, t_eval, t_end)
+    own = _check_steps(places, steps)
+    options: dict[str, Any] = {"h": check_h(h), "method": method, "t_end": t_end, "outputs": outputs}
+    runs = Runs(problem, places, save_every=save_every, **options)
+    values = runs.first
+    lengths = [own.get(place.name, step) for place, step in zip(places, usual_steps(runs.sizes()), strict=True)]
+    open_end = np.full(len(places), np.inf)
+    chosen = differences(values, np.array(lengths), -open_end, open_end)
+    members = runs(chosen.rows)
+    runs.check(members, chosen.rows)
+    found = history(members, times)
+    names = [place.name for place in places]
+    return Sensitivities(
+        dict(zip(names, values.tolist(), strict=True)),
+        np.array(members.t[0]) if times is None else times,
+        found[0],
+        chosen.derivatives(found),
+        chosen.errors(found, int(members.n_steps[0])),
+        dict(zip(names, chosen.steps.tolist(), strict=True)),
+    )
+
+
+def _check_steps(places: Sequence[Place], steps: Mapping[str, float] | None) -> dict[str, float]:
+    """Return the steps of the differences that the user gives, by name."""
+    names = [place.name for place in places]
+    for name, step in (steps or {}).items():
+        if name not in names:
+            raise unknown_name("steps must be those of the parameters, which have", name, names, ValueError)
+        size = reals(step, f"steps[{name!r}]")
+        if size.ndim or not 0 < size < np.inf:
+            raise ValueError(f"steps[{name!r}] must be a positive, finite number, not {step!r}.")
+    return {name: float(step) for name, step in (steps or {}).items()}
+
+
+def _check_times(problem: Problem, t_eval: ArrayLike, t_end: float | None) -> np.ndarray:
+    times = reals(t_eval, "t_eval")
+    first, last = problem.t_span[0], problem.t_span[1] if t_end is None else t_end
+    if times.ndim != 1 or not times.size or not ((first <= times) & (times <= last)).all():
+        raise ValueError(f"t_eval must be a sequence of times within the run, {first:g} to {last:g}.")
+    return times

@@ -1,0 +1,512 @@
+"""Derivatives of runs against closed forms and against the derivatives of the steps themselves, and fits to data."""
+
+import re
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+import scipy.sparse
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+import eig3
+from eig3.fitting.history import History
+from eig3.fitting.resampling import resampled
+from eig3.fitting.stencils import differences
+
+
+@eig3.jit
+def damped(t, u, v, p):
+    return -p.k * u - p.c * v
+
+
+@eig3.jit
+def damped_of_array(t, u, v, p):
+    return -p[0] * u - p[1] * v
+
+
+@eig3.jit
+def duffing(t, u, v, p):
+    return p.a * t - p.c * v - p.k * u - u * u * u
+
+
+@eig3.jit
+def chain(t, u, v, p, a):
+    stretch = u[1] - u[0]
+    a[0] = (-p.k[0] * u[0] + p.k[1] * stretch - p.c * v[0]) / p.m[0]
+    a[1] = (-p.k[1] * stretch - p.c * v[1]) / p.m[1]
+    if u.size > 2:
+        a[2] = v[0] * v[0] + v[1] * v[1]
+
+
+@eig3.jit
+def forces(t, u, v, p, out):
+    out[0] = p.k[0] * u[0]
+    out[1] = p.k[1] * (u[1] - u[0])
+
+
+@eig3.jit
+def restoring(t, u, v, p):
+    return p.k * u
+
+
+@eig3.jit
+def undefined(t, u, v, p):
+    return np.nan
+
+
+TRUE = {"k": 4.0, "c": 0.2, "u0": 1.0, "v0": 0.5}
+TIMES = np.linspace(0, 10, 41)
+OSCILLATOR = eig3.Problem("oscillator", damped, 1.0, 0.5, {"k": 4.0, "c": 0.2}, (0, 10), units="m")
+CHAIN = eig3.Problem(
+    "chain",
+    chain,
+    [0.1, 0.0],
+    [0.0, 0.2],
+    {"k": np.array([30.0, 20.0]), "c": 0.3, "m": np.array([1.0, 2.0])},
+    (0, 5),
+    names=("low", "high"),
+    integrals=("speed",),
+)
+
+
+def motion(t, k, c, u0, v0):
+    """The damped oscillation, also for complex arguments."""
+    omega = np.sqrt(k - c * c / 4 + 0j)
+    return np.exp(-c * t / 2) * (u0 * np.cos(omega * t) + (v0 + c * u0 / 2) / omega * np.sin(omega * t))
+
+
+def complex_step(function, values, name):
+    """The derivative to the last digits: no difference is taken."""
+    return function(**{**values, name: values[name] + 1e-30j}).imag / 1e-30
+
+
+def steps_of_rk4(f, u, v, h, count):
+    """The displacements of the classical method of the order 4, for complex values too."""
+    found = [u]
+    for n in range(count):
+        t = n * h
+        u1, v1 = v, f(t, u, v)
+        u2, v2 = v + h / 2 * v1, f(t + h / 2, u + h / 2 * u1, v + h / 2 * v1)
+        u3, v3 = v + h / 2 * v2, f(t + h / 2, u + h / 2 * u2, v + h / 2 * v2)
+        u4, v4 = v + h * v3, f(t + h, u + h * u3, v + h * v3)
+        u, v = u + h / 6 * (u1 + 2 * u2 + 2 * u3 + u4), v + h / 6 * (v1 + 2 * v2 + 2 * v3 + v4)
+        found.append(u)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("rk4", 4)])
+def test_derivatives_converge_to_the_closed_forms_to_the_order_of_the_method(method, order):
+    errors = []
+    for h in (0.05, 0.025):
+        found = eig3.sensitivities(OSCILLATOR, TRUE, h=h, method=method)
+        exact = [complex_step(partial(motion, found.t), TRUE, name) for name in TRUE]
+        errors.append(np.abs(found.derivatives.u - exact).max(axis=1))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.2)
+
+
+EIGHTHS = st.integers(-16, 16).map(lambda i: i / 8)
+
+
+@settings(max_examples=30, deadline=None)
+@given(k=st.floats(0.5, 30.0), c=st.integers(0, 8).map(lambda i: i / 8), a=EIGHTHS, u0=EIGHTHS, v0=EIGHTHS)
+def test_the_errors_are_bounds_of_the_differences_from_the_derivatives_of_the_steps(k, c, a, u0, v0):
+    values = {"k": k, "c": c, "a": a, "u0": u0, "v0": v0}
+
+    def steps(k, c, a, u0, v0):
+        return steps_of_rk4(lambda t, u, v: a * t - c * v - k * u - u * u * u, u0, v0, 0.04, 100)
+
+    problem = eig3.Problem("duffing", duffing, u0, v0, {"k": k, "c": c, "a": a}, (0, 4))
+    found = eig3.sensitivities(problem, values, h=0.04, method="rk4")
+    for i, name in enumerate(values):
+        exact = complex_step(steps, values, name)
+        error = np.abs(found.derivatives.u[i] - exact)
+        last_bits = 1e-15 * np.abs(exact).max()
+        assert (error <= found.errors.u[i] + last_bits).all(), name
+        assert error.max() <= 1e-6 * np.abs(exact).max() + 1e-9
+
+
+def test_a_linear_motion_is_the_sum_of_its_derivatives_by_the_start():
+    found = eig3.sensitivities(OSCILLATOR, ["u0", "v0"], h=0.02)
+    assert 1.0 * found["u0"].u + 0.5 * found["v0"].u == pytest.approx(found.states.u, abs=1e-11)
+    other = eig3.sensitivities(OSCILLATOR.with_(u0=-3.0, v0=0.0), ["u0", "v0"], h=0.02)
+    assert other.derivatives.u == pytest.approx(found.derivatives.u, abs=1e-11)
+    assert found["u0"].u[0] == pytest.approx(1, abs=1e-12)
+    assert found["v0"].v[0] == pytest.approx(1, abs=1e-12)
+
+
+def test_steps_of_differences_follow_the_size_of_the_value_or_of_the_motion():
+    problem = OSCILLATOR.with_(u0=-3.0, v0=0.0, params={"k": 4.0, "c": 0.0})
+    speed = np.abs(problem.integrate(h=0.02).v).max()
+    steps = eig3.sensitivities(problem, ["u0", "v0", "c"], h=0.02).steps
+    assert 4 < speed < 8
+    assert steps == {"u0": 2.0**-11, "v0": 2.0**-10, "c": 2.0**-12}
+    steps = eig3.sensitivities(CHAIN.with_(v0=[5e-324, 0.0]), ["u0[1]", "v0[0]"], h=0.02).steps
+    assert 2.0**-18 < steps["u0[1]"] < 2.0**-12
+    assert 2.0**-18 < steps["v0[0]"] < 2.0**-12
+    assert eig3.sensitivities(problem, "u0", h=0.02, steps={"u0": 0.3}).steps == {"u0": 0.25}
+
+
+def test_values_of_arrays_outputs_and_integrals_have_derivatives():
+    """Beside central differences of single runs."""
+    names, options = (
+        ["k[1]", "m[0]", "u0[0]", "v0[1]"],
+        {"h": 0.01, "method": "rk4", "outputs": {"forces": (forces, 2)}},
+    )
+    found = eig3.sensitivities(CHAIN, names, **options)
+    assert found["m[0]"].outputs["forces"].shape == (501, 2)
+
+    def run(name, change):
+        values = {"k": [30.0, 20.0], "m": [1.0, 2.0], "u0": [0.1, 0.0], "v0": [0.0, 0.2]}
+        head, i = name[:-3], int(name[-2])
+        values[head][i] += change
+        params = CHAIN.params._replace(**{key: np.array(values[key]) for key in "km"})
+        problem = CHAIN.with_(u0=values["u0"], v0=values["v0"], params=params)
+        return problem.integrate(**options)
+
+    for name in names:
+        more, less, own = run(name, 1e-5), run(name, -1e-5), found[name]
+        assert own.u == pytest.approx((more.u - less.u) / 2e-5, abs=1e-6)
+        assert own.v == pytest.approx((more.v - less.v) / 2e-5, abs=1e-6)
+        assert own.integrals["speed"] == pytest.approx(
+            (more.integrals["speed"] - less.integrals["speed"]) / 2e-5, abs=1e-6
+        )
+        output = (more.outputs["forces"] - less.outputs["forces"]) / 2e-5
+        assert own.outputs["forces"] == pytest.approx(output, abs=1e-5)
+
+
+def test_at_other_times_derivatives_are_those_of_the_interpolated_motion():
+    times = np.array([0.0, 0.013, 2.5, 4.996, 5.0])
+    options = {"h": 0.01, "method": "rk4", "outputs": {"forces": (forces, 2)}}
+    some = eig3.sensitivities(CHAIN, ["k[0]", "c"], t_eval=times, **options)
+    fine = eig3.sensitivities(CHAIN, ["k[0]", "c"], **{**options, "h": 0.001})
+    u, v = CHAIN.integrate(h=0.01, method="rk4").at(times)
+    assert some.states.u == pytest.approx(u, abs=1e-12)
+    assert some.states.v == pytest.approx(v, abs=1e-12)
+    rows = np.round(times / 0.001).astype(int)
+    for now, then in ((some.states, fine.states), (some["k[0]"], fine["k[0]"]), (some["c"], fine["c"])):
+        assert now.u == pytest.approx(then.u[rows], abs=1e-6)
+        assert now.v == pytest.approx(then.v[rows], abs=1e-5)
+        assert now.outputs["forces"] == pytest.approx(then.outputs["forces"][rows], abs=1e-4)
+        assert now.integrals["speed"] == pytest.approx(then.integrals["speed"][rows], abs=1e-5)
+
+
+def test_parameters_without_names_give_the_same_derivatives():
+    array = eig3.Problem("oscillator", damped_of_array, 1.0, 0.5, [4.0, 0.2], (0, 10))
+    found = eig3.sensitivities(array, ["p[1]", "p[0]"], h=0.02)
+    named = eig3.sensitivities(OSCILLATOR, ["c", "k"], h=0.02)
+    assert found.derivatives.u == pytest.approx(named.derivatives.u, abs=1e-9)
+    assert eig3.sensitivities(array, "p[0]", h=0.02)["p[0]"].u == pytest.approx(found["p[0]"].u, abs=1e-9)
+
+
+def test_a_structure_with_a_sparse_stiffness_has_derivatives():
+    """Its motion is linear in the strength of the record, and the work is quadratic."""
+    n = 30  # more than run in lanes
+    K = 2e3 * scipy.sparse.diags_array([np.full(n, 2.0), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1])
+    ground = np.array([0.0, 1.0, 2.0]), np.array([0.0, 2.0, 0.0])
+    frame = eig3.linear(np.ones(n), 0.1 * K, K, ground=ground, t_span=(0, 2), work=True)
+    found = eig3.sensitivities(frame, ["ground_scale", "u0[3]"], h=1e-3)
+    assert found["ground_scale"].u == pytest.approx(found.states.u, abs=1e-11)
+    work = found.states.integrals["work"]
+    assert found["ground_scale"].integrals["work"] == pytest.approx(2 * work, abs=1e-9 * np.abs(work).max())
+    with pytest.raises(TypeError, match=r"^K is a sparse matrix"):
+        eig3.sensitivities(frame, "K[3]", h=1e-3)
+
+
+def test_a_member_that_diverges_is_named():
+    problem = OSCILLATOR.with_(params={"k": 4e4, "c": 0.2})
+    limit = problem.critical_step(method="rk4", safety=1.0).h
+    with pytest.raises(eig3.IntegrationError, match=r"^The run with k = .* fails") as caught:
+        eig3.sensitivities(problem.with_(t_span=(0, 1000 * limit)), "k", h=1.05 * limit, method="rk4")
+    assert caught.value.solution.status is eig3.Status.DIVERGED
+    with pytest.raises(ValueError, match=r"^outputs\['f'\] must be finite, but is not with k = 4\.$"):
+        eig3.sensitivities(OSCILLATOR, "k", h=0.1, outputs={"f": undefined})
+
+
+def test_the_picture_of_sensitivities_in_text_has_sizes_and_errors():
+    found = eig3.sensitivities(OSCILLATOR, ["k", "c"], h=0.02, save_every=10)
+    text = r"Sensitivities at 51 times:\n  k = 4: \|du/dk\| is at most 0\.\d+, with an error of \de-0\d\n  c = 0\.2: .*"
+    assert re.fullmatch(text, repr(found))
+    with pytest.raises(KeyError, match="no kk: did you mean k"):
+        found["kk"]
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ("kk", r"oscillator has no kk: did you mean k\?"),
+        ("stiffness", r"oscillator has no stiffness: did you mean u0 or v0 or k or c\?"),
+        ("k[0]", r"parameters must name k without an index of oscillator, not k\[0\]"),
+        ("u0[1]", r"parameters must name u0 without an index"),
+        ([], "parameters must name at least one parameter"),
+        (["k", "c", "k"], "parameters must name each value once, but k is there twice"),
+        ([3], r"parameters must hold names such as .* not 3"),
+        ("k[", r"parameters must hold names such as"),
+    ],
+)
+def test_wrong_names_are_refused(names, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        eig3.sensitivities(OSCILLATOR, names, h=0.1)
+
+
+def test_wrong_entries_and_options_are_refused():
+    with pytest.raises(ValueError, match=r"^parameters must name an entry k\[0\] to k\[1\] of chain, not k\[2\]\.$"):
+        eig3.sensitivities(CHAIN, "k[2]", h=0.1)
+    with pytest.raises(ValueError, match=r"^parameters must name an entry u0\[0\] to u0\[1\] of chain, not u0\.$"):
+        eig3.sensitivities(CHAIN, "u0", h=0.1)
+    whole = eig3.Problem("oscillator", damped, 1.0, 0.5, {"k": 4, "c": 0.2}, (0, 10))
+    with pytest.raises(TypeError, match=r"^k is a whole number in the parameters: write it as a real one"):
+        eig3.sensitivities(whole, "k", h=0.1)
+    with pytest.raises(ValueError, match=r"^t_eval must be a sequence of times within the run, 0 to 10\.$"):
+        eig3.sensitivities(OSCILLATOR, "k", h=0.1, t_eval=[0, 11])
+    with pytest.raises(ValueError, match=r"^steps must be those of the parameters, which have no c"):
+        eig3.sensitivities(OSCILLATOR, "k", h=0.1, steps={"c": 0.1})
+    with pytest.raises(ValueError, match=r"^steps\['k'\] must be a positive, finite number, not 0\.$"):
+        eig3.sensitivities(OSCILLATOR, "k", h=0.1, steps={"k": 0})
+
+
+@given(middle=st.floats(0.0, 1.0), coefficients=st.lists(st.floats(-3, 3), min_size=5, max_size=5))
+def test_differences_within_bounds_are_exact_for_polynomials_of_the_degree_4(middle, coefficients):
+    polynomial = np.polynomial.Polynomial(coefficients)
+    chosen = differences(np.array([middle]), np.array([0.3]), np.array([0.0]), np.array([1.0]))
+    assert chosen.rows.min() >= 0
+    assert chosen.rows.max() <= 1
+    values = polynomial(chosen.rows)
+    found = chosen.derivatives(History(values, values, {}, {})).u
+    assert found[0, 0] == pytest.approx(polynomial.deriv()(middle), abs=1e-10)
+
+
+@given(st.lists(st.floats(0.0, 3.0), min_size=1, max_size=5), st.integers(1, 9))
+def test_resampled_values_are_those_of_a_polynomial_of_the_degree_5(times, count):
+    t = np.linspace(0.0, 3.0, count + 1)
+    polynomial = np.polynomial.Polynomial([1.0, -2.0, 0.5, 1.0, -0.3, 0.1][: count + 1])
+    found = resampled(t, polynomial(t)[None], np.array(times))
+    assert found[0] == pytest.approx(polynomial(np.array(times)), abs=1e-10)
+    assert (resampled(t, polynomial(t)[None], t)[0] == polynomial(t)).all()
+
+
+RK4 = {"h": 0.05, "method": "rk4"}
+
+
+def exact_data(times=TIMES):
+    return times, OSCILLATOR.integrate(**RK4).at(times)[0]
+
+
+def test_a_fit_to_exact_data_finds_the_parameters_and_the_start():
+    result = eig3.fit(OSCILLATOR, exact_data(), {"k": 3.5, "c": 0.0, "u0": 0.7, "v0": 0.0}, **RK4)
+    assert result.success
+    assert result.values == pytest.approx(TRUE, abs=1e-9)
+    assert result.scatter < 1e-9
+    assert result.problem.params == eig3.Parameters({name: result.values[name] for name in "kc"})
+    assert (result.problem.u0, result.problem.v0) == (result.values["u0"], result.values["v0"])
+    assert np.abs(result.residuals["u"]).max() < 1e-9
+    assert result.n_runs > 17
+
+
+def test_a_fit_takes_several_series_with_times_of_their_own():
+    times = {
+        "low": np.linspace(0, 4, 40),
+        "v1": np.linspace(0.1, 3, 17),
+        "speed": [1.0, 2.0],
+        "forces": [0.5, 0.25, 4.5],
+    }
+    options = {"h": 0.005, "outputs": {"forces": (forces, 2)}}
+    run = CHAIN.integrate(method="rk4", **options)
+    measured = {
+        name: eig3.sensitivities(CHAIN, "c", method="rk4", t_eval=t, **options).states for name, t in times.items()
+    }
+    data = {
+        "low": (times["low"], measured["low"].u[:, 0]),
+        "v1": (times["v1"], measured["v1"].v[:, 1]),
+        "speed": (times["speed"], measured["speed"].integrals["speed"]),
+        "forces": (times["forces"], measured["forces"].outputs["forces"]),
+    }
+    sigma = {"low": 1e-3, "v1": np.full(17, 1e-2), "speed": 0.1, "forces": [[0.1, 0.2]]}
+    first = {"k[0]": 25.0, "k[1]": 24.0, "m[1]": 1.7}
+    result = eig3.fit(CHAIN, data, first, sigma=sigma, method="rk4", **options)
+    assert result.values == pytest.approx({"k[0]": 30.0, "k[1]": 20.0, "m[1]": 2.0}, rel=1e-9)
+    assert [*result.residuals] == ["low", "v1", "speed", "forces[0]", "forces[1]"]
+    assert result.problem.params.k == pytest.approx([30.0, 20.0])
+    assert result.problem.integrate(method="rk4", h=0.005).u == pytest.approx(run.u, abs=1e-9)
+    both = eig3.fit(CHAIN, (run.t, run.u), ["c"], h=0.005, method="rk4")
+    assert both.values["c"] == pytest.approx(0.3, rel=1e-9)
+    assert [*both.residuals] == ["u0", "u1"]
+
+
+def test_standard_errors_are_those_of_fits_to_other_noise():
+    """With the covariance C, d C^-1 d of the p errors d has the distribution of chi^2 with p degrees of freedom.
+
+    The sum over n seeds has n p of them. A right covariance fails for one choice of the seeds in 1000; variances that
+    are wrong by a factor of 1.7 would be found for nearly all.
+    """
+    seeds, sigma, (t, u) = 40, 0.02, exact_data()
+    distances, squares = [], []
+    for seed in range(seeds):
+        noisy = u + sigma * np.random.default_rng(seed).normal(size=u.size)
+        result = eig3.fit(OSCILLATOR, (t, noisy), TRUE, sigma=sigma, **RK4)
+        error = np.array([result.values[name] - value for name, value in TRUE.items()])
+        assert (np.abs(error) < 5 * np.array([*result.errors.values()])).all()
+        distances.append(error @ np.linalg.solve(result.covariance, error))
+        squares.append(result.scatter**2)
+    freedom = len(t) - len(TRUE)
+    for total, count in ((np.sum(distances), seeds * len(TRUE)), (freedom * np.sum(squares), seeds * freedom)):
+        low, high = chi2.ppf([0.0005, 0.9995], count)
+        assert low < total < high
+    assert np.diag(result.correlation) == pytest.approx(1)
+    assert np.abs(result.correlation).max() <= 1 + 1e-12
+    unknown = eig3.fit(OSCILLATOR, (t, noisy), TRUE, **RK4)
+    assert unknown.values == pytest.approx(result.values, rel=1e-7)
+    assert unknown.scatter == pytest.approx(sigma * result.scatter)
+    assert unknown.covariance == pytest.approx(result.scatter**2 * result.covariance, rel=1e-5)
+
+
+def test_a_parameter_at_a_bound_is_held():
+    data = exact_data()
+    result = eig3.fit(OSCILLATOR, data, {"k": 3.5, "c": 0.5}, {"c": (0.3, None), "k": (0, 20)}, **RK4)
+    assert result.at_bound == ("c",)
+    assert result.values["c"] == 0.3
+    assert np.isnan(result.errors["c"])
+    alone = eig3.fit(OSCILLATOR.with_(params={"k": 3.5, "c": 0.3}), data, "k", **RK4)
+    assert result.values["k"] == pytest.approx(alone.values["k"], rel=1e-6)
+    assert result.errors["k"] == pytest.approx(alone.errors["k"], rel=1e-4)
+    assert "c = 0.3 (held)" in repr(result)
+
+
+@eig3.jit
+def with_a_root(t, u, v, p):
+    return -4 * u - np.sqrt(p.c) * v  # NaN beyond the bound
+
+
+def test_no_run_has_values_beyond_the_bounds():
+    problem = eig3.Problem("root", with_a_root, 1.0, 0.5, {"c": 0.0}, (0, 10))
+    result = eig3.fit(problem, exact_data(), "c", {"c": (0, 1)}, **RK4)
+    assert result.values["c"] == pytest.approx(0.04, rel=1e-6)
+
+
+@eig3.jit
+def with_a_mass(t, u, v, p):
+    return -(p.k * u + p.c * v) / p.m
+
+
+def test_parameters_that_the_data_do_not_determine_are_named():
+    problem = eig3.Problem("mass", with_a_mass, 1.0, 0.5, {"m": 1.0, "k": 4.0, "c": 0.2, "idle": 1.0}, (0, 10))
+    result = eig3.fit(problem, exact_data(), {"m": 1.1, "k": 4.0, "c": 0.2, "u0": 1.1}, **RK4)
+    assert result.message.endswith("do not tell m, k and c apart: leave one of them out of parameters.")
+    assert [result.errors[name] for name in "mkc"] == [np.inf] * 3
+    assert result.errors["u0"] < 1
+    result = eig3.fit(problem, exact_data(), ["k", "idle"], **RK4)
+    assert result.message.endswith("The data do not depend on idle: leave it out of parameters.")
+    assert "idle = 1 +- inf" in repr(result)
+
+
+@eig3.jit
+def with_an_edge(t, u, v, p):
+    return -4 * u - np.sqrt(p.c - 0.5) * v
+
+
+def test_a_fit_comes_back_from_trials_that_fail():
+    """The first step of Gauss and Newton leads to the root of a negative number. Only the first run must not fail."""
+    problem = eig3.Problem("edge", with_an_edge, 1.0, 0.5, {"c": 0.51}, (0, 1))
+    t = np.linspace(0, 1, 21)
+    data = t, problem.integrate(t_eval=t, **RK4).u
+    result = eig3.fit(problem, data, {"c": 9.5}, **RK4)
+    assert result.success
+    assert result.values["c"] == pytest.approx(0.51, rel=1e-6)
+    with pytest.raises(eig3.IntegrationError, match=r"^The run with c = 0\.4 fails"):
+        eig3.fit(problem, data, {"c": 0.4}, **RK4)
+
+
+T, U = exact_data()
+GOOD = {"data": (T, U), "parameters": ["k", "c"], **RK4}
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"data": U}, TypeError, r"data must be a pair \(times, values\), not "),
+        ({"data": {}}, ValueError, "data must hold at least one series"),
+        (
+            {"data": (T, U[1:])},
+            ValueError,
+            r"data must have m times of shape \(m,\) and values of shape \(m,\), not \(41,\)",
+        ),
+        ({"data": (T, U * np.nan)}, ValueError, "data must be finite: leave out the times whose values are missing"),
+        ({"data": (T, ["a"] * 41)}, TypeError, "the values of data must be made of real numbers"),
+        (
+            {"data": (T + 1, U)},
+            ValueError,
+            r"data must have times within the problem's t_span = \(0, 10\), not 1 to 11",
+        ),
+        ({"data": ([0.0] * 3, [1.0] * 3)}, ValueError, "data must have a time after the start of the run at t = 0"),
+        ({"data": (T[:2], U[:2])}, ValueError, "data must hold at least 3 values for 2 parameters and their scatter"),
+        ({"data": (T[:1], U[:1]), "sigma": 1}, ValueError, "data must hold at least 2 values for 2 parameters, not 1"),
+        ({"data": {"w": (T, U)}}, ValueError, r"data must have names of quantities, but there is no w: did you mean"),
+        ({"data": {"u": (T, U), "v": (T, U)}}, ValueError, "sigma must say how the series of data are weighted"),
+        ({"data": {"u": (T, U)}, "sigma": {"v": 1}}, ValueError, "sigma must have the standard deviation of u too"),
+        ({"sigma": 0}, ValueError, "sigma of u must be positive and finite"),
+        (
+            {"sigma": [1, 2]},
+            ValueError,
+            r"sigma of u must be a number or have the shape \(41,\) of the values, not \(2,\)",
+        ),
+        ({"outputs": restoring}, TypeError, "outputs must be a dictionary of names and jitted functions"),
+        ({"problem": damped}, TypeError, r"problem must be an eig3\.Problem, not "),
+        ({"parameters": 3}, TypeError, "parameters must be a name such as 'k' or a sequence of names, not 3"),
+        ({"parameters": "kk"}, ValueError, r"oscillator has no kk: did you mean k\?"),
+        ({"parameters": {"k": np.nan}}, ValueError, r"parameters\['k'\] must be a finite first value, not nan"),
+        ({"parameters": {"k": "4"}}, TypeError, r"parameters\['k'\] must be made of real numbers"),
+        ({"bounds": (0, 1)}, TypeError, r"bounds must be a dictionary such as \{'k': \(0, 10\)\}, not "),
+        ({"bounds": {"u0": (0, 1)}}, ValueError, "bounds must be those of the parameters, which have no u0"),
+        ({"bounds": {"k": 3}}, TypeError, r"bounds\['k'\] must be a pair \(low, high\), not 3"),
+        ({"bounds": {"k": (5, 3)}}, ValueError, r"bounds\['k'\] must be \(low, high\) with low < high, not \(5, 3\)"),
+        (
+            {"bounds": {"k": (5, 7)}},
+            ValueError,
+            r"bounds\['k'\] = \(5, 7\) must contain the first value 4: .*\{'k': 6, ",
+        ),
+        ({"bounds": {"k": (None, 3)}}, ValueError, r"bounds\['k'\] = \(-inf, 3\) must contain .*\{'k': -1, "),
+        ({"h": 0}, ValueError, "h must be a positive, finite number"),
+    ],
+)
+def test_bad_arguments_of_a_fit_are_refused_before_anything_runs(change, error, message, monkeypatch):
+    monkeypatch.setattr(eig3.Problem, "ensemble", None)
+    with pytest.raises(error, match=f"^{message}"):
+        eig3.fit(**{"problem": OSCILLATOR, **GOOD, **change})
+
+
+def test_the_picture_of_a_fit(tmp_path, monkeypatch):
+    output = {"force": restoring}
+    force = OSCILLATOR.integrate(t_eval=T, outputs=output, **RK4).outputs["force"]
+    data, sigma = {"u": (T, U), "force": (T[:30], force[:30])}, {"u": 0.1, "force": 1.0}
+    result = eig3.fit(OSCILLATOR, data, ["k", "c"], outputs=output, sigma=sigma, **RK4)
+    path = result.plot(tmp_path / "fit.svg", units={"force": "N/kg"})
+    drawn = path.read_text()
+    for label in ("u (m)", "force (N/kg)", "data - fit (m)", "data - fit (N/kg)", "t (s)", "k = 4.0"):
+        assert f"<!-- {label}" in drawn
+    assert drawn.count("<!-- data -->") == drawn.count("<!-- fit -->") == 2
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(ImportError, match=r"^the picture of a fit needs matplotlib: pip install 'eig3\[plot\]'\.$"):
+        result.plot(path)
+
+
+def test_without_scipy_a_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy.optimize", None)
+    with pytest.raises(ImportError, match=r"^a fit needs SciPy: pip install 'eig3\[fitting\]'\.$"):
+        eig3.fit(OSCILLATOR, **GOOD)
+
+
+@pytest.mark.system
+def test_the_derivatives_of_diffrax_are_the_same():
+    pytest.importorskip("diffrax")
+    from eig3.bench import gradients
+
+    t_end, tolerance = 5.0, 1e-9
+    exact = gradients.reference(t_end)
+    for adjoint in ("forward", "reverse"):
+        assert gradients._diffrax("Dopri8", adjoint, t_end, tolerance)() == pytest.approx(exact, abs=1e-6)
+    lines = gradients.table(t_end, 1, has_diffrax=False).splitlines()
+    assert [line.split("|")[1].strip() for line in lines[2:]] == [
+        f"eig3.sensitivities, {m}" for m in ("rk4", "rk8", "eig9")
+    ]
