@@ -1,8 +1,8 @@
 # ruff: noqa: F821
 """Runs with tolerances of many trajectories at once, in the lanes of SIMD registers.
 
-Each lane has its own time, step, error and acceptance, which are selected without branches. A trajectory that has ended
-hands its lane to the next one at once, so that no lane waits. The formulas of the steps, of the error and of the control
+Each lane has its own time, step, error and acceptance, which are selected without branches. A trajectory that has
+ended hands its lane to the next one at once: no lane waits. The formulas of the steps, of the error and of the control
 are those of a single run, see `eig3.kernels.loops.variable`. What happens rarely is left to a single run: a step below
 the resolution of the time, too many steps, a force that does not act yet, an event.
 
@@ -139,77 +139,77 @@ def adaptive(rhs, alone, events, count, control, block, starts, ends):
     f, share = RHS_AT(rhs), least_size(control.rtol)
     for _ in range(count):
         ended = 0
-        for l in range(LANES):
-            ended += (bad[l] > 0) | (time[l] >= t_end) | (taken[l] >= control.max_steps)
+        for lane in range(LANES):
+            ended += (bad[lane] > 0) | (time[lane] >= t_end) | (taken[lane] >= control.max_steps)
         if ended > 0:
-            for l in range(LANES):
-                if bad[l] > 0 or time[l] >= t_end or taken[l] >= control.max_steps:
-                    if members[l] >= 0:
-                        end(l, control, lanes_of, u, v, block, ends)
-                    while place[NEXT] < len(starts.u) and members[l] < 0:
-                        BEGIN_LANE(l, alone, events, control, lanes_of, y, block, starts, ends)
+            for lane in range(LANES):
+                if bad[lane] > 0 or time[lane] >= t_end or taken[lane] >= control.max_steps:
+                    if members[lane] >= 0:
+                        end(lane, control, lanes_of, u, v, block, ends)
+                    while place[NEXT] < len(starts.u) and members[lane] < 0:
+                        BEGIN_LANE(lane, alone, events, control, lanes_of, y, block, starts, ends)
             if place[OPEN] == 0:
                 break
-        for l in range(LANES):
-            remaining = t_end - time[l]
-            x = remaining if h[l] >= remaining else h[l]
-            is_long = (x > 0) & (x >= RESOLUTION * abs(time[l] + x))
-            bad[l] = bad[l] if is_long | (h[l] >= remaining) else 1.0
-            step[l] = x
-            u_least[l], v_least[l], v_blur[l] = share * u_size[l], share * v_size[l], 0.0
+        for lane in range(LANES):
+            remaining = t_end - time[lane]
+            x = remaining if h[lane] >= remaining else h[lane]
+            is_long = (x > 0) & (x >= RESOLUTION * abs(time[lane] + x))
+            bad[lane] = bad[lane] if is_long | (h[lane] >= remaining) else 1.0
+            step[lane] = x
+            u_least[lane], v_least[lane], v_blur[lane] = share * u_size[lane], share * v_size[lane], 0.0
         TRIAL(f, time, there, step, block.p, y)
         if control.is_relative == 1:
             rest(control, lanes_of, a, a_end)
         SQUARE(step, control.rtol, atol, u_least, v_least, total, most, more, square, y)
-        for l in range(LANES):
-            x, e = step[l], exponent(square[l])
-            is_ok = (square[l] <= 1.0) & (x > 0)
-            grown = growth(e, error[l], log2(x / before[l]), ORDER)
-            longer = min(x * (min(grown, 1.0) if rejected[l] > 0 else grown), control.h_max)
-            shorter = x * shrinkage(square[l], ORDER)
-            reached = t_end if h[l] >= t_end - time[l] else time[l] + x
-            h[l] = longer if is_ok else (shorter if x > 0 else h[l])
-            time[l] = reached if is_ok else time[l]
-            error[l] = max(e, LEAST_ERROR) if is_ok else error[l]
-            before[l] = x if is_ok else before[l]
-            rejected[l] = 0.0 if is_ok else 1.0
-            ok[l] = 1.0 if is_ok else 0.0
-            taken[l] += 1.0 if is_ok else 0.0
-            trials[l] += 1.0 if x > 0 else 0.0
+        for lane in range(LANES):
+            x, e = step[lane], exponent(square[lane])
+            is_ok = (square[lane] <= 1.0) & (x > 0)
+            grown = growth(e, error[lane], log2(x / before[lane]), ORDER)
+            longer = min(x * (min(grown, 1.0) if rejected[lane] > 0 else grown), control.h_max)
+            shorter = x * shrinkage(square[lane], ORDER)
+            reached = t_end if h[lane] >= t_end - time[lane] else time[lane] + x
+            h[lane] = longer if is_ok else (shorter if x > 0 else h[lane])
+            time[lane] = reached if is_ok else time[lane]
+            error[lane] = max(e, LEAST_ERROR) if is_ok else error[lane]
+            before[lane] = x if is_ok else before[lane]
+            rejected[lane] = 0.0 if is_ok else 1.0
+            ok[lane] = 1.0 if is_ok else 0.0
+            taken[lane] += 1.0 if is_ok else 0.0
+            trials[lane] += 1.0 if x > 0 else 0.0
         if control.reads_time == 1:
-            for l in range(LANES):  # the force may not act yet
-                bad[l] = 1.0 if (ok[l] > 0) & (square[l] == 0) else bad[l]
+            for lane in range(LANES):  # the force may not act yet
+                bad[lane] = 1.0 if (ok[lane] > 0) & (square[lane] == 0) else bad[lane]
         for d in range(N):
-            for l in range(LANES):
-                j = d * LANES + l
-                u[j] = u_end[j] if ok[l] > 0 else u[j]
-                v[j] = v_end[j] if ok[l] > 0 else v[j]
-                a[j] = a_end[j] if ok[l] > 0 else a[j]
+            for lane in range(LANES):
+                j = d * LANES + lane
+                u[j] = u_end[j] if ok[lane] > 0 else u[j]
+                v[j] = v_end[j] if ok[lane] > 0 else v[j]
+                a[j] = a_end[j] if ok[lane] > 0 else a[j]
         if control.is_relative == 1:
             widen_sizes(atol, lanes_of, u, v, u_most, v_most)
         for k in range(len(events)):
             EVENT_AT(events[k])(time, u, v, block.p, block.signs[k, 0], block.signs[k, 1])
-            for l in range(LANES):
-                bad[l] = bad[l] if block.signs[k, 1, l] > 0 else 1.0
+            for lane in range(LANES):
+                bad[lane] = bad[lane] if block.signs[k, 1, lane] > 0 else 1.0
     return place[OPEN]
 
 
-def end(l, control, lanes_of, u, v, block, ends):
+def end(lane, control, lanes_of, u, v, block, ends):
     """Write the end of the trajectory in a lane."""
     time, taken, trials, bad = lanes_of[0], lanes_of[12], lanes_of[13], lanes_of[14]
-    m, is_left = block.members[l], bad[l] > 0 or time[l] < control.t_end
+    m, is_left = block.members[lane], bad[lane] > 0 or time[lane] < control.t_end
     for d in range(N):
-        ends.u[m, d], ends.v[m, d] = u[d * LANES + l], v[d * LANES + l]
+        ends.u[m, d], ends.v[m, d] = u[d * LANES + lane], v[d * LANES + lane]
         is_left = is_left or not (abs(ends.u[m, d]) < OVERFLOWING and abs(ends.v[m, d]) < OVERFLOWING)
-    ends.counts[m, TAKEN], ends.counts[m, REJECTED] = int(taken[l]), int(trials[l] - taken[l])
-    ends.counts[m, EVALUATED] += COST * int(trials[l])
+    ends.counts[m, TAKEN], ends.counts[m, REJECTED] = int(taken[lane]), int(trials[lane] - taken[lane])
+    ends.counts[m, EVALUATED] += COST * int(trials[lane])
     ends.counts[m, ENDED] = LEFT if is_left else REACHED
-    block.members[l] = -1
+    block.members[lane] = -1
     block.place[OPEN] -= 1
-    bad[l], taken[l], trials[l], time[l] = 0.0, 0.0, 0.0, control.t_end
+    bad[lane], taken[lane], trials[lane], time[lane] = 0.0, 0.0, 0.0, control.t_end
 
 
-def begin_lane(l, alone, events, control, lanes_of, y, block, starts, ends):
+def begin_lane(lane, alone, events, control, lanes_of, y, block, starts, ends):
     """Begin the next trajectory in a lane, as a single run begins."""
     time, _, h, _, before, error, u_size, v_size = lanes_of[:8]
     one, tally, m = block.one, block.tally, block.place[NEXT]
@@ -229,40 +229,40 @@ def begin_lane(l, alone, events, control, lanes_of, y, block, starts, ends):
     limits = control.h_max, control.rtol, control.atol, control.is_relative
     span = Span(control.t0, control.t_end, own, 0, 0, 0, 0, *limits, 0, 0, tally, tally, one, one)
     BEGIN(alone, address_of(span), tally, ORDER, one)
-    time[l], h[l], before[l], error[l] = control.t0, tally[STEP], tally[STEP_BEFORE], 1.0
-    u_size[l], v_size[l], lanes_of[11][l] = tally[U_SIZE], tally[V_SIZE], 0.0
+    time[lane], h[lane], before[lane], error[lane] = control.t0, tally[STEP], tally[STEP_BEFORE], 1.0
+    u_size[lane], v_size[lane], lanes_of[11][lane] = tally[U_SIZE], tally[V_SIZE], 0.0
     ends.counts[m, EVALUATED] = 1 + int(tally[EVALUATIONS])
     if len(starts.params) > 1:
         for k in range(len(own)):
-            block.p[k * LANES + l] = own[k]
+            block.p[k * LANES + lane] = own[k]
     for d in range(N):
-        j = d * LANES + l
+        j = d * LANES + lane
         y[0][j], y[1][j], y[2][j], y[6][j], y[7][j] = one[U, d], one[V, d], one[A, d], one[U_MOST, d], one[V_MOST, d]
     for k in range(len(events)):
         sign, least = block.signs[k, 0], block.signs[k, 1]
-        sign[l], least[l] = 1.0, math.inf
+        sign[lane], least[lane] = 1.0, math.inf
         EVENT_AT(events[k])(time, y[0], y[1], block.p, sign, least)
-        sign[l] = 1.0 if least[l] > 0 else -1.0
-        least[l] = abs(least[l])
-    block.members[l] = m
+        sign[lane] = 1.0 if least[lane] > 0 else -1.0
+        least[lane] = abs(least[lane])
+    block.members[lane] = m
 
 
 def rest(control, lanes_of, a, a_end):
     """Set the least sizes in lanes in which nothing has moved, as `beginning.at_rest` does."""
     time, _, _, step, _, _, u_size, v_size, u_least, v_least, v_blur = lanes_of[:11]
     resting = 0
-    for l in range(LANES):
-        resting += (u_size[l] == 0) | (v_size[l] == 0)
+    for lane in range(LANES):
+        resting += (u_size[lane] == 0) | (v_size[lane] == 0)
     if resting > 0:
-        for l in range(LANES):
-            if u_size[l] == 0 or v_size[l] == 0:
+        for lane in range(LANES):
+            if u_size[lane] == 0 or v_size[lane] == 0:
                 a_size = 0.0
                 for d in range(N):
                     if control.atol[0, d] < math.inf:
-                        a_size = max(a_size, abs(a[d * LANES + l]), abs(a_end[d * LANES + l]))
+                        a_size = max(a_size, abs(a[d * LANES + lane]), abs(a_end[d * LANES + lane]))
                 length = control.t_end - control.t0
-                u_least[l], v_least[l], v_blur[l] = least_sizes(
-                    u_size[l], v_size[l], a_size, time[l] + step[l], length, control.rtol
+                u_least[lane], v_least[lane], v_blur[lane] = least_sizes(
+                    u_size[lane], v_size[lane], a_size, time[lane] + step[lane], length, control.rtol
                 )
 
 
@@ -276,18 +276,18 @@ def widen_sizes(atol, lanes_of, u, v, u_most, v_most):
         lanes_of[18],
         lanes_of[19],
     )
-    for l in range(LANES):
-        most[l], more[l] = u_size[l], v_size[l]
+    for lane in range(LANES):
+        most[lane], more[lane] = u_size[lane], v_size[lane]
     for d in range(N):
         counts = atol[0, d] < math.inf
-        for l in range(LANES):
-            j = d * LANES + l
+        for lane in range(LANES):
+            j = d * LANES + lane
             u_now, v_now = max(u_most[j], abs(u[j])), max(v_most[j], abs(v[j]))
             u_most[j], v_most[j] = (u_now if counts else u_most[j]), (v_now if counts else v_most[j])
-            most[l], more[l] = max(most[l], u_most[j]), max(more[l], v_most[j])
-    for l in range(LANES):
-        is_new = (more[l] > v_blur[l]) & (ok[l] > 0)
-        u_size[l], v_size[l] = (most[l] if is_new else u_size[l]), (more[l] if is_new else v_size[l])
+            most[lane], more[lane] = max(most[lane], u_most[j]), max(more[lane], v_most[j])
+    for lane in range(LANES):
+        is_new = (more[lane] > v_blur[lane]) & (ok[lane] > 0)
+        u_size[lane], v_size[lane] = (most[lane] if is_new else u_size[lane]), (more[lane] if is_new else v_size[lane])
 
 
 # The right-hand side and the functions of events for lanes: each lane has its time.

@@ -1,0 +1,215 @@
+"""Members with tolerances in lanes: each takes the steps of its single run, whatever runs beside it."""
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3.ensembles import adaptive
+from eig3.kernels.protocol import SCALAR
+
+RNG = np.random.default_rng(2)
+M = 150  # which is more than two blocks have lanes
+
+
+@eig3.jit
+def duffing(t, u, v, p):
+    return p[0] * eig3.math.cos(t) - 0.1 * v - u - p[1] * u * u * u
+
+
+@eig3.jit
+def van_der_pol(t, u, v, p):
+    return p[0] * (1.0 - u * u) * v - u
+
+
+@eig3.jit
+def planet(t, u, v, p, a):
+    r2 = u[0] * u[0] + u[1] * u[1]
+    per_cube = p[0] / (r2 * np.sqrt(r2))
+    a[0] = -u[0] * per_cube
+    a[1] = -u[1] * per_cube
+
+
+@eig3.jit
+def cubic(t, u, v, p):
+    return p[0] * u * u * u
+
+
+@eig3.jit
+def place(t, u, v, p):
+    return u - p[1]
+
+
+@eig3.jit
+def spring(t, u, v, p):
+    return -p[0] * u
+
+
+def ellipses(m):
+    e = np.linspace(0.0, 0.9, m)
+    zero = np.zeros(m)
+    u, v = np.column_stack([1 - e, zero]), np.column_stack([zero, np.sqrt((1 + e) / (1 - e))])
+    return planet, (0.0, 15.0), u, v, np.ones((m, 1))
+
+
+CASES = {
+    "duffing": (
+        duffing,
+        (0.0, 30.0),
+        RNG.uniform(0.5, 2, M),
+        RNG.uniform(-0.5, 0.5, M),
+        np.column_stack([RNG.uniform(0, 0.5, M), RNG.uniform(0.5, 2, M)]),
+    ),
+    "from rest": (duffing, (0.0, 10.0), 0.0, 0.0, np.column_stack([np.linspace(0.1, 1, M), np.ones(M)])),
+    "van der pol": (van_der_pol, (0.0, 20.0), 2.0, 0.0, np.linspace(1, 20, M)[:, None]),
+    "planet": ellipses(M),
+}
+
+
+def solve(case, chosen=slice(None), **options):
+    rhs, span, u, v, p = CASES[case]
+    u, v = (x[chosen] if np.ndim(x) else x for x in (u, v))
+    return eig3.ensemble(rhs, span, u, v, params=p[chosen], **{"rtol": 1e-6, "method": "rk5", **options})
+
+
+def single(case, i, **options):
+    rhs, span, u, v, p = CASES[case]
+    u, v = (x[i] if np.ndim(x) else x for x in (u, v))
+    return eig3.integrate(rhs, span, u, v, params=p[i], save_every=None, **{"rtol": 1e-6, "method": "rk5", **options})
+
+
+@pytest.fixture
+def in_lanes(monkeypatch):
+    """Let no member run alone."""
+
+    def alone(*arguments):
+        raise AssertionError("a member ran alone")
+
+    monkeypatch.setattr("eig3.ensembles.alone.Singles.__call__", alone)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_members_take_the_steps_of_single_runs(case, in_lanes):
+    """The same steps, but for round-off, which the motions of this length make a thousand times larger at most."""
+    found = solve(case)
+    assert not found.notes
+    for i in range(0, M, 7):
+        one = single(case, i)
+        assert (found.status[i], found.message[i]) == (one.status, one.message)
+        assert (found.n_steps[i], found.n_rhs[i], found.n_rejected[i]) == (one.n_steps, one.n_rhs, one.n_rejected)
+        assert found.h[i] == pytest.approx(one.h, rel=1e-14)
+        assert found[i].t[-1] == one.t[-1]
+        np.testing.assert_allclose(found[i].u[-1], one.u[-1], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(found[i].v[-1], one.v[-1], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"atol": 1e-9},
+        {"atol": np.array([[1e-8], [1e-7]])},
+        {"h_max": 0.05},
+        {"first_step": 1e-4},
+        {"rtol": 1e-3},
+        {"method": "rk8", "rtol": 1e-9},
+    ],
+    ids=str,
+)
+def test_options_of_the_tolerances(options, in_lanes):
+    found = solve("duffing", **options)
+    for i in range(0, M, 30):
+        one = single("duffing", i, **options)
+        assert (found.n_steps[i], found.n_rhs[i]) == (one.n_steps, one.n_rhs)
+        np.testing.assert_allclose(found[i].u[-1], one.u[-1], rtol=0, atol=1e-11)
+
+
+def test_a_force_of_the_position_takes_rkn12(in_lanes):
+    found = eig3.ensemble(spring, (0, 20), 1.0, 0.0, rtol=1e-9, params=np.linspace(1, 4, 70)[:, None])
+    assert found.method == eig3.RKN12()
+    exact = np.cos(20 * np.sqrt(np.linspace(1, 4, 70)))
+    np.testing.assert_allclose(found.u[:, -1], exact, rtol=0, atol=1e-8)  # rtol times some ten steps
+
+
+@pytest.mark.parametrize("case", ["duffing", "planet"])
+def test_a_member_depends_on_nothing_but_itself(case):
+    """The same bits for another order, in parts, in threads, and for a member that shares the lanes with copies."""
+    found, order = solve(case, threads=1), RNG.permutation(M)
+    for other, chosen in (
+        (solve(case, order), order),
+        (solve(case, slice(20, 60)), slice(20, 60)),
+        (solve(case, threads=3), slice(None)),
+        (solve(case, np.full(20, 7)), np.full(20, 7)),
+    ):
+        np.testing.assert_array_equal(other.u, found.u[chosen])
+        np.testing.assert_array_equal(other.v, found.v[chosen])
+        np.testing.assert_array_equal(other.n_rhs, found.n_rhs[chosen])
+
+
+def test_no_lane_waits(monkeypatch):
+    """One member has a hundred times the work of the others. The block takes its steps, and those that the others fill.
+
+    The last members may begin when the others end, which costs the steps of one more.
+    """
+    calls, kernel = [], adaptive.adaptive_kernel("rk5", SCALAR, 1, adaptive.LANES)
+    monkeypatch.setattr(adaptive, "_FIRST_STEPS", 1)
+    monkeypatch.setattr(adaptive, "_SLICE_SECONDS", 0.0)  # each call of the kernel is a step
+    monkeypatch.setattr(adaptive, "adaptive_kernel", lambda *_: lambda *given: calls.append(1) or kernel(*given))
+    stiff = np.ones((300, 1))
+    stiff[5] = 1e4
+    found = eig3.ensemble(spring, (0, 20), 1.0, 0.0, rtol=1e-6, method="rk5", params=stiff, threads=1)
+    trials = found.n_steps + found.n_rejected
+    assert trials[5] > 50 * trials[0]
+    assert trials[5] <= len(calls) <= trials[5] + trials[0] + 2
+    rounds = -(-299 // (adaptive.LANES - 1))
+    calls.clear()
+    found = eig3.ensemble(spring, (0, 20), 1.0, 0.0, rtol=1e-6, method="rk5", params=np.ones((299, 1)), threads=1)
+    assert len(calls) <= (rounds + 1) * (trials[0] + 1)
+
+
+def test_what_lanes_leave_is_what_a_single_run_says():
+    """u'' = p u^3 is singular at a finite time for p > 0; those members end as single runs do."""
+    p = np.linspace(-2, 2, 40)[:, None]
+    for options in ({}, {"max_steps": 20}):
+        found = eig3.ensemble(cubic, (0, 4), 1.0, 0.0, rtol=1e-6, method="rk5", params=p, **options)
+        for i in range(0, 40, 3):
+            one = eig3.integrate(
+                cubic, (0, 4), 1.0, 0.0, rtol=1e-6, method="rk5", params=p[i], save_every=None, **options
+            )
+            assert (found.status[i], found.message[i]) == (one.status, one.message)
+            np.testing.assert_allclose(found[i].u[-1], one.u[-1], rtol=1e-9)
+    assert {status.name for status in found.status} == {"COMPLETED", "TOO_MANY_STEPS"}
+
+
+def test_members_without_an_event_stay_in_lanes(monkeypatch):
+    """Only the members that reach the place of the event run alone."""
+    ran = []
+    call = eig3.ensembles.alone.Singles.__call__
+    monkeypatch.setattr("eig3.ensembles.alone.Singles.__call__", lambda self, i, *a: ran.append(i) or call(self, i, *a))
+    places = np.column_stack([np.ones(60), np.linspace(-1.5, 1.5, 60)])
+    event = {"there": eig3.Event(place, direction=-1)}
+    found = eig3.ensemble(spring, (0, 3), 1.2, 0.0, rtol=1e-8, method="rk8", params=places, events=event)
+    reached = np.abs(places[:, 1]) < -1.2 * np.cos(3)  # u goes from 1.2 to 1.2 cos(3)
+    fired = np.flatnonzero((places[:, 1] < 1.2) & (places[:, 1] > 1.2 * np.cos(3)))
+    assert sorted(ran) == fired.tolist()
+    assert np.isfinite(found.events["there"].first[reached]).all()
+    first = np.full(60, np.nan)
+    first[fired] = np.arccos(places[fired, 1] / 1.2)
+    np.testing.assert_allclose(found.events["there"].first, first, rtol=1e-7)  # the tolerance times some steps
+
+
+def test_functions_that_do_not_compile_in_lanes_run_one_at_a_time():
+    @eig3.jit
+    def slices(t, u, v, p, a):
+        a[:] = -p[0] * u[::-1]
+
+    options = {"rtol": 1e-5, "method": "rk5", "params": np.ones((20, 1))}
+    found = eig3.ensemble(slices, (0, 1), np.ones(2), np.zeros(2), **options)
+    assert found.success.all()
+    np.testing.assert_allclose(found.u[:, -1], np.cos(1), rtol=1e-5)
+
+
+def test_few_members_run_alone(monkeypatch):
+    def kernel(*arguments):
+        raise AssertionError("few members ran in lanes")
+
+    monkeypatch.setattr(adaptive, "adaptive_kernel", kernel)
+    assert solve("duffing", slice(3)).success.all()
