@@ -16,6 +16,8 @@ from eig3.ensembles import lanewise, run
 from eig3.kernels.lanes import Layout, compile_rhs
 from eig3.kernels.protocol import SCALAR, VECTOR
 
+from .test_prepare import python_calls
+
 # Both sums are computed from the same formulas, but the compiler may fuse other multiply-adds for lanes: each step then
 # differs by some units in the last place, and the difference grows with the number of steps.
 ROUND_OFF = 1e-11
@@ -715,3 +717,10 @@ def test_histories_that_do_not_fit_are_refused(monkeypatch):
     monkeypatch.setattr(eig3.result.memory, "available_memory", lambda: 1e6)
     with pytest.raises(MemoryError, match="take a larger save_every, or reduce="):
         eig3.ensemble(spring, (0, 1), np.ones(1000), 0.0, h=0.01, params=1.0, save_every=1)
+
+
+@pytest.mark.parametrize(("steps", "most"), [({"h": 0.01}, 650), ({"rtol": 1e-6}, 800)])
+def test_an_ensemble_of_four_members_makes_few_python_calls(steps, most):
+    """Some third of them are of NumPy: a call of an ensemble takes some tenths of a millisecond beside its steps."""
+    params = np.ones((4, 1))
+    assert python_calls(lambda: eig3.ensemble(spring, (0, 10), 1.0, 0.0, params=params, threads=1, **steps)) <= most

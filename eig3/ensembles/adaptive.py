@@ -152,7 +152,8 @@ class AdaptiveBlock:
         members = shared.members
         params = members.params[self.numbers] if members.has_own_params else members.params[None]
         starts = Starts(members.u0[self.numbers], members.v0[self.numbers], np.ascontiguousarray(params))
-        ends = Ends(*np.empty((2, m, members.n)), np.zeros((m, 4), dtype=np.int64))
+        u, v = np.empty((2, m, members.n))
+        ends = Ends(u, v, np.zeros((m, 4), dtype=np.int64))
         events = np.array([event.address for event in shared.events], dtype=np.int64)
         control, block, steps = shared.control, self._block(m), _FIRST_STEPS
         while block.place[OPEN] and not stop.is_set():

@@ -41,12 +41,15 @@ class MemberOccurrences:
         """Return the occurrences in m members with some degrees of freedom, from those of members in any order."""
         ordered = sorted(each, key=lambda pair: pair[0])
         member = np.repeat([i for i, _ in ordered], [len(found) for _, found in ordered]).astype(np.int64)
-        empty = np.empty(0), *[np.empty((0, *degrees))] * 4
-        columns = [(found.t, found.u, found.v, found.u_after, found.v_after) for _, found in ordered if len(found)]
-        t, *states = (np.concatenate(column) for column in zip(empty, *columns, strict=True))
+        none = np.empty((0, *degrees))
+        t = np.concatenate([np.empty(0), *(found.t for _, found in ordered)])
+        u = np.concatenate([none, *(found.u for _, found in ordered)])
+        v = np.concatenate([none, *(found.v for _, found in ordered)])
+        u_after = np.concatenate([none, *(found.u_after for _, found in ordered)])
+        v_after = np.concatenate([none, *(found.v_after for _, found in ordered)])
         first = np.full(m, np.nan)
         first[member[::-1]] = t[::-1]  # the first occurrence is written last
-        return cls(member, t, *states, first)
+        return cls(member, t, u, v, u_after, v_after, first)
 
     def __len__(self) -> int:
         return len(self.t)
