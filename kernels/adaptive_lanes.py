@@ -16,7 +16,6 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any, NamedTuple
 
 from numba.types import Array, float64, int64, none
@@ -29,7 +28,7 @@ from .lanes import Lanes, Layout, array_view, compile_template
 from .loops.beginning import RESOLUTION, beginning, least_size, least_sizes
 from .loops.controller import LEAST_ERROR, exponent, growth, log2, shrinkage
 from .loops.formulas import variable_formulas
-from .loops.pair import U_MOST, V_MOST, A, Pair, U, V, total
+from .loops.pair import A_END, U_MOST, V_MOST, A, U, V
 from .protocol import (
     EVALUATIONS,
     SCALAR,
@@ -54,18 +53,42 @@ TAKEN, REJECTED, EVALUATED, ENDED = range(4)
 #: The entries of `Block.place`: the next trajectory, and the number of those that have not ended.
 NEXT, OPEN = range(2)
 
-# Rows with one value for each lane. `bad` is 1 if a single run has to take the trajectory, and `ok` if the last trial
-# was accepted. `low` is the least value of the functions of the events, each times its sign at the start.
-_OF_LANES = (
-    *("time", "there", "h", "step", "before", "error", "u_size", "v_size", "u_least", "v_least", "v_blur"),
-    *("rejected", "taken", "trials", "bad", "ok", "square", "total", "most", "more"),
-)
-
 _OVERFLOWING = 1e150  # a single run says what is wrong with a larger motion
 
 #: The signatures of a right-hand side for lanes, which gets a time for each lane, and of the function of an event.
 _RHS, _EVENT = none(*[vector_type] * 5), none(*[vector_type] * 6)
 _rhs_at, _event_at = function_at(_RHS), function_at(_EVENT)
+
+
+class LaneRows(NamedTuple):
+    """The rows with one value for each lane.
+
+    `there` is the time of a stage, `step` the step of the trial, and `h` the one after it. `before` is the step before,
+    and `error` the logarithm of its error. The error of a trial is relative to at least `u_least` and `v_least`, and v
+    has no size of its own up to `v_blur`. `bad` is 1 if a single run has to take the trajectory, and `ok` if the trial
+    was accepted. The last rows are for sums and maxima.
+    """
+
+    time: Any
+    there: Any
+    h: Any
+    step: Any
+    before: Any
+    error: Any
+    u_size: Any
+    v_size: Any
+    u_least: Any
+    v_least: Any
+    v_blur: Any
+    rejected: Any
+    taken: Any
+    trials: Any
+    bad: Any
+    ok: Any
+    square: Any
+    total: Any
+    most: Any
+    more: Any
 
 
 class Block(NamedTuple):
@@ -132,10 +155,9 @@ def adaptive(rhs, alone, events, count, control, block, starts, ends):
     """
     s, members, place, atol, t_end = block.values, block.members, block.place, control.atol, control.t_end
     y = ROWS(s)
-    u, v, a, u_end, v_end, a_end, u_most, v_most = y[:8]
-    lanes_of = LANE_ROWS(s)
-    time, there, h, step, before, error, u_size, v_size, u_least, v_least, v_blur = lanes_of[:11]
-    rejected, taken, trials, bad, ok, square, total, most, more = lanes_of[11:]
+    of = LANE_ROWS(s)
+    time, h, step, before, error, rejected = of.time, of.h, of.step, of.before, of.error, of.rejected
+    taken, trials, bad, ok, square = of.taken, of.trials, of.bad, of.ok, of.square
     f, share = RHS_AT(rhs), least_size(control.rtol)
     for _ in range(count):
         ended = 0
@@ -145,9 +167,9 @@ def adaptive(rhs, alone, events, count, control, block, starts, ends):
             for lane in range(LANES):
                 if bad[lane] > 0 or time[lane] >= t_end or taken[lane] >= control.max_steps:
                     if members[lane] >= 0:
-                        end(lane, control, lanes_of, u, v, block, ends)
+                        end(lane, control, of, y, block, ends)
                     while place[NEXT] < len(starts.u) and members[lane] < 0:
-                        BEGIN_LANE(lane, alone, events, control, lanes_of, y, block, starts, ends)
+                        BEGIN_LANE(lane, alone, events, control, of, y, block, starts, ends)
             if place[OPEN] == 0:
                 break
         for lane in range(LANES):
@@ -156,11 +178,12 @@ def adaptive(rhs, alone, events, count, control, block, starts, ends):
             is_long = (x > 0) & (x >= RESOLUTION * abs(time[lane] + x))
             bad[lane] = bad[lane] if is_long | (h[lane] >= remaining) else 1.0
             step[lane] = x
-            u_least[lane], v_least[lane], v_blur[lane] = share * u_size[lane], share * v_size[lane], 0.0
-        TRIAL(f, time, there, step, block.p, y)
+            of.u_least[lane], of.v_least[lane] = share * of.u_size[lane], share * of.v_size[lane]
+            of.v_blur[lane] = 0.0
+        TRIAL(f, time, of.there, step, before, block.p, y)
         if control.is_relative == 1:
-            rest(control, lanes_of, a, a_end)
-        SQUARE(step, control.rtol, atol, u_least, v_least, total, most, more, square, y)
+            rest(control, of, y[A], y[A_END])
+        SQUARE(step, control.rtol, atol, of.u_least, of.v_least, of.total, of.most, of.more, square, y)
         for lane in range(LANES):
             x, e = step[lane], exponent(square[lane])
             is_ok = (square[lane] <= 1.0) & (x > 0)
@@ -179,27 +202,22 @@ def adaptive(rhs, alone, events, count, control, block, starts, ends):
         if control.reads_time == 1:
             for lane in range(LANES):  # the force may not act yet
                 bad[lane] = 1.0 if (ok[lane] > 0) & (square[lane] == 0) else bad[lane]
-        for d in range(N):
-            for lane in range(LANES):
-                j = d * LANES + lane
-                u[j] = u_end[j] if ok[lane] > 0 else u[j]
-                v[j] = v_end[j] if ok[lane] > 0 else v[j]
-                a[j] = a_end[j] if ok[lane] > 0 else a[j]
+        MOVE(ok, y)
         if control.is_relative == 1:
-            widen_sizes(atol, lanes_of, u, v, u_most, v_most)
+            widen_sizes(atol, of, y)
         for k in range(len(events)):
-            EVENT_AT(events[k])(time, u, v, block.p, block.signs[k, 0], block.signs[k, 1])
+            EVENT_AT(events[k])(time, y[U], y[V], block.p, block.signs[k, 0], block.signs[k, 1])
             for lane in range(LANES):
                 bad[lane] = bad[lane] if block.signs[k, 1, lane] > 0 else 1.0
     return place[OPEN]
 
 
-def end(lane, control, lanes_of, u, v, block, ends):
+def end(lane, control, of, y, block, ends):
     """Write the end of the trajectory in a lane."""
-    time, taken, trials, bad = lanes_of[0], lanes_of[12], lanes_of[13], lanes_of[14]
+    time, taken, trials, bad = of.time, of.taken, of.trials, of.bad
     m, is_left = block.members[lane], bad[lane] > 0 or time[lane] < control.t_end
     for d in range(N):
-        ends.u[m, d], ends.v[m, d] = u[d * LANES + lane], v[d * LANES + lane]
+        ends.u[m, d], ends.v[m, d] = y[U][d * LANES + lane], y[V][d * LANES + lane]
         is_left = is_left or not (abs(ends.u[m, d]) < OVERFLOWING and abs(ends.v[m, d]) < OVERFLOWING)
     ends.counts[m, TAKEN], ends.counts[m, REJECTED] = int(taken[lane]), int(trials[lane] - taken[lane])
     ends.counts[m, EVALUATED] += COST * int(trials[lane])
@@ -209,9 +227,8 @@ def end(lane, control, lanes_of, u, v, block, ends):
     bad[lane], taken[lane], trials[lane], time[lane] = 0.0, 0.0, 0.0, control.t_end
 
 
-def begin_lane(lane, alone, events, control, lanes_of, y, block, starts, ends):
+def begin_lane(lane, alone, events, control, of, y, block, starts, ends):
     """Begin the next trajectory in a lane, as a single run begins."""
-    time, _, h, _, before, error, u_size, v_size = lanes_of[:8]
     one, tally, m = block.one, block.tally, block.place[NEXT]
     block.place[NEXT] += 1
     own = starts.params[m if len(starts.params) > 1 else 0]
@@ -229,27 +246,29 @@ def begin_lane(lane, alone, events, control, lanes_of, y, block, starts, ends):
     limits = control.h_max, control.rtol, control.atol, control.is_relative
     span = Span(control.t0, control.t_end, own, 0, 0, 0, 0, *limits, 0, 0, tally, tally, one, one)
     BEGIN(alone, address_of(span), tally, ORDER, one)
-    time[lane], h[lane], before[lane], error[lane] = control.t0, tally[STEP], tally[STEP_BEFORE], 1.0
-    u_size[lane], v_size[lane], lanes_of[11][lane] = tally[U_SIZE], tally[V_SIZE], 0.0
+    of.time[lane], of.h[lane], of.before[lane], of.error[lane] = control.t0, tally[STEP], tally[STEP_BEFORE], 1.0
+    of.u_size[lane], of.v_size[lane], of.rejected[lane] = tally[U_SIZE], tally[V_SIZE], 0.0
     ends.counts[m, EVALUATED] = 1 + int(tally[EVALUATIONS])
-    if len(starts.params) > 1:
+    if len(block.p) > len(own):  # each lane has its own parameters
         for k in range(len(own)):
             block.p[k * LANES + lane] = own[k]
     for d in range(N):
         j = d * LANES + lane
-        y[0][j], y[1][j], y[2][j], y[6][j], y[7][j] = one[U, d], one[V, d], one[A, d], one[U_MOST, d], one[V_MOST, d]
+        y[U][j], y[V][j], y[A][j] = one[U, d], one[V, d], one[A, d]
+        y[U_MOST][j], y[V_MOST][j] = one[U_MOST, d], one[V_MOST, d]
+        y[V_MOST + 1][j] = one[A, d]  # the acceleration before the first step, for a multistep method
     for k in range(len(events)):
         sign, least = block.signs[k, 0], block.signs[k, 1]
         sign[lane], least[lane] = 1.0, math.inf
-        EVENT_AT(events[k])(time, y[0], y[1], block.p, sign, least)
+        EVENT_AT(events[k])(of.time, y[U], y[V], block.p, sign, least)
         sign[lane] = 1.0 if least[lane] > 0 else -1.0
         least[lane] = abs(least[lane])
     block.members[lane] = m
 
 
-def rest(control, lanes_of, a, a_end):
+def rest(control, of, a, a_end):
     """Set the least sizes in lanes in which nothing has moved, as `beginning.at_rest` does."""
-    time, _, _, step, _, _, u_size, v_size, u_least, v_least, v_blur = lanes_of[:11]
+    u_size, v_size = of.u_size, of.v_size
     resting = 0
     for lane in range(LANES):
         resting += (u_size[lane] == 0) | (v_size[lane] == 0)
@@ -261,21 +280,15 @@ def rest(control, lanes_of, a, a_end):
                     if control.atol[0, d] < math.inf:
                         a_size = max(a_size, abs(a[d * LANES + lane]), abs(a_end[d * LANES + lane]))
                 length = control.t_end - control.t0
-                u_least[lane], v_least[lane], v_blur[lane] = least_sizes(
-                    u_size[lane], v_size[lane], a_size, time[lane] + step[lane], length, control.rtol
+                of.u_least[lane], of.v_least[lane], of.v_blur[lane] = least_sizes(
+                    u_size[lane], v_size[lane], a_size, of.time[lane] + of.step[lane], length, control.rtol
                 )
 
 
-def widen_sizes(atol, lanes_of, u, v, u_most, v_most):
+def widen_sizes(atol, of, y):
     """Widen the sizes of u and v, of each degree of freedom and of all."""
-    u_size, v_size, v_blur, ok, most, more = (
-        lanes_of[6],
-        lanes_of[7],
-        lanes_of[10],
-        lanes_of[15],
-        lanes_of[18],
-        lanes_of[19],
-    )
+    u, v, u_most, v_most = y[U], y[V], y[U_MOST], y[V_MOST]
+    u_size, v_size, v_blur, ok, most, more = of.u_size, of.v_size, of.v_blur, of.ok, of.most, of.more
     for lane in range(LANES):
         most[lane], more[lane] = u_size[lane], v_size[lane]
     for d in range(N):
@@ -341,7 +354,7 @@ class Rows:
     @property
     def size(self) -> int:
         """Number of values."""
-        return len(self.names) * self.width + len(_OF_LANES) * self.lanes
+        return len(self.names) * self.width + len(LaneRows._fields) * self.lanes
 
     @property
     def times(self) -> slice:
@@ -352,16 +365,17 @@ class Rows:
     def views(self) -> dict[str, Any]:
         """Return the elements ``ROWS(values)`` and ``LANE_ROWS(values)``, which return tuples of arrays."""
         firsts = [k * self.width for k in range(len(self.names))]
-        of_lanes = [self.times.start + k * self.lanes for k in range(len(_OF_LANES))]
-        groups = {"ROWS": (firsts, self.width), "LANE_ROWS": (of_lanes, self.lanes)}
-        return {name: _views(*group) for name, group in groups.items()}
+        of_lanes = [self.times.start + k * self.lanes for k in range(len(LaneRows._fields))]
+        return {"ROWS": _views(firsts, self.width), "LANE_ROWS": _views(of_lanes, self.lanes, "LaneRows")}
 
 
-def _views(firsts: Sequence[int], width: int) -> Any:
-    kind = Array(float64, 1, "C")
-    views = {f"view_{k}": array_view(kind, width, 1, first, 0) for k, first in enumerate(firsts)}
-    calls = ", ".join(f"{view}(s, 0)" for view in views)
-    return element(define(f"def rows(s):\n    return {calls}\n", "rows", {"__name__": __name__, **views})["rows"])
+def _views(firsts: Sequence[int], width: int, kind: str = "") -> Any:
+    """Return an element that returns rows of an array, as a tuple or as a record of a kind."""
+    row = Array(float64, 1, "C")
+    views = {f"view_{k}": array_view(row, width, 1, first, 0) for k, first in enumerate(firsts)}
+    names = {"__name__": __name__, "LaneRows": LaneRows, **views}
+    text = f"def rows(s):\n    return {kind}({', '.join(f'{view}(s, 0)' for view in views)})\n"
+    return element(define(text, "rows", names)["rows"])
 
 
 def rows_of(module: str, n: int, lanes: int) -> Rows:
@@ -382,7 +396,7 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int) -> Any:
     """
     pair = variable_formulas(module)
     names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations}
-    names |= rows_of(module, n, lanes).views() | _formulas(pair, n, lanes)
+    names |= rows_of(module, n, lanes).views() | pair.of_lanes(n, lanes)
     names |= {"RHS_AT": _rhs_at, "EVENT_AT": _event_at, "ALONE_AT": form.at("rhs"), "BEGIN": beginning(form)[0]}
     names |= {"OVERFLOWING": _OVERFLOWING}
     names |= {function.__name__: element(bound(function, names)) for function in (end, rest, widen_sizes)}
@@ -398,55 +412,3 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int) -> Any:
     )
     with wide_vectors():
         return compile_kernel(adaptive, names, int64(*arguments), f"{module}_{form.name}_{n}_of_{lanes}_lanes")
-
-
-def _formulas(pair: Pair, n: int, lanes: int) -> dict[str, Any]:
-    """Return the elements TRIAL and SQUARE: a step in each lane, and the squares of its error."""
-    text = "\n".join([*_trial(pair, n, lanes), *_square(pair, n, lanes), ""])
-    defined = define(text, "adaptive", {"__name__": __name__})
-    return {"TRIAL": element(defined["trial"]), "SQUARE": element(defined["square"])}
-
-
-def _degrees(n: int, lanes: int, *lines: str) -> list[str]:
-    """Return a loop over the degrees of freedom and the lanes, in which h is the step."""
-    head = [f"    for d in range({n}):", f"        for l in range({lanes}):", f"            j = d * {lanes} + l"]
-    return [*head, *(f"            {line}" for line in ("h = step[l]", *lines))]
-
-
-def _trial(pair: Pair, n: int, lanes: int) -> list[str]:
-    tableau = pair.tableau
-    lines = ["def trial(f, time, there, step, p, y):", f"    {', '.join(pair.row_names)} = y"]
-
-    def evaluated(c: float, u: str, v: str, a: str) -> list[str]:
-        at = [f"    for l in range({lanes}):", f"        there[l] = time[l] + {c!r} * step[l]"]
-        return [*at, f"    f(there, {u}, {v}, p, {a})"]
-
-    for i in range(1, pair.n_stages):
-        entries = ", ".join(f"{row}[j]" for row in tableau.state)
-        state = ", ".join(pair.state_text(i, tableau.stage(pair.A[i], pair.A)))
-        lines += _degrees(n, lanes, f"{entries} = {state}")
-        lines += evaluated(pair.c[i], "u_stage", tableau.velocity, pair.accelerations[i])
-    u, v = pair.state_text(pair.n_stages, tableau.end(pair.A[pair.n_stages], pair.A))
-    return [*lines, *_degrees(n, lanes, f"u_end[j], v_end[j] = {u}, {v}"), *evaluated(1.0, "u_end", "v_end", "a_end")]
-
-
-def _square(pair: Pair, n: int, lanes: int) -> list[str]:
-    """Return the square of the error in each lane, as `Pair` computes it."""
-    arguments = "step, rtol, atol, u_least, v_least, total, most, more, square, y"
-    lines = [f"def square({arguments}):", f"    {', '.join(pair.row_names)} = y", f"    for l in range({lanes}):"]
-    lines.append("        total[l], most[l], more[l] = 0.0, 0.0, 0.0")
-    inside = [
-        "u_scale = 1 / (atol[0, d] + rtol * max(abs(u[j]), abs(u_end[j]), u_most[j], u_least[l]) + 1e-300)",
-        "v_scale = 1 / (atol[1, d] + rtol * max(abs(v[j]), abs(v_end[j]), v_most[j], v_least[l]) + 1e-300)",
-    ]
-    for row, weights in zip(("most", "more"), pair.errors, strict=False):
-        of_u, of_v = (pair.weighted(w) for w in pair.tableau.end([Fraction(x) for x in weights], pair.A))
-        inside += [f"u_part, v_part = h * {total(of_u)} * u_scale, {total(of_v)} * v_scale"]
-        inside += [f"{row}[l] = max({row}[l], u_part * u_part, v_part * v_part)", "total[l] += u_part + v_part"]
-    lines += [*_degrees(n, lanes, *inside), f"    for l in range({lanes}):"]
-    value = "most[l]"
-    if len(pair.errors) == 2:
-        lines.append("        both = most[l] + 0.01 * more[l]")
-        value = "(most[l] * most[l] / both if both > 0 else 0.0)"
-    lines.append("        blow_up = total[l] - total[l]  # NaN, which a maximum may leave out")
-    return [*lines, f"        square[l] = step[l] * step[l] * {value} if blow_up == 0 else blow_up"]

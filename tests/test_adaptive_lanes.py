@@ -111,6 +111,7 @@ def test_members_take_the_steps_of_single_runs(case, in_lanes):
         {"first_step": 1e-4},
         {"rtol": 1e-3},
         {"method": "rk8", "rtol": 1e-9},
+        {"method": "eig3", "rtol": 1e-4},
     ],
     ids=str,
 )

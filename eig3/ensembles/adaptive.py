@@ -29,8 +29,7 @@ from ..kernels.adaptive_lanes import (
     rows_of,
 )
 from ..kernels.lanes import Lanes, Layout
-from ..kernels.loops.formulas import variable_formulas
-from ..kernels.loops.pair import V_MOST, Pair
+from ..kernels.loops.pair import V_MOST
 from ..kernels.protocol import EVENTS
 from ..methods import Method
 from ..result.memory import aligned
@@ -85,10 +84,10 @@ class Adaptive:
         return Control(*self.members.t_span, *limits, reads_time)
 
 
-def runs_in_lanes(members: Members, method: Method) -> bool:
+def runs_in_lanes(members: Members) -> bool:
     """Whether members with tolerances run in lanes."""
     is_large = members.n > _MOST_DEGREES or (members.has_own_params and members.params.shape[1] > _MOST_PARAMS)
-    return isinstance(variable_formulas(method.variable), Pair) and not is_large and len(members) >= _FEWEST
+    return not is_large and len(members) >= _FEWEST
 
 
 def in_lanes(

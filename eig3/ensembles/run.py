@@ -338,7 +338,7 @@ class Run:
         options, members = self.options, self.members
         if options.t_eval is not None or options.save_every is not None or self._invariants or self._outputs:
             return None
-        if not runs_in_lanes(members, options.method):
+        if not runs_in_lanes(members):
             return None
         tolerances, events = self._single.prepared(0).tolerances(members.n), [*self._followed().values()]
         given = members, options.method, events, tolerances, self.histories, self._single

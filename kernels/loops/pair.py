@@ -18,7 +18,7 @@ from fractions import Fraction
 from math import comb
 from typing import Any, SupportsFloat
 
-from ..compile.jit import element, outlined
+from ..compile.jit import bound, element, outlined
 from ..compile.source import after_sum, define
 from .dense import QUINTIC_TERMS, quintic
 from .tableau import Row, Tableau, product
@@ -90,6 +90,52 @@ class Pair:
         defined = define(self._text, "pair", names)
         inlined = {name: element(defined[name]) for name in ("trial", "square", "dense")}
         return {**inlined, "dense_called": outlined(defined["dense"])}
+
+    @functools.cache  # noqa: B019  a pair lives as long as its module
+    def of_lanes(self, n: int, lanes: int) -> dict[str, Any]:
+        """Return the elements of `eig3.kernels.adaptive_lanes`: a step in each lane, its error, and its acceptance."""
+        text = "\n".join([*self._trial_of_lanes(n, lanes), *self._square_of_lanes(n, lanes), ""])
+        defined = define(text, "lanes", {"__name__": __name__})
+        names = {"N": n, "LANES": lanes}
+        return {**{name: element(defined[name.lower()]) for name in ("TRIAL", "SQUARE")}, "MOVE": moved(names)}
+
+    def _trial_of_lanes(self, n: int, lanes: int) -> list[str]:
+        tableau = self.tableau
+        lines = ["def trial(f, time, there, step, before, p, y):", self._unpacked()]
+
+        def evaluated(c: float, u: str, v: str, a: str) -> list[str]:
+            at = [f"    for lane in range({lanes}):", f"        there[lane] = time[lane] + {c!r} * step[lane]"]
+            return [*at, f"    f(there, {u}, {v}, p, {a})"]
+
+        for i in range(1, self.n_stages):
+            entries = ", ".join(f"{row}[j]" for row in tableau.state)
+            state = ", ".join(self.state_text(i, tableau.stage(self.A[i], self.A)))
+            lines += _in_lanes(n, lanes, f"{entries} = {state}")
+            lines += evaluated(self.c[i], "u_stage", tableau.velocity, self.accelerations[i])
+        u, v = self.state_text(self.n_stages, tableau.end(self.A[self.n_stages], self.A))
+        lines += _in_lanes(n, lanes, f"u_end[j], v_end[j] = {u}, {v}")
+        return lines + evaluated(1.0, "u_end", "v_end", "a_end")
+
+    def _square_of_lanes(self, n: int, lanes: int) -> list[str]:
+        arguments = "step, rtol, atol, u_least, v_least, total, most, more, square, y"
+        lines = [f"def square({arguments}):", self._unpacked(), f"    for lane in range({lanes}):"]
+        lines.append("        total[lane], most[lane], more[lane] = 0.0, 0.0, 0.0")
+        inside = [
+            "u_scale = 1 / (atol[0, d] + rtol * max(abs(u[j]), abs(u_end[j]), u_most[j], u_least[lane]) + 1e-300)",
+            "v_scale = 1 / (atol[1, d] + rtol * max(abs(v[j]), abs(v_end[j]), v_most[j], v_least[lane]) + 1e-300)",
+        ]
+        for row, weights in zip(("most", "more"), self.errors, strict=False):
+            of_u, of_v = (self.weighted(w) for w in self.tableau.end([Fraction(x) for x in weights], self.A))
+            inside += [f"u_part, v_part = h * {total(of_u)} * u_scale, {total(of_v)} * v_scale"]
+            inside += [f"{row}[lane] = max({row}[lane], u_part * u_part, v_part * v_part)"]
+            inside += ["total[lane] += u_part + v_part"]
+        lines += [*_in_lanes(n, lanes, *inside), f"    for lane in range({lanes}):"]
+        value = "most[lane]"
+        if len(self.errors) == 2:
+            lines.append("        both = most[lane] + 0.01 * more[lane]")
+            value = "(most[lane] * most[lane] / both if both > 0 else 0.0)"
+        lines.append("        blow_up = total[lane] - total[lane]  # NaN, which a maximum may leave out")
+        return [*lines, f"        square[lane] = step[lane] * step[lane] * {value} if blow_up == 0 else blow_up"]
 
     def _unpacked(self) -> str:
         return f"    {', '.join(self.row_names)} = y"
@@ -188,6 +234,27 @@ class Pair:
             terms = [(repr(float(c)), value) for c, value in factors if c]
             lines.append(f"        coefficients[{place + power}, j] = {total(terms)}")
         return lines
+
+
+def moved(names: dict[str, int]) -> Any:
+    """Return the element that begins the next step in the lanes whose step was accepted."""
+    return element(bound(move, names))
+
+
+def move(ok, y):  # type: ignore[no-untyped-def]
+    u, v, a, u_end, v_end, a_end = y[:6]
+    for d in range(N):  # noqa: F821
+        for lane in range(LANES):  # noqa: F821
+            j = d * LANES + lane  # noqa: F821
+            u[j] = u_end[j] if ok[lane] > 0 else u[j]
+            v[j] = v_end[j] if ok[lane] > 0 else v[j]
+            a[j] = a_end[j] if ok[lane] > 0 else a[j]
+
+
+def _in_lanes(n: int, lanes: int, *lines: str) -> list[str]:
+    """Return a loop over the degrees of freedom and the lanes, in which h is the step."""
+    head = [f"    for d in range({n}):", f"        for lane in range({lanes}):", f"            j = d * {lanes} + lane"]
+    return [*head, *(f"            {line}" for line in ("h = step[lane]", *lines))]
 
 
 def total(terms: Sequence[tuple[str, str]]) -> str:
