@@ -98,13 +98,11 @@ def ensemble(
     u0, v0 : array_like, shape () or (m,), or in the vector form (n,) or (m, n)
         Displacements and velocities at the first time.
     h : float or array_like, shape (m,)
-        The fixed step. If it does not divide the span, the run takes the next shorter step that does.
-    rtol, atol
-        Tolerances in place of h, as for `eig3.integrate`.
+        The fixed step. If it does not divide the span, the run takes the next shorter step that does. Or take rtol.
     params : array_like, shape (k,) or (m, k); or NamedTuple or dict
         The parameters. rhs gets those of a member as p, of shape (k,). Of parameters with names, each array whose first
         axis has the length m has a value for each member.
-    method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps, progress, cancel
+    rtol, atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps, progress, cancel
         As for `eig3.integrate`. By default only the first and the last state are saved.
     threads : int
         Number of threads; by default all cores that the process may use.
@@ -118,11 +116,9 @@ def ensemble(
     save_to : str or path
         A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it, also if the
         process was killed.
-    integrals : tuple of str
-        The last degrees of freedom are integrals over time with these names: their velocities do not act on the motion,
-        and do not decide about its steps. `Problem.ensemble` gives those of the problem.
-    labels : Labels
-        The names and units of the degrees of freedom.
+    integrals, labels
+        What `Problem.ensemble` adds: the names of integrals over time, which are the velocities of the last degrees of
+        freedom and do not decide about the steps, and the names and units of the others.
     **refused
         Options of single runs that an ensemble refuses by a sentence.
 
@@ -136,10 +132,8 @@ def ensemble(
     ------
     TypeError, ValueError
         An argument is not valid, two shapes do not fit, or no member can start because rhs reads beyond its arrays.
-    MemoryError
-        The histories do not fit in memory.
-    ImportError
-        `progress` is True and tqdm is not installed.
+    MemoryError, OSError, ImportError
+        The histories do not fit in memory, or on the disk; or `progress` is True and tqdm is not installed.
     KeyboardInterrupt
         After Ctrl-C. Its attribute `solution` has the members that were finished, and the others as INTERRUPTED. With
         `reduce` it is the list, with None for unfinished parts. It is None if no member had started. What rhs raises is
@@ -149,9 +143,7 @@ def ensemble(
     -----
     The numbers of a member do not depend on the other members, on its place or on the number of threads, to the last
     bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). With `Langevin`,
-    member i has the random numbers of the stream i, and takes this stream along: ``Langevin(..., stream=i)``. Members
-    with an occurrence of an event, and all members with `t_eval`, run one at a time: their bits are those of
-    `integrate`.
+    member i has the random numbers of the stream i: ``Langevin(..., stream=i)``.
     """
     _refuse(refused)
     try:
