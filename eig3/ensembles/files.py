@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,14 +14,11 @@ from ..result import storage
 from ..result.soundness import check_members
 from .occurrences import MemberOccurrences
 
-if TYPE_CHECKING:
-    from .solution import EnsembleSolution
-
 _WHOLE, _PARTS = "ensemble.npz", "part-*.npz"  # the files of a directory: all members at their start, and the parts
 _TEXTS = ("status", "message")  # fields with an array of objects
 
 
-def save(solution: EnsembleSolution, path: str | PathLike[str]) -> Path:
+def save(solution: Any, path: str | PathLike[str]) -> Path:
     """Write an ensemble to a file, as `EnsembleSolution.save` describes it."""
     fields = solution.__getstate__()
     fields |= {name: fields[name].tolist() for name in _TEXTS}
@@ -45,19 +43,24 @@ class Directory:
         self._path = storage.Place.of(path).directory
         self._path.mkdir(parents=True, exist_ok=True)
 
-    def begin(self, start: EnsembleSolution) -> None:
+    def begin(self, start: Any) -> None:
         """Write the ensemble at its start."""
         save(start, self._path / _WHOLE)
 
-    def put(self, part: EnsembleSolution) -> None:
+    def put(self, part: Any) -> None:
         """Write a part."""
         save(part, self._path / _PARTS.replace("*", f"{part.first:012d}"))
 
 
-def _loaded(fields: Mapping[str, Any]) -> EnsembleSolution:
-    """Return the ensemble with the fields of a file."""
-    from .solution import EnsembleSolution
+def register(kind: type) -> None:
+    """Let files of ensembles become objects of the class of their results."""
+    storage.PARTS[MemberOccurrences.__name__] = MemberOccurrences
+    storage.KINDS["ensemble"] = partial(_loaded, kind)
+    storage.DIRECTORIES[_WHOLE] = _loaded_directory
 
+
+def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
+    """Return the ensemble with the fields of a file."""
     state = dict(fields)
     for name in _TEXTS:
         state[name] = np.array((*state[name], None), dtype=object)[:-1]  # NumPy would make texts of another type
@@ -65,17 +68,12 @@ def _loaded(fields: Mapping[str, Any]) -> EnsembleSolution:
     check_members(state, MemberOccurrences)
     if len(state["t"]) < len(state["u"]):
         state["t"] = np.broadcast_to(state["t"], state["u"].shape[:2])
-    return EnsembleSolution(**state)
+    return kind(**state)
 
 
-def _loaded_directory(path: Path) -> EnsembleSolution:
+def _loaded_directory(path: Path) -> Any:
     """Return an ensemble with the parts that are in a directory. The other members are at their start."""
-    whole: EnsembleSolution = storage.load(path / _WHOLE)
+    whole = storage.load(path / _WHOLE)
     for part in sorted(path.glob(_PARTS)):
         whole._place(storage.load(part))
     return whole
-
-
-storage.PARTS[MemberOccurrences.__name__] = MemberOccurrences
-storage.KINDS["ensemble"] = _loaded
-storage.DIRECTORIES[_WHOLE] = _loaded_directory

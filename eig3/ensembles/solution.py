@@ -356,6 +356,8 @@ class EnsembleSolution:
         return ", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status])
 
 
+files.register(EnsembleSolution)
+
 #: Takes from a part of an ensemble what the caller needs of it.
 Reduce = Callable[[EnsembleSolution], Any]
 

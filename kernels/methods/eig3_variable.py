@@ -36,7 +36,7 @@ class _Formulas:
     def of_lanes(self, n: int, lanes: int) -> dict[str, Any]:
         """Return the elements of `eig3.kernels.adaptive_lanes`."""
         names = {"N": n, "LANES": lanes, "MOVE_STATE": moved({"N": n, "LANES": lanes})}
-        templates = {"TRIAL": trial_of_lanes, "SQUARE": square_of_lanes, "MOVE": move_of_lanes}
+        templates: dict[str, Any] = {"TRIAL": trial_of_lanes, "SQUARE": square_of_lanes, "MOVE": move_of_lanes}
         return {name: element(bound(template, names)) for name, template in templates.items()}
 
 
