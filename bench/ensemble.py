@@ -27,8 +27,9 @@ from eig3.methods import METHODS
 from eig3.options import count
 
 from . import text
-from .ensemble_cases import CASES, SAMPLES, Case
+from .ensemble_cases import CASES, CASES_WITH_TOLERANCES, SAMPLES, Case
 from .ensemble_rivals import ENSEMBLE_RIVALS, Run, jax_eig3
+from .ensemble_tolerances import tolerance_tables
 from .environment import in_words
 from .options import add_problems, add_repeats, choose
 from .timing import interleave, medians
@@ -37,12 +38,14 @@ SUMMARY = "ns a step of ensembles, and seconds to an accuracy beside heyoka, JAX
 
 SPEED_METHODS = ("eig3", "eig9", "rk4")
 ACCURACY_METHODS = ("eig3", "eig5", "eig9", "rk4", "rk8")
+TOLERANCE_METHODS = ("rk5", "rk8")
 TARGET = 1e-4  # the largest error at the end, relative to the member's largest displacement
 _FEW = 50  # members that run one at a time
 _PILOTS = 32  # members with which the step or the tolerance is searched
 _LADDER = 2 ** (np.arange(52) / 4)  # the stability limit over the steps to try
 _REFERENCE = 64  # the stability limit of RK8 over the step of the reference
 _SAMPLES = SAMPLES - 1  # steps of the reference, or a multiple, so that they end at the samples of a record
+_LEAST_RTOL = 1e-13  # of the reference with tolerances
 _SAVED = 100  # states of the reference, for the largest displacement
 _TOLERANCES = tuple(10 ** (-k / 2) for k in range(4, 27))
 _LONGEST = 5.0  # s: a rival that would take longer runs with fewer members
@@ -98,9 +101,10 @@ def benchmark(
     accurate: int = 10_000,
     write: Callable[[str], None] = print,
 ) -> None:
-    """Print the two tables."""
-    chosen = choose(only, tuple(CASES), "--problem")
-    cases = [CASES[name] for name in chosen]
+    """Print the tables."""
+    every = {**CASES, **CASES_WITH_TOLERANCES}
+    chosen = choose(only, tuple(every), "--problem")
+    cases = [CASES[name] for name in chosen if name in CASES]
     write(f"Machine: {in_words()}")
     absent = [rival.label for rival in ENSEMBLE_RIVALS if not rival.is_installed]
     absent += [] if _has_jax() else ["JAX"]
@@ -114,12 +118,14 @@ def benchmark(
     rows = [speed_row(case, method, members, n_steps, repeats) for case in cases for method in SPEED_METHODS]
     write(text.table(SPEED_HEADER, rows))
     write("\n" + small_oscillator(repeats, n_steps))
+    write("\n## Tolerances and events\n")
+    write(tolerance_tables(members, repeats))
     write("\n## The time to an accuracy\n")
     write(
         f"Seconds for {accurate} members whose displacements at the end of the run have errors below {TARGET:g} of "
         f"their sizes, and the number of steps or the tolerance for it: medians of {repeats} interleaved runs.\n"
     )
-    found = {case.problem.name: at_equal_error(case, accurate, repeats) for case in cases}
+    found = {name: at_equal_error(every[name], accurate, repeats) for name in chosen}
     write(text.table(["method", *found], accuracy_rows(found)))
     write("\n" + verdict(found))
 
@@ -255,13 +261,14 @@ class Found:
 
 
 def contestants(case: Case) -> list[Contestant]:
-    return [
-        *(
-            Contestant(METHODS[name]().label, True, _steps(case, name), partial(_ours, name))
-            for name in ACCURACY_METHODS
-        ),
-        *_rivals(case),
+    fixed = [
+        Contestant(METHODS[name]().label, True, _steps(case, name), partial(_ours, name)) for name in ACCURACY_METHODS
     ]
+    controlled = [
+        Contestant(f"{METHODS[name]().label}, tolerances", True, _TOLERANCES, partial(_with_tolerances, name))
+        for name in TOLERANCE_METHODS
+    ]
+    return [*(fixed if case.by_hand else []), *controlled, *_rivals(case)]
 
 
 def _rivals(case: Case) -> list[Contestant]:
@@ -288,15 +295,25 @@ def _ours(method: str, case: Case, m: int) -> Callable[[int], Run]:
     return at
 
 
+def _with_tolerances(method: str, case: Case, m: int) -> Callable[[float], Run]:
+    options: dict[str, Any] = {**case.members(m), "method": method}
+    return lambda rtol: lambda: _rows(case.problem.ensemble(rtol=rtol, **options).u, case)[:, -1]
+
+
 def _rows(u: np.ndarray, case: Case) -> np.ndarray:
     """Displacements of shape (m, s, n), also for the scalar form."""
     return u.reshape(*u.shape[:2], np.size(case.problem.u0))
 
 
 class Reference:
-    """The displacements at the end by RK8 with small steps, and the largest ones of each member."""
+    """The displacements at the end by RK8 with small steps or tolerances, and the largest ones of each member."""
 
     def __init__(self, case: Case, m: int) -> None:
+        if not case.by_hand:
+            u = _rows(case.problem.ensemble(rtol=_LEAST_RTOL, method="rk8", save_every=1, **case.members(m)).u, case)
+            last = np.isfinite(u[..., 0]).sum(axis=1) - 1
+            self.ends, self.sizes = u[np.arange(m), last], np.nanmax(np.abs(u), axis=1)
+            return
         span = np.ptp(case.problem.t_span)
         n_steps = _SAMPLES * math.ceil(_REFERENCE * span / case.longest_step("rk8") / _SAMPLES)
         options: dict[str, Any] = {"h": span / n_steps, "method": "rk8", "save_every": n_steps // _SAVED}
@@ -322,7 +339,7 @@ def at_equal_error(case: Case, m: int, repeats: int) -> dict[str, Found]:
             found[contestant.label] = Found(contestant.is_ours, word="not reached")
         else:
             run, setting, ran = reached
-            shown = str(setting) if contestant.is_ours else f"{setting:.2g}"
+            shown = str(setting) if isinstance(setting, int) else f"{setting:.2g}"
             runs[contestant.label] = _timed(run), contestant.is_ours, shown, ran
     enough = repeats * _LONGEST
     timed = interleave({label: run for label, (run, *_) in runs.items()}, repeats, case.problem.name, enough)

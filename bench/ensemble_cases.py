@@ -37,14 +37,15 @@ class Case:
     h : float
         The step with which the time of a step is measured.
     spreads : tuple of Spread
-    by_hand : callable
-        EIG-3 as a loop over members: ``by_hand(u0, v0, params, h, n_steps, ends)``, with arrays of shape (m, n).
+    by_hand : callable, optional
+        EIG-3 as a loop over members: ``by_hand(u0, v0, params, h, n_steps, ends)``, with arrays of shape (m, n). A case
+        without it has members of such different time scales that only steps with tolerances suit them.
     """
 
     build: Callable[[], Problem]
     h: float
     spreads: tuple[Spread, ...]
-    by_hand: Callable
+    by_hand: Callable | None = None
 
     @cached_property
     def problem(self) -> Problem:
@@ -71,6 +72,7 @@ class Case:
 
     def run_by_hand(self, m: int, n_steps: int) -> Callable[[], np.ndarray]:
         """Return a run of the loop by hand, which returns the displacements at the end, of shape (m, n)."""
+        assert self.by_hand
         loop, values = numba.njit(**OPTIONS)(self.by_hand), self.members(m)
         u0 = values["u0"].reshape(m, -1)
         v0 = np.tile(np.ravel(self.problem.v0).astype(np.float64), (m, 1))
@@ -205,5 +207,11 @@ _CASES = (
         by_hand=shear_building,
     ),
 )
+_WITH_TOLERANCES = (
+    Case(partial(problems.van_der_pol, t_end=50.0), h=1e-3, spreads=(Spread("params", (0,), 1.0, 20.0),)),
+    # from the aphelion, with e = 1 - 1 / GM from 0 to 0.9
+    Case(partial(problems.kepler, e=0.0, t_end=10.0), h=1e-3, spreads=(Spread("params", (0,), 1.0, 10.0),)),
+)
 #: The cases by the names of their problems.
-CASES: Mapping[str, Any] = {case.by_hand.__name__: case for case in _CASES}
+CASES: Mapping[str, Any] = {case.by_hand.__name__: case for case in _CASES if case.by_hand}
+CASES_WITH_TOLERANCES: Mapping[str, Any] = {case.problem.name: case for case in _WITH_TOLERANCES}

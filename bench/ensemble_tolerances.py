@@ -1,0 +1,133 @@
+"""Ensembles with tolerances in lanes beside a loop of prepared runs, and what an event costs that never occurs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import eig3
+from eig3 import problems
+from eig3.methods import METHODS
+from eig3.problem import Problem
+
+from . import text
+from .timing import medians
+
+_RTOL = 1e-6
+_FEW = 100  # members of the loop of prepared runs, whose time is scaled
+_HEADER = ["ensemble, method", "steps a member", "lanes (us a member)", "prepared runs", "prepared / lanes"]
+
+
+@dataclass(frozen=True)
+class Set:
+    """A problem, and the u0, v0 and parameters of some members."""
+
+    problem: Problem
+    u0: np.ndarray
+    v0: np.ndarray
+    params: np.ndarray
+
+    @property
+    def values(self) -> dict[str, np.ndarray]:
+        return {"u0": self.u0, "v0": self.v0, "params": self.params}
+
+
+@eig3.jit
+def far(t, u, v, p):
+    return u - 1e6
+
+
+@eig3.jit
+def far_of_many(t, u, v, p):
+    return u[0] - 1e6
+
+
+def sets(m: int) -> dict[str, Set]:
+    """Return the ensembles with m members."""
+    rng = np.random.default_rng(0)
+
+    def with_params(problem: Problem, **columns: np.ndarray) -> np.ndarray:
+        params = np.tile(np.asarray(problem.params, dtype=np.float64), (m, 1))
+        for column, values in columns.items():
+            params[:, int(column[1:])] = values
+        return params
+
+    duffing, van_der_pol = problems.duffing(delta=0.1, a=1.0, b=1.0, t_end=100.0), problems.van_der_pol(t_end=50.0)
+    kepler, ball = problems.kepler(t_end=20.0), problems.bouncing_ball()
+    e = np.linspace(0.0, 0.9, m)
+    ellipse = np.column_stack([1 - e, 0 * e]), np.column_stack([0 * e, np.sqrt((1 + e) / (1 - e))])
+    random = with_params(duffing, p3=rng.uniform(0.1, 0.5, m), p4=rng.uniform(0.5, 1.5, m))
+    found = {
+        "duffing": Set(duffing, rng.uniform(-0.5, 0.5, m), np.zeros(m), random),
+        "van_der_pol, mu from 1 to 20": Set(
+            van_der_pol, np.full(m, 2.0), np.zeros(m), with_params(van_der_pol, p0=np.linspace(1, 20, m))
+        ),
+        "kepler, e from 0 to 0.9": Set(kepler, *ellipse, with_params(kepler)),
+        "bouncing_ball": Set(ball, rng.uniform(0.5, 2.0, m), np.zeros(m), with_params(ball)),
+    }
+    return {name: replace(one, problem=replace(one.problem, energy=None)) for name, one in found.items()}
+
+
+def tolerance_tables(m: int, repeats: int) -> str:
+    """Return the two tables."""
+    found = sets(m)
+    rows = [_row(name, one, method, repeats) for name, one in found.items() for method in ("rk5", "rk8")]
+    events = [_event_row(name, one, repeats) for name, one in found.items() if not one.problem.events]
+    head = (
+        f"Microseconds a member for {m} members on one core with rtol = {_RTOL:g}: `problem.ensemble` with its Python, "
+        f"and a loop of `problem.prepare(...)` over {min(_FEW, m)} members; medians of {repeats} interleaved runs.\n"
+    )
+    event_head = "\nThe time of an ensemble with an event that never occurs, in units of the time without it.\n"
+    tables = text.table(_HEADER, rows), text.table(["ensemble", "h = 0.01, EIG-3", "rtol, RK8"], events)
+    return "\n".join([head, tables[0], event_head, tables[1]])
+
+
+def _row(name: str, one: Set, method: str, repeats: int) -> list[str]:
+    options: dict[str, Any] = {"rtol": _RTOL, "method": method}
+    prepared = one.problem.prepare(save_every=None, invariants={}, **options)
+    m = len(one.u0)
+    few = range(min(_FEW, m))
+    starts = [(None, one.u0[i], one.v0[i], one.params[i]) for i in few]
+    starts = [(None, float(u), float(v), p) if np.ndim(u) == 0 else (None, u, v, p) for _, u, v, p in starts]
+    seconds = medians(
+        {
+            "lanes": _timed(lambda: one.problem.ensemble(**one.values, **options, threads=1)),
+            "loop": _timed(lambda: [prepared(*start) for start in starts]),
+        },
+        repeats,
+        f"{name}, {method}",
+    )
+    lanes, loop = 1e6 * seconds["lanes"] / m, 1e6 * seconds["loop"] / len(few)
+    steps = one.problem.ensemble(**one.values, **options).n_steps.mean()
+    label = METHODS[method]().label
+    return [f"{name}, {label}", f"{steps:.0f}", text.number(lanes), text.number(loop), f"{loop / lanes:.1f}"]
+
+
+def _event_row(name: str, one: Set, repeats: int) -> list[str]:
+    g = far if np.ndim(one.problem.u0) == 0 else far_of_many
+    event, ratios = {"far": eig3.Event(g)}, []
+    for options in ({"h": 0.01}, {"rtol": _RTOL, "method": "rk8"}):
+        given: dict[str, Any] = {**one.values, **options, "threads": 1}
+        seconds = medians(
+            {
+                "without": _timed(lambda given=given: one.problem.ensemble(**given)),  # type: ignore[misc]
+                "with": _timed(lambda given=given: one.problem.ensemble(**given, events=event)),  # type: ignore[misc]
+            },
+            repeats,
+            f"{name}, event",
+        )
+        ratios.append(seconds["with"] / seconds["without"])
+    return [name, *(f"{ratio:.2f}" for ratio in ratios)]
+
+
+def _timed(call: Callable[[], object]) -> Callable[[], float]:
+    def run() -> float:
+        begin = time.perf_counter()
+        call()
+        return time.perf_counter() - begin
+
+    return run
