@@ -99,6 +99,53 @@ def test_members_with_another_right_hand_side_run_in_a_group_of_their_own():
     assert len(rhs) == 4
 
 
+@eig3.jit
+def falling(t, u, v, p):
+    return -1.0
+
+
+@eig3.jit
+def height(t, u, v, p):
+    return u
+
+
+@eig3.jit
+def rebound(t, u, v, p):
+    return 0.0, -0.5 * v
+
+
+def falling_on(floor: int = 0, u0: float = 0.5, t_end: float = 1.75):
+    """A floor that is not there, one that throws the ball back, or one that ends the run."""
+    floors = {}, {"floor": eig3.Event(height, apply=rebound)}, {"floor": eig3.Event(height, terminal=True)}
+    return eig3.Problem("falling_on", falling, u0=u0, v0=0.0, params=(), t_span=(0.0, t_end), events=floors[floor])
+
+
+def test_members_with_other_events_run_in_a_group_of_their_own():
+    """The ball falls from 1/2 in 1 s, and EIG-3 is exact for a constant force. A member that ended early is NaN."""
+    study = study_of(falling_on, "floor=0:2:3", measures=["end:u", "min:u", "end:v"], h=2.0**-6)
+    assert study.status.tolist() == [Status.COMPLETED, Status.COMPLETED, Status.TERMINATED]
+    np.testing.assert_allclose(study.values["end:u"], [-1.03125, 0.09375, np.nan], rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(study.values["min:u"], [-1.03125, 0.0, np.nan], rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(study.values["end:v"], [-1.75, -0.25, np.nan], rtol=0, atol=ROUND_OFF)
+    study = study_of(falling_on, "floor=0:2:3", measures=["max:u"], h=2.0**-6, after=1.25)
+    assert study.status.tolist() == [Status.COMPLETED, Status.COMPLETED, Status.TERMINATED]
+    np.testing.assert_allclose(study.values["max:u"], [-0.28125, 0.125, np.nan], rtol=0, atol=ROUND_OFF)
+
+
+def test_the_impacts_of_a_bouncing_ball_are_followed(tmp_path, capsys):
+    """EIG-3 is exact for a constant force. The ball with the lowest values rests after some 0.96 s."""
+    command = "bouncing_ball --set restitution=0.5:0.9:3 --set h0=0.5:1:2 --t-end 1.2 --h 1e-3"
+    assert main(arguments(command, "max:u", "end:u", "end:v", out=tmp_path)) == 0
+    first, *rows = rows_of(tmp_path)
+    assert (first["status"], first["end:u"]) == ("events without end", "nan")
+    for row in rows:
+        ball = problems.bouncing_ball(restitution=float(row["restitution"]), h0=float(row["h0"]))
+        assert row["status"] == "completed"
+        found = [float(row[name]) for name in ("max:u", "end:u", "end:v")]
+        np.testing.assert_allclose(found, [ball.u0, *ball.exact(1.2)], rtol=0, atol=1e-8)
+    assert "6 members: 5 completed, 1 events without end (NaN in the files)" in capsys.readouterr().out
+
+
 def test_members_with_another_number_of_masses():
     study = study_of(problems.hardening_chain, "n=4:5:2", measures=["max:u3"], t_end=0.5, h=1e-3)
     for n, value in zip((4, 5), study.values["max:u3"], strict=True):

@@ -14,6 +14,7 @@ from ..functions.callbacks import check_callback, jit
 from ..kernels.compile.source import define
 from ..kernels.protocol import SCALAR, VECTOR
 from ..problem import Problem
+from ..result.solution import Status
 
 KINDS = {
     "max": "largest",
@@ -125,7 +126,7 @@ class Measure:
         else:
             low, high, *_ = solution.extremes[name]
             values = {"min": low, "max": high, "peak": np.maximum(np.abs(low), np.abs(high))}[self.kind]
-        return np.where(solution.success, values, np.nan)
+        return np.where(solution.status == Status.COMPLETED, values, np.nan)
 
 
 @functools.cache
@@ -138,7 +139,7 @@ def _at_end(solution: EnsembleSolution, function: Any) -> np.ndarray:
     """Return the values of a function in the last states."""
     form = SCALAR if solution.u.ndim == 2 else VECTOR
     call = check_callback(function, "invariant", form, "measure").call
-    t, u, v = float(solution.t[0, -1]), solution.u[:, -1], solution.v[:, -1]
-    states = zip(*(x.tolist() if form is SCALAR else x for x in (u, v)), strict=True)
+    t, u, v = solution.t[:, -1].tolist(), solution.u[:, -1], solution.v[:, -1]
+    states = zip(t, *(x.tolist() if form is SCALAR else x for x in (u, v)), strict=True)
     params = np.broadcast_to(solution.params, (len(solution), solution.params.shape[-1]))
-    return np.array([call(t, *state, p) for state, p in zip(states, params, strict=True)])
+    return np.array([call(*state, p) for state, p in zip(states, params, strict=True)])

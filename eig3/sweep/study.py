@@ -209,7 +209,7 @@ class Study:
         params = _parameters(problems)
         if self.after is not None:
             start = self._ensemble(problem, u0, v0, params, t_end=self.after)
-            alive = start.success
+            alive = start.status == Status.COMPLETED
             self.status[members[~alive]] = start.status[~alive]
             if not alive.any():
                 return
@@ -261,6 +261,7 @@ def _groups(problems: Sequence[Problem]) -> list[list[int]]:
     """Return groups of problems with the same functions and the same numbers of values."""
     groups: dict[Any, list[int]] = {}
     for i, p in enumerate(problems):
-        key = p.rhs, p.energy, p.integrals, p.t_span, np.shape(p.u0), np.size(p.params)
+        events = tuple((name, e.g, e.direction, e.terminal, e.apply) for name, e in p.events.items())
+        key = p.rhs, p.energy, p.integrals, events, p.t_span, np.shape(p.u0), np.size(p.params)
         groups.setdefault(key, []).append(i)
     return list(groups.values())
