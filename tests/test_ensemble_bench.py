@@ -9,8 +9,9 @@ from scipy.integrate import solve_ivp
 from eig3 import problems
 from eig3.bench import ensemble, ensemble_million
 from eig3.bench.ensemble import TARGET, Contestant, Found, Reference
-from eig3.bench.ensemble_cases import CASES
+from eig3.bench.ensemble_cases import CASES, CASES_WITH_TOLERANCES
 from eig3.bench.ensemble_rivals import ENSEMBLE_RIVALS, EnsembleRival, jax_eig3
+from eig3.bench.ensemble_tolerances import sets, tolerance_tables
 from eig3.bench.rivals.general import first_order
 from eig3.cli import main
 
@@ -34,10 +35,10 @@ def test_lanes_the_loop_by_hand_and_jax_take_the_same_steps(name):
         np.testing.assert_allclose(run(), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [*CASES, *CASES_WITH_TOLERANCES])
 def test_the_reference_is_accurate(name):
     """Its error must be small beside the target. The jumps of the ground's velocity cost any method its order."""
-    case, m = CASES[name], 2
+    case, m = {**CASES, **CASES_WITH_TOLERANCES}[name], 2
     has_jumps = name == "shear_building"
     reference = Reference(case, m)
     for i, problem in enumerate(case.one_by_one(m)):
@@ -52,7 +53,7 @@ def test_the_reference_is_accurate(name):
         times = problem.params[1:1002] if has_jumps else (0.0, t_end)
         for begin, end in pairwise(times):
             # up to the jump, but not beyond it
-            y = solve_ivp(f, (begin, np.nextafter(end, 0)), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+            y = solve_ivp(f, (begin, np.nextafter(end, 0)), y, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
         n = np.size(problem.u0)
         error = np.abs(reference.ends[i] - y[:n]) / reference.sizes[i]
         assert error.max() < (0.1 * TARGET if has_jumps else 1e-8)
@@ -165,3 +166,11 @@ def test_command_with_a_rival(capsys, monkeypatch):
 def test_members_in_bounded_memory(capsys):
     ensemble_million.main(m=300, n_steps=20)
     assert "300 members of 20 steps in 3 parts" in capsys.readouterr().out
+
+
+def test_the_tables_of_tolerances_have_a_row_for_each_set_and_method():
+    tables = tolerance_tables(20, 1)
+    rows = [line for line in tables.splitlines() if line.startswith("|")]
+    assert len(rows) == 2 + 8 + 2 + 3
+    for name in sets(20):
+        assert sum(row.startswith(f"| {name}") for row in rows) == (3 if "ball" not in name else 2)
