@@ -56,7 +56,7 @@ class Case:
         """Return the stability limit of a method for the problem, at its start."""
         return self.problem.critical_step(method=method, safety=1.0).h
 
-    def members(self, m: int) -> dict[str, np.ndarray]:
+    def members(self, m: int) -> dict[str, Any]:
         """Return the u0 and the params of m members. More members begin with the same ones."""
         values = {name: np.array([getattr(self.problem, name)] * m, dtype=np.float64) for name in ("u0", "params")}
         shares = np.random.default_rng(0).random((m, len(self.spreads)))

@@ -32,7 +32,7 @@ class Set:
     params: np.ndarray
 
     @property
-    def values(self) -> dict[str, np.ndarray]:
+    def values(self) -> dict[str, Any]:
         return {"u0": self.u0, "v0": self.v0, "params": self.params}
 
 
