@@ -18,13 +18,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from numba.types import Array, float64, int64, none
+from numba.extending import intrinsic
+from numba.types import Array, NamedUniTuple, UniTuple, float64, int64, intp, none
 from numba.types import NamedTuple as Record
 
 from .compile.jit import bound, compile_kernel, element, function_at
-from .compile.numba_internals import wide_vectors
-from .compile.source import define
-from .lanes import Lanes, Layout, array_view, compile_template
+from .compile.numba_internals import Strip, parts_of, wide_vectors
+from .lanes import Lanes, Layout, compile_template
 from .loops.beginning import RESOLUTION, beginning, least_size, least_sizes
 from .loops.controller import LEAST_ERROR, exponent, growth, log2, shrinkage
 from .loops.formulas import variable_formulas
@@ -366,16 +366,23 @@ class Rows:
         """Return the elements ``ROWS(values)`` and ``LANE_ROWS(values)``, which return tuples of arrays."""
         firsts = [k * self.width for k in range(len(self.names))]
         of_lanes = [self.times.start + k * self.lanes for k in range(len(LaneRows._fields))]
-        return {"ROWS": _views(firsts, self.width), "LANE_ROWS": _views(of_lanes, self.lanes, "LaneRows")}
+        return {"ROWS": _views(firsts, self.width), "LANE_ROWS": _views(of_lanes, self.lanes, LaneRows)}
 
 
-def _views(firsts: Sequence[int], width: int, kind: str = "") -> Any:
-    """Return an element that returns rows of an array, as a tuple or as a record of a kind."""
-    row = Array(float64, 1, "C")
-    views = {f"view_{k}": array_view(row, width, 1, first, 0) for k, first in enumerate(firsts)}
-    names = {"__name__": __name__, "LaneRows": LaneRows, **views}
-    text = f"def rows(s):\n    return {kind}({', '.join(f'{view}(s, 0)' for view in views)})\n"
-    return element(define(text, "rows", names)["rows"])
+def _views(firsts: Sequence[int], width: int, names: Any = None) -> Any:
+    """Return an intrinsic that returns rows of an array, as a tuple or as a NamedTuple."""
+    kind = NamedUniTuple(Strip(width), len(firsts), names) if names else UniTuple(Strip(width), len(firsts))
+
+    @intrinsic
+    def rows(typingctx, s):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            data = parts_of(context, builder, signature.args[0], args[0]).data
+            begins = [builder.gep(data, [context.get_constant(intp, first)]) for first in firsts]
+            return context.make_tuple(builder, kind, begins)
+
+        return kind(s), codegen
+
+    return rows
 
 
 def rows_of(module: str, n: int, lanes: int) -> Rows:
