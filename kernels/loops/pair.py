@@ -95,8 +95,8 @@ class Pair:
     def of_lanes(self, n: int, lanes: int) -> dict[str, Any]:
         """Return the elements of `eig3.kernels.adaptive_lanes`: a step in each lane, its error, and its acceptance."""
         text = "\n".join([*self._trial_of_lanes(n, lanes), *self._square_of_lanes(n, lanes), ""])
-        defined = define(text, "lanes", {"__name__": __name__})
         names = {"N": n, "LANES": lanes}
+        defined = define(text, "lanes", {"__name__": __name__, "FORCE": element(bound(force_of_stage, names))})
         return {**{name: element(defined[name.lower()]) for name in ("TRIAL", "SQUARE")}, "MOVE": moved(names)}
 
     def _trial_of_lanes(self, n: int, lanes: int) -> list[str]:
@@ -104,8 +104,7 @@ class Pair:
         lines = ["def trial(f, time, there, step, before, p, y):", self._unpacked()]
 
         def evaluated(c: float, u: str, v: str, a: str) -> list[str]:
-            at = [f"    for lane in range({lanes}):", f"        there[lane] = time[lane] + {c!r} * step[lane]"]
-            return [*at, f"    f(there, {u}, {v}, p, {a})"]
+            return [f"    FORCE(f, {c!r}, time, there, step, {u}, {v}, p, {a})"]
 
         for i in range(1, self.n_stages):
             entries = ", ".join(f"{row}[j]" for row in tableau.state)
@@ -234,6 +233,13 @@ class Pair:
             terms = [(repr(float(c)), value) for c, value in factors if c]
             lines.append(f"        coefficients[{place + power}, j] = {total(terms)}")
         return lines
+
+
+def force_of_stage(f, c, time, there, step, u, v, p, a):  # type: ignore[no-untyped-def]
+    """Evaluate the right-hand side after the fraction c of the step. The trial has less code without this loop."""
+    for lane in range(LANES):  # noqa: F821
+        there[lane] = time[lane] + c * step[lane]
+    f(there, u, v, p, a)
 
 
 def moved(names: dict[str, int]) -> Any:
