@@ -409,6 +409,32 @@ def test_cells():
         assert numba.njit(changed)(0.25) == 2.5
 
 
+def test_strips():
+    """The address of neighbouring floats is indexed as an array is, and given to a function that takes an array."""
+
+    @intrinsic
+    def strip(typingctx, array):
+        def codegen(context, builder, signature, args):
+            return internals.parts_of(context, builder, signature.args[0], args[0]).data
+
+        return internals.Strip(3)(array), codegen
+
+    vector = numba.types.Array(float64, 1, "C")
+    result = result_of(numba.njit(lambda x: x.sum() + 10.0 * x.size), vector)
+    total_at = at_an_address(internals.CompiledFunction(float64(vector)))
+
+    def changed(array, address):
+        row = strip(array)
+        for j in range(3):
+            row[j] = 2 * row[j]
+        return total_at(address)(row)
+
+    values = np.array([1.0, 2.0, 3.0, 4.0])
+    with probe("Numba does not take the cast of a type from `lower_cast`"):
+        assert numba.njit(changed)(values, address_of(result)) == 42.0
+    np.testing.assert_array_equal(values, [2.0, 4.0, 6.0, 4.0])
+
+
 def test_what_intrinsics_ask_the_target_context():
     @intrinsic
     def converted(typingctx, x):
