@@ -187,7 +187,7 @@ def test_members_without_an_event_stay_in_lanes(monkeypatch):
     monkeypatch.setattr("eig3.ensembles.alone.Singles.__call__", lambda self, i, *a: ran.append(i) or call(self, i, *a))
     places = np.column_stack([np.ones(60), np.linspace(-1.5, 1.5, 60)])
     event = {"there": eig3.Event(place, direction=-1)}
-    found = eig3.ensemble(spring, (0, 3), 1.2, 0.0, rtol=1e-8, method="rk8", params=places, events=event)
+    found = eig3.ensemble(spring, (0, 3), 1.2, 0.0, rtol=1e-8, method="rk5", params=places, events=event)
     reached = np.abs(places[:, 1]) < -1.2 * np.cos(3)  # u goes from 1.2 to 1.2 cos(3)
     fired = np.flatnonzero((places[:, 1] < 1.2) & (places[:, 1] > 1.2 * np.cos(3)))
     assert sorted(ran) == fired.tolist()
