@@ -235,6 +235,7 @@ def begin_lane(lane, alone, events, control, of, y, block, starts, ends):
     for d in range(N):
         one[U, d], one[V, d], one[A, d] = starts.u[m, d], starts.v[m, d], math.nan
         one[U_MOST, d], one[V_MOST, d] = 0.0, 0.0
+        one[A_END, d] = 0.0  # of the trajectory before, which must not act on the first step of this one
     ALONE_AT(alone)(control.t0, one[U], one[V], own, one[A])
     for d in range(N):
         if not math.isfinite(one[A, d]):

@@ -130,7 +130,7 @@ def test_a_force_of_the_position_takes_rkn12(in_lanes):
     np.testing.assert_allclose(found.u[:, -1], exact, rtol=0, atol=1e-8)  # rtol times some ten steps
 
 
-@pytest.mark.parametrize("case", ["duffing", "planet"])
+@pytest.mark.parametrize("case", ["duffing", "from rest", "planet"])
 def test_a_member_depends_on_nothing_but_itself(case):
     """The same bits for another order, in parts, in threads, and for a member that shares the lanes with copies."""
     found, order = solve(case, threads=1), RNG.permutation(M)
