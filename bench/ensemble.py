@@ -32,7 +32,7 @@ from .ensemble_rivals import ENSEMBLE_RIVALS, Run, jax_eig3
 from .ensemble_tolerances import tolerance_tables
 from .environment import in_words
 from .options import add_problems, add_repeats, choose
-from .timing import interleave, medians
+from .timing import interleave, medians, seconds_of
 
 SUMMARY = "ns a step of ensembles, and seconds to an accuracy beside heyoka, JAX and diffrax"
 
@@ -169,9 +169,9 @@ def speed_row(case: Case, method: str, m: int, n_steps: int, repeats: int) -> li
             runs["jax"] = jax_eig3(case, m, n_steps)
     cpu: list[float] = []
     title = f"{case.problem.name}, {METHODS[method]().label}"
-    timed: dict[str, Callable[[], float]] = {name: _timed(call) for name, call in runs.items()}
+    timed: dict[str, Callable[[], float]] = {name: partial(seconds_of, call) for name, call in runs.items()}
     if "jax" in timed:
-        timed["jax"] = _timed(runs["jax"], cpu)
+        timed["jax"] = partial(_with_cpu, runs["jax"], cpu)
     seconds = medians(timed, repeats, title)
     steps = n_steps * m
     ns = {name: 1e9 * s / steps for name, s in seconds.items()}
@@ -214,26 +214,20 @@ def small_oscillator(repeats: int, n_steps: int) -> str:
         "save_every": None,
     }
     runs = {
-        "on one core": _timed(lambda: problem.ensemble(**options, threads=1)),
-        "on all cores": _timed(lambda: problem.ensemble(**options)),
+        "on one core": partial(seconds_of, lambda: problem.ensemble(**options, threads=1)),
+        "on all cores": partial(seconds_of, lambda: problem.ensemble(**options)),
     }
     seconds = medians(runs, repeats, problem.name)
     times = " and ".join(f"{text.number(1e3 * s)} ms {where}" for where, s in seconds.items())
     return f"{problem.name}, EIG-3, 1000 members of {n_steps} steps: {times}."
 
 
-def _timed(call: Callable[[], object], cpu: list[float] | None = None) -> Callable[[], float]:
-    """The call as a run that returns its seconds, and appends those of the processor to `cpu`."""
-
-    def run() -> float:
-        begin, used = time.perf_counter(), time.process_time()
-        call()
-        seconds = time.perf_counter() - begin
-        if cpu is not None:
-            cpu.append(time.process_time() - used)
-        return seconds
-
-    return run
+def _with_cpu(call: Callable[[], object], cpu: list[float]) -> float:
+    """The seconds of a call; append those of the processor to `cpu`."""
+    used = time.process_time()
+    seconds = seconds_of(call)
+    cpu.append(time.process_time() - used)
+    return seconds
 
 
 # The time to an accuracy
@@ -340,7 +334,7 @@ def at_equal_error(case: Case, m: int, repeats: int) -> dict[str, Found]:
         else:
             run, setting, ran = reached
             shown = str(setting) if isinstance(setting, int) else f"{setting:.2g}"
-            runs[contestant.label] = _timed(run), contestant.is_ours, shown, ran
+            runs[contestant.label] = partial(seconds_of, run), contestant.is_ours, shown, ran
     enough = repeats * _LONGEST
     timed = interleave({label: run for label, (run, *_) in runs.items()}, repeats, case.problem.name, enough)
     for label, (_, is_ours, shown, ran) in runs.items():
@@ -367,7 +361,7 @@ def _search(contestant: Contestant, case: Case, m: int, reference: Reference) ->
         if not reference.error(run()) <= TARGET:
             continue
         if all_at is None:
-            ran = _affordable(_timed(run)(), pilots, m)
+            ran = _affordable(seconds_of(run), pilots, m)
             all_at = contestant.prepare(case, ran)
         run = all_at(setting)
         if reference.error(run()) <= TARGET:

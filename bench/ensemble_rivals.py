@@ -8,7 +8,6 @@ from __future__ import annotations
 import copy
 import importlib.util
 import os
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import numpy as np
 from .ensemble_cases import SAMPLES, Case
 from .rivals.expressions import EXPRESSIONS
 from .rivals.symbolic import jax_symbols, jax_with_doubles
+from .timing import seconds_of
 
 #: A run of all members, which returns their displacements at the end, of shape (m, n).
 Run = Callable[[], np.ndarray]
@@ -131,7 +131,7 @@ def _heyoka_batches(threads: int, case: Case, m: int) -> Callable[[float], Run]:
         sizes = [size for size in (recommended, 2 * recommended) if size <= m]
         runs = {size: with_width(tolerance, size) for size in sizes}
         trial = min(_TRIAL, m)
-        best = min(sizes, key=lambda size: _seconds(partial(runs[size], trial // size)))
+        best = min(sizes, key=lambda size: seconds_of(partial(runs[size], trial // size)))
         return partial(runs[best], -(-m // best))
 
     return at
@@ -264,12 +264,6 @@ def _diffrax(method: str, case: Case, m: int) -> Callable[[float], Run]:
             return np.concatenate(list(pool.map(ends, chunks)))
 
     return lambda tolerance: partial(run, tolerance)
-
-
-def _seconds(run: Callable[[], object]) -> float:
-    begin = time.perf_counter()
-    run()
-    return time.perf_counter() - begin
 
 
 ENSEMBLE_RIVALS = (

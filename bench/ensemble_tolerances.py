@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from eig3.methods import METHODS
 from eig3.problem import Problem
 
 from . import text
-from .timing import medians
+from .timing import medians, seconds_of
 
 _RTOL = 1e-6
 _FEW = 100  # members of the loop of prepared runs, whose time is scaled
@@ -92,11 +91,10 @@ def _row(name: str, one: Set, method: str, repeats: int) -> list[str]:
     m = len(one.u0)
     few = range(min(_FEW, m))
     starts = [(None, one.u0[i], one.v0[i], one.params[i]) for i in few]
-    starts = [(None, float(u), float(v), p) if np.ndim(u) == 0 else (None, u, v, p) for _, u, v, p in starts]
     seconds = medians(
         {
-            "lanes": _timed(lambda: one.problem.ensemble(**one.values, **options, threads=1)),
-            "loop": _timed(lambda: [prepared(*start) for start in starts]),
+            "lanes": partial(seconds_of, lambda: one.problem.ensemble(**one.values, **options, threads=1)),
+            "loop": partial(seconds_of, lambda: [prepared(*start) for start in starts]),
         },
         repeats,
         f"{name}, {method}",
@@ -114,20 +112,11 @@ def _event_row(name: str, one: Set, repeats: int) -> list[str]:
         given: dict[str, Any] = {**one.values, **options, "threads": 1}
         seconds = medians(
             {
-                "without": _timed(lambda given=given: one.problem.ensemble(**given)),  # type: ignore[misc]
-                "with": _timed(lambda given=given: one.problem.ensemble(**given, events=event)),  # type: ignore[misc]
+                "without": partial(seconds_of, lambda given=given: one.problem.ensemble(**given)),  # type: ignore[misc]
+                "with": partial(seconds_of, lambda given=given: one.problem.ensemble(**given, events=event)),  # type: ignore[misc]
             },
             repeats,
             f"{name}, event",
         )
         ratios.append(seconds["with"] / seconds["without"])
     return [name, *(f"{ratio:.2f}" for ratio in ratios)]
-
-
-def _timed(call: Callable[[], object]) -> Callable[[], float]:
-    def run() -> float:
-        begin = time.perf_counter()
-        call()
-        return time.perf_counter() - begin
-
-    return run

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import functools
 import importlib.util
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -22,7 +21,7 @@ from . import text
 from .environment import in_words
 from .options import add_repeats
 from .rivals.symbolic import jax_with_doubles
-from .timing import medians
+from .timing import medians, seconds_of
 
 TARGET = 1e-6  # the largest error of a derivative, relative to its size
 _SPANS = 20.0, 200.0
@@ -116,12 +115,6 @@ def search(label: str, at: Callable[[float], Run], settings: Sequence[float], ex
     return None
 
 
-def _seconds(run: Run) -> float:
-    begin = time.perf_counter()
-    run()
-    return time.perf_counter() - begin
-
-
 def benchmark(repeats: int, write: Callable[[str], None] = print) -> None:
     """Print a table for each span."""
     write(f"Machine: {in_words()}")
@@ -142,7 +135,7 @@ def table(t_end: float, repeats: int, *, has_diffrax: bool) -> str:
         for adjoint in ("forward", "reverse"):
             candidates.append((f"diffrax {method}, {adjoint}", partial(_diffrax, method, adjoint, t_end), _TOLERANCES))
     found = [each for each in (search(*candidate, exact) for candidate in candidates) if each]
-    seconds = medians({each.label: partial(_seconds, each.run) for each in found}, repeats, "derivatives")
+    seconds = medians({each.label: partial(seconds_of, each.run) for each in found}, repeats, "derivatives")
     best = min(seconds.values())
     rows = []
     for label, setting, error, _ in found:

@@ -39,12 +39,12 @@ from .alone import Alone
 from .histories import Histories
 from .lanewise import lanes_of
 from .members import Members
+from .shared import Pace
 
 LANES = 64
 _MOST_DEGREES = 8  # with more, the stages of a block leave the first-level cache
 _MOST_PARAMS = 64  # of a member, for the same reason
 _FEWEST = 16  # members; for fewer, the lanes do not pay
-_SLICE_SECONDS, _FIRST_STEPS = 0.02, 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,13 +154,14 @@ class AdaptiveBlock:
         u, v = np.empty((2, m, members.n))
         ends = Ends(u, v, np.zeros((m, 4), dtype=np.int64))
         events = np.array([event.address for event in shared.events], dtype=np.int64)
-        control, block, steps = shared.control, self._block(m), _FIRST_STEPS
+        addresses, control = (shared.rhs.address, shared.callback.address), shared.control
+        block, pace = self._block(m), Pace()
         while block.place[OPEN] and not stop.is_set():
             begin = time.perf_counter()
-            shared.kernel(shared.rhs.address, shared.callback.address, events, steps, control, block, starts, ends)
+            shared.kernel(*addresses, events, pace.steps, control, block, starts, ends)
             taken = time.perf_counter() - begin
             self.seconds += taken
-            steps = max(1, int(steps * min(16.0, _SLICE_SECONDS / (taken + 1e-9))))
+            pace.note(pace.steps, taken)
         return ends
 
     def _block(self, m: int) -> Block:

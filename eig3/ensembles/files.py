@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..result import storage
-from ..result.soundness import check_members
+from ..result.soundness import check_ensemble_fields
 from .occurrences import MemberOccurrences
 
 _WHOLE, _PARTS = "ensemble.npz", "part-*.npz"  # the files of a directory: all members at their start, and the parts
@@ -65,7 +65,7 @@ def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
     for name in _TEXTS:
         state[name] = np.array((*state[name], None), dtype=object)[:-1]  # NumPy would make texts of another type
     state["_last"] = dict(state["_last"])
-    check_members(state, MemberOccurrences)
+    check_ensemble_fields(state, MemberOccurrences)
     if len(state["t"]) < len(state["u"]):
         state["t"] = np.broadcast_to(state["t"], state["u"].shape[:2])
     return kind(**state)

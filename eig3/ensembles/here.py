@@ -70,11 +70,8 @@ class _Stop:
 class Run:
     """An ensemble on its way in this process."""
 
-    def __init__(
-        self, rhs: Any, members: Members, options: Options, threads: int, first: int = 0, *, is_part: bool = False
-    ) -> None:
-        self.rhs, self.members, self.options, self.threads = rhs, members, options, threads
-        self.first, self.is_part = first, is_part
+    def __init__(self, rhs: Any, members: Members, options: Options, threads: int, *, is_part: bool = False) -> None:
+        self.rhs, self.members, self.options, self.threads, self.is_part = rhs, members, options, threads, is_part
         self.histories = Histories(members, options)
         self.notes: list[str] = []
         self._single = Singles(rhs, members, options)
@@ -225,7 +222,7 @@ class Run:
         seconds = sum(work.seconds for work in self.work)
         again = None if self.is_part else partial(_again, self.rhs, self.members, self.options)
         given = self.rhs, self.members, self.options, self.histories
-        return _result(*given, self.first, seconds, self.notes, again=again)
+        return _result(*given, seconds, self.notes, again=again)
 
 
 def at_start(rhs: Any, members: Members, options: Options) -> EnsembleSolution:
@@ -239,14 +236,13 @@ def _result(
     members: Members,
     options: Options,
     histories: Histories,
-    first: int = 0,
     seconds: float = 0.0,
     notes: Sequence[str] = (),
     *,
     again: Callable[..., EnsembleSolution] | None,
 ) -> EnsembleSolution:
     repeat = Singles(rhs, members, options, save_every=1, t_eval=None)
-    return histories.solution(rhs, first, seconds, notes, repeat, again)
+    return histories.solution(rhs, seconds, notes, repeat, again)
 
 
 def _again(

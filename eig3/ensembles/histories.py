@@ -189,13 +189,12 @@ class Histories:
     def solution(
         self,
         rhs: Any,
-        first: int,
         seconds: float,
         notes: Sequence[str],
         repeat: Callable[[int], Solution],
         again: Callable[..., EnsembleSolution] | None,
     ) -> EnsembleSolution:
-        """Return the result of the ensemble, or of its part that begins with member `first`."""
+        """Return the result of the ensemble, or of its part."""
         rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.integrals)
         shape = () if self.members.form is SCALAR else (degrees,)
         solution = EnsembleSolution(
@@ -216,7 +215,7 @@ class Histories:
             outputs={name: self._valued(name, x[:, rows]) for name, x in self.outputs.items()},
             events={name: MemberOccurrences.joined(len(self.u), shape, each) for name, each in self.events.items()},
             steps=None if self._steps is None else self._steps[:, rows],
-            first=first,
+            first=self.members.first,
             labels=self.options.labels,
             kernel_seconds=seconds,
             notes=tuple(notes),

@@ -29,14 +29,16 @@ class Part:
     ----------
     number : int
         The number of the part.
-    first : int
-        The number of its first member.
     members : Members
     """
 
     number: int
-    first: int
     members: Members
+
+    @property
+    def first(self) -> int:
+        """The number of its first member."""
+        return self.members.first
 
     def __len__(self) -> int:
         return len(self.members)
@@ -49,7 +51,7 @@ def parts_of(members: Members, options: Options) -> list[Part]:
     most = min(_MOST_MEMBERS, _MOST_SAVED // (8 * (2 * members.n + n_outputs) * rows), _MOST_GIVEN // (8 * given))
     count = _UNIT * max(1, min(-(-len(members) // (_PARTS * _UNIT)), most // _UNIT))
     firsts = range(0, len(members), count)
-    return [Part(number, first, members.part(slice(first, first + count))) for number, first in enumerate(firsts)]
+    return [Part(number, members.part(slice(first, first + count))) for number, first in enumerate(firsts)]
 
 
 class CancelledPartError(Exception):
@@ -67,16 +69,16 @@ class Recipe:
     Attributes
     ----------
     march : callable
-        ``march(members, first, threads, cancel)`` integrates the members.
+        ``march(members, threads, cancel)`` integrates the members.
     reduce : callable or None
         ``reduce(solution)`` returns what the user needs of a part; None if that is everything.
     """
 
-    march: Callable[[Members, int, int, Cancel | None], EnsembleSolution]
+    march: Callable[[Members, int, Cancel | None], EnsembleSolution]
     reduce: Reduce | None
 
     def __call__(self, part: Part, threads: int, cancel: Cancel | None = None) -> Any:
-        solution = self.march(part.members, part.first, threads, cancel)
+        solution = self.march(part.members, threads, cancel)
         if cancel is not None and cancel.is_set():
             raise CancelledPartError(solution)
         return solution if self.reduce is None else self.reduce(solution)

@@ -211,7 +211,5 @@ def _in_parts(
     return march_parts(parts, recipe, results, executor, threads, progress, cancel)
 
 
-def _march(
-    rhs: Any, options: Options, members: Members, first: int, threads: int, cancel: Cancel | None
-) -> EnsembleSolution:
-    return Run(rhs, members, options, threads, first, is_part=True).march(cancel=cancel)
+def _march(rhs: Any, options: Options, members: Members, threads: int, cancel: Cancel | None) -> EnsembleSolution:
+    return Run(rhs, members, options, threads, is_part=True).march(cancel=cancel)

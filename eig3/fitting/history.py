@@ -26,14 +26,10 @@ class History:
     outputs: dict[str, np.ndarray]
     integrals: dict[str, np.ndarray]
 
-    def map(self, function: Callable[..., Any], *others: History) -> History:
-        """Return the history of ``function(x, ...)`` for each array x and those of other histories beside it."""
-        return History(
-            function(self.u, *(other.u for other in others)),
-            function(self.v, *(other.v for other in others)),
-            {name: function(x, *(other.outputs[name] for other in others)) for name, x in self.outputs.items()},
-            {name: function(x, *(other.integrals[name] for other in others)) for name, x in self.integrals.items()},
-        )
+    def map(self, function: Callable[[np.ndarray], np.ndarray]) -> History:
+        """Return the history of ``function(x)`` for each array x."""
+        groups = ({name: function(x) for name, x in group.items()} for group in (self.outputs, self.integrals))
+        return History(function(self.u), function(self.v), *groups)
 
     def __getitem__(self, i: Any) -> History:
         """Return the history of one parameter, by its number."""

@@ -30,10 +30,11 @@ def ensemble_to_pandas(solution: Any) -> Any:
     """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes it."""
     pandas = _module("pandas")
     members = [solution[i] for i in range(len(solution))]
-    columns = [_distinct([("member", np.full(len(one.t), 0)), ("t", one.t), *_columns(one)]) for one in members]
-    joined = {name: np.concatenate([one[name] for one in columns]) for name in columns[0]}
-    joined["member"] = np.repeat(solution.first + np.arange(len(members)), [len(one.t) for one in members])
-    frame = pandas.DataFrame(joined)
+    columns = [
+        _distinct([("member", np.full(len(one.t), solution.first + i)), ("t", one.t), *_columns(one)])
+        for i, one in enumerate(members)
+    ]
+    frame = pandas.DataFrame({name: np.concatenate([one[name] for one in columns]) for name in columns[0]})
     frame.attrs.update(method=repr(solution.method), units=_units(members[0]))
     return frame
 

@@ -65,7 +65,7 @@ def check_fields(fields: Mapping[str, Any]) -> None:
             raise ValueError("_a_jumps are not the accelerations before and after the jumps.")
 
 
-def check_members(fields: Mapping[str, Any], occurrences: Any) -> None:
+def check_ensemble_fields(fields: Mapping[str, Any], occurrences: Any) -> None:
     """Raise a ValueError if a field of an ensemble does not have its type and shape.
 
     `occurrences` is the class of the occurrences of an event in all members.
