@@ -109,6 +109,16 @@ OPTIONS = {
         "save_every": 3,
     },
     "terminal": {"events": {"zero": eig3.Event(position, terminal=True)}},
+    "terminal with a reset": {
+        "events": {"zero": eig3.Event(position, apply=rebound, terminal=True)},
+        "outputs": {"both": (both, 2)},
+        "save_every": 3,
+    },
+    "terminal at times": {
+        "events": {"zero": eig3.Event(position, apply=rebound, terminal=True)},
+        "outputs": {"both": (both, 2)},
+        "t_eval": np.linspace(0.0, 1.0, 7),
+    },
     "inline": {"inline": True, "invariants": {"energy": energy}},
 }
 

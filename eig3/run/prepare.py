@@ -138,8 +138,6 @@ class Prepared:
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
         self._every = NEVER if self._save_every is None else self._save_every
-        has_end = any(event.terminal for event in self._system.events.values())
-        self._may_be_short = not has_end
 
     @property
     def form(self) -> str:
@@ -219,8 +217,6 @@ class Prepared:
 
     def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
-        if not self._may_be_short:
-            return None
         again, t_end = partial(self._begin, span, u, v, p, False, None), span[1]
         try:
             times = None if self._t_eval is None else self._times_in(span)

@@ -228,7 +228,7 @@ class Run:
         """End the run if an event ended it; return whether one did."""
         stepper = self.stepper
         if stepper.is_over:
-            self._end(*_ended_by_event(stepper.ended, stepper.ended_by, stepper.t))
+            self._end(*ended_by_event(stepper.ended, stepper.ended_by, stepper.t))
         return stepper.is_over
 
     def _refer(self) -> None:
@@ -454,7 +454,7 @@ def unwritten_entry(j: int, t: float) -> ValueError:
     )
 
 
-def _ended_by_event(ended: int, name: str, t: float) -> tuple[Status, str]:
+def ended_by_event(ended: int, name: str, t: float) -> tuple[Status, str]:
     """Return the status and the message of a run that an event ended."""
     if ended == TERMINAL:
         return Status.TERMINATED, f"The event {name!r} ended the run at t = {t:g}."

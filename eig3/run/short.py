@@ -16,13 +16,13 @@ import numpy as np
 
 from ..functions.guard import CELLS
 from ..kernels.loops.evaluation import guarded_kernel
-from ..kernels.protocol import AT_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TIME, Steps
+from ..kernels.protocol import AT_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TERMINAL, TIME, Steps
 from ..result.solution import Solution
 from ..stepping.stepper import Stepper
 from ..stepping.variable_stepper import VariableStepper
 from .fixed_run import grid
 from .growth import STRANGE, natural_sizes
-from .run import Run, Stop, solution_of
+from .run import Run, Stop, ended_by_event, solution_of
 
 # Duration of a short run, by the time per step of an earlier one. Ctrl-C waits for it, and what is found later takes it
 # again. Slices would take a fifth longer for runs of 1 ms.
@@ -52,15 +52,20 @@ def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Calla
     row = _last_row(stepper, steps, GOING, n_steps * stepper.h)
     if row is None:
         return None
+    index, ended = stepper.index, _ended(stepper) if stepper.ended == TERMINAL else {}
+    if ended:  # the last row is the state after the event
+        t_end, count = stepper.t, row + (index % every > 0 or stepper.is_within_step)
+        row, u, v = count - 1, u[:count], v[:count]
+        outputs = {name: values[:count] for name, values in outputs.items()}
     if row < count:
         u[row], v[row] = state[0], state[1]
         _write_outputs(stepper, outputs, row)
     later: dict[str, Any] = {
-        "t": partial(grid, stepper.t0, stepper.h, every, count, n_steps, t_end),
+        "t": partial(grid, stepper.t0, stepper.h, every, count, index, t_end),
         "notes": partial(_notes, again),
     }
     u, v = (u[:, 0], v[:, 0]) if stepper.form is SCALAR else (u, v)
-    fields: dict[str, Any] = {"u": u, "v": v, "h": stepper.h, "outputs": outputs}
+    fields: dict[str, Any] = {"u": u, "v": v, "h": stepper.h, "outputs": outputs, **ended}
     fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
     return solution_of(stepper, fields, later)
 
@@ -77,7 +82,8 @@ def variable(stepper: VariableStepper, most: int, every: int, rows: int, again: 
     if row is None:
         return None
     t_last, h_last = float(tally[TIME]), float(tally[STEP_BEFORE])
-    if t[row - 1] != t_last:
+    ended = _ended(stepper) if stepper.ended == TERMINAL else {}
+    if t[row - 1] != t_last or (ended and (stepper.state[:2] != (u[row - 1], v[row - 1])).any()):
         t[row], h[row], u[row], v[row] = t_last, h_last, stepper.state[0], stepper.state[1]
         _write_outputs(stepper, outputs, row)
         row += 1
@@ -90,7 +96,8 @@ def variable(stepper: VariableStepper, most: int, every: int, rows: int, again: 
         "v": v,
         "_between": stepper.states_between if every == 1 else None,
     }
-    fields |= {"h": (t_last - stepper.t0) / stepper.index, "n_rejected": int(tally[REJECTED]), "outputs": outputs}
+    fields |= {"h": (t_last - stepper.t0) / max(1, stepper.index), "n_rejected": int(tally[REJECTED])}
+    fields |= {"outputs": outputs, **ended}
     fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
     return solution_of(stepper, fields, {"notes": partial(_notes, again)})
 
@@ -109,40 +116,54 @@ def at_times(stepper: Any, most: int, t_end: float, times: np.ndarray, again: Ca
         rows["u"][0], rows["v"][0] = stepper.start
         rows["steps"][0], tally[NEXT] = 0.0, 1
     none, no_rows = np.empty(0), np.empty((0, n))
-    fields: dict[str, Any] = {"t": times.copy(), "outputs": outputs}
+    fields: dict[str, Any] = {}
     if isinstance(stepper, VariableStepper):
         stepper.may_shorten = True
         steps: Any = stepper.steps(min(stepper.tolerances.max_steps, most), 1, 0, (none, none, no_rows, no_rows))
         row = _last_row(stepper, steps, AT_END, math.inf)
-        fields |= {"steps": rows["steps"], "_between": None, "n_rejected": int(tally[REJECTED])}
+        fields |= {"_between": None, "n_rejected": int(tally[REJECTED])}
         fields["h"] = (float(tally[TIME]) - stepper.t0) / max(1, stepper.index)
     else:
         steps = Steps(stepper.h, stepper.t0, stepper.params, 0, most, most + 1, 0, no_rows, no_rows)
         row = _last_row(stepper, steps, GOING, most * stepper.h)
         fields["h"] = stepper.h
-    if row is None or (outputs and stepper.n_wanted < count):
+        del rows["steps"]
+    if row is None:
         return None
-    look.watching.finish(tally, stepper.t0, t_end, stepper.h, stepper.u, stepper.v)
-    is_scalar = stepper.form is SCALAR
-    fields |= {name: rows[name][:, 0] if is_scalar else rows[name] for name in ("u", "v")}
+    ended, written = _ended(stepper) if stepper.ended == TERMINAL else {}, stepper.n_wanted
+    look.watching.finish(tally, stepper.t0, stepper.t if ended else t_end, stepper.h, stepper.u, stepper.v)
+    count = stepper.n_wanted
+    if outputs and written < count:  # `finish` has written states without outputs
+        return None
+    fields |= {"t": times[:count].copy(), "outputs": {name: values[:count] for name, values in outputs.items()}}
+    for name, values in rows.items():
+        fields[name] = values[:count, 0] if values.ndim == 2 and stepper.form is SCALAR else values[:count]
+    fields |= ended
     fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
     return solution_of(stepper, fields, {"notes": partial(_notes, again)})
+
+
+def _ended(stepper: Any) -> dict[str, Any]:
+    """Return what a solution says of a run that a terminal event has ended."""
+    status, message = ended_by_event(stepper.ended, stepper.ended_by, stepper.t)
+    return {"status": status, "message": message}
 
 
 def _last_row(stepper: Any, steps: Any, wanted: int, span: float) -> int | None:
     """Call the kernel, and return the next row to write; None if the run needs a closer look.
 
-    It does if it has not ended as `wanted`, if the motion is not finite or has grown much over a span with a fixed
-    step, or if rhs leaves out an entry of a.
+    It does if it has ended neither as `wanted` nor by a terminal event, if the motion is not finite or has grown much
+    over a span with a fixed step, or if rhs leaves out an entry of a.
     """
     kernel, state, tally = stepper.kernel, stepper.state, stepper.tally
     arguments = stepper.look.arguments if stepper.look else None
     begin = time.perf_counter()
     taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, tally, steps, arguments)
-    stepper.seconds, stepper.index = time.perf_counter() - begin, taken
-    if ended != wanted:
+    stepper.seconds, stepper.index, stepper.ended = time.perf_counter() - begin, taken, ended
+    if ended not in (wanted, TERMINAL):
         return None
-    stepper.system.pace[kernel.pace_key] = stepper.seconds / taken
+    if taken:
+        stepper.system.pace[kernel.pace_key] = stepper.seconds / taken
     if stepper.look:
         stepper.look.follower.check()
         stepper.look.watching.collect(tally)
