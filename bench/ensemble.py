@@ -256,20 +256,22 @@ class Found:
 
 def contestants(case: Case) -> list[Contestant]:
     fixed = [
-        Contestant(METHODS[name]().label, True, _steps(case, name), partial(_ours, name)) for name in ACCURACY_METHODS
+        Contestant(METHODS[name]().label, True, _steps(case, name), partial(_ours, name))
+        for name in ACCURACY_METHODS
+        if case.by_hand
     ]
     controlled = [
         Contestant(f"{METHODS[name]().label}, tolerances", True, _TOLERANCES, partial(_with_tolerances, name))
         for name in TOLERANCE_METHODS
     ]
-    return [*(fixed if case.by_hand else []), *controlled, *_rivals(case)]
+    return [*fixed, *controlled, *_rivals(case)]
 
 
 def _rivals(case: Case) -> list[Contestant]:
     return [
         Contestant(rival.label, False, _TOLERANCES, rival.prepare)
         for rival in ENSEMBLE_RIVALS
-        if rival.is_installed and rival.can_express(case)
+        if rival.is_installed and not rival.cannot(case)
     ]
 
 
@@ -343,8 +345,8 @@ def at_equal_error(case: Case, m: int, repeats: int) -> dict[str, Found]:
     for rival in ENSEMBLE_RIVALS:
         if not rival.is_installed:
             found[rival.label] = Found(False, word="not installed")
-        elif not rival.can_express(case):
-            found[rival.label] = Found(False, word="no tables in heyoka")
+        elif rival.cannot(case):
+            found[rival.label] = Found(False, word=rival.cannot(case))
     return found
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from .ensemble_cases import SAMPLES, Case
+from .rivals.events import heyoka_events
 from .rivals.expressions import EXPRESSIONS
 from .rivals.symbolic import jax_symbols, jax_with_doubles
 from .timing import seconds_of
@@ -40,9 +41,11 @@ class EnsembleRival:
     def is_installed(self) -> bool:
         return importlib.util.find_spec(self.package) is not None
 
-    def can_express(self, case: Case) -> bool:
-        """Whether the package can express the right-hand side: heyoka has no tables."""
-        return self.package != "heyoka" or case.problem.name in EXPRESSIONS
+    def cannot(self, case: Case) -> str:
+        """Return what of the problem the package cannot express, if there is something."""
+        if self.package == "heyoka":
+            return "" if case.problem.name in EXPRESSIONS else "no tables in heyoka"
+        return "no resets in diffrax" if case.problem.events else ""
 
 
 def _split(values: np.ndarray, symbol: Callable[[int], Any]) -> tuple[list[Any], np.ndarray]:
@@ -85,7 +88,11 @@ def _heyoka_batch(
 
     system, y0, own = _heyoka_system(case, m)
     solver = heyoka.taylor_adaptive_batch(
-        system, np.zeros((len(y0), width)), tol=tolerance, pars=np.zeros((len(own), width))
+        system,
+        np.zeros((len(y0), width)),
+        tol=tolerance,
+        pars=np.zeros((len(own), width)),
+        t_events=_events(heyoka.t_event_batch, case, system, tolerance),
     )
 
     def members(i: int) -> slice:
@@ -96,9 +103,17 @@ def _heyoka_batch(
     def begin(solver: Any, i: int) -> Any:
         solver.set_time(0.0)
         solver.state[:], solver.pars[:] = y0[:, members(i)], own[:, members(i)]
+        if case.problem.events:
+            solver.reset_cooldowns()
         return solver
 
     return solver, begin, members
+
+
+def _events(event: Any, case: Case, system: list[Any], tolerance: float) -> list[Any]:
+    variables = [variable for variable, _ in system]
+    n = len(system) // 2
+    return heyoka_events(event, variables[:n], variables[n:], case.problem, tolerance)
 
 
 def _heyoka_batches(threads: int, case: Case, m: int) -> Callable[[float], Run]:
@@ -165,11 +180,14 @@ def _heyoka_ensemble(case: Case, m: int) -> Callable[[float], Run]:
     n = len(y0) // 2
 
     def at(tolerance: float) -> Run:
-        solver = heyoka.taylor_adaptive(system, y0[:, 0], tol=tolerance, pars=own[:, 0])
+        events = _events(heyoka.t_event, case, system, tolerance)
+        solver = heyoka.taylor_adaptive(system, y0[:, 0], tol=tolerance, pars=own[:, 0], t_events=events)
 
         def begin(solver: Any, i: int) -> Any:
             solver.time = 0.0
             solver.state[:], solver.pars[:] = y0[:, i], own[:, i]
+            if events:
+                solver.reset_cooldowns()
             return solver
 
         def run() -> np.ndarray:

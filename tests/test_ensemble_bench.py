@@ -59,7 +59,7 @@ def test_the_reference_is_accurate(name):
         assert error.max() < (0.1 * TARGET if has_jumps else 1e-8)
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if HEYOKA[0].can_express(CASES[name])])
+@pytest.mark.parametrize("name", [name for name in CASES if not HEYOKA[0].cannot(CASES[name])])
 def test_heyoka_solves_the_same_ensembles(name):
     """Five members do not fill two batches of four."""
     pytest.importorskip("heyoka")
@@ -79,8 +79,8 @@ def test_diffrax_solves_the_same_ensemble(rival, monkeypatch):
 
 
 def test_heyoka_has_no_tables():
-    assert not HEYOKA[0].can_express(CASES["shear_building"])
-    assert DIFFRAX[0].can_express(CASES["shear_building"])
+    assert HEYOKA[0].cannot(CASES["shear_building"])
+    assert not DIFFRAX[0].cannot(CASES["shear_building"])
 
 
 def test_members_are_problems_with_other_constants():

@@ -236,14 +236,22 @@ def after_parts(monkeypatch, count, act):
 
 
 SLOW = {"h": 1e-5, "params": np.linspace(1.0, 4.0, 2000)[:, None]}  # 16 parts of some 0.1 s each
+KILLED = {
+    "fixed steps": SLOW,
+    "tolerances and events": {
+        **{"h": None, "rtol": 1e-10, "method": "rk5", "params": SLOW["params"]},
+        "events": {"low": eig3.Event(below), "end": eig3.Event(far, terminal=True)},
+    },
+}
 
 
 @pytest.mark.system
-def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(client, monkeypatch):
+@pytest.mark.parametrize("options", KILLED.values(), ids=KILLED)
+def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(options, client, monkeypatch):
     before = set(client.run(os.getpid).values())
     after_parts(monkeypatch, 2, lambda: os.kill(min(before), signal.SIGKILL))
-    solution = free(**SLOW, executor=client.get_executor())
-    assert_same(solution, free(**SLOW))
+    solution = free(**options, executor=client.get_executor())
+    assert_same(solution, free(**options))
     client.wait_for_workers(2)
     assert min(before) not in client.run(os.getpid).values()
 

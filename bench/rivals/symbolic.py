@@ -12,7 +12,7 @@ import numpy as np
 
 from eig3.problem import Problem
 
-from .events import HEYOKA_EVENTS
+from .events import heyoka_events
 from .expressions import EXPRESSIONS
 from .rival import Answer, absolute
 
@@ -26,7 +26,7 @@ def heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[]
 
     def at(tolerance: float) -> Callable[[], Answer]:
         u, v = ([variable for variable, _ in half] for half in (system[: len(y0) // 2], system[len(y0) // 2 :]))
-        events = HEYOKA_EVENTS.get(problem.name, _none)(package, u, v, problem, tolerance)
+        events = heyoka_events(package.t_event, u, v, problem, tolerance)
         # without compact mode a large system takes minutes to compile
         solver = package.taylor_adaptive(system, y0, tol=tolerance, compact_mode=len(u) > 20, t_events=events)
 
@@ -55,10 +55,6 @@ def heyoka_form(problem: Problem, real: Any = float) -> tuple[list[tuple], list]
     u, v = ([package.make_vars(f"{letter}{j}") for j in range(n)] for letter in "uv")
     accelerations = EXPRESSIONS[problem.name](package, u, v, [real(x) for x in np.ravel(problem.params)])
     return [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)], [real(x) for x in start]
-
-
-def _none(*arguments: Any) -> list:
-    return []
 
 
 def jax_with_doubles() -> Any:
