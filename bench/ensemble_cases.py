@@ -212,9 +212,7 @@ _WITH_TOLERANCES = (
     # from the aphelion, with e = 1 - 1 / GM from 0 to 0.9
     Case(partial(problems.kepler, e=0.0, t_end=10.0), h=1e-3, spreads=(Spread("params", (0,), 1.0, 10.0),)),
     # in 4 s, no ball comes to rest: they bounce up to 14 times
-    Case(
-        partial(problems.bouncing_ball, restitution=0.9, t_end=4.0), h=1e-3, spreads=(Spread("u0", (0,), 0.5, 2.0),)
-    ),
+    Case(partial(problems.bouncing_ball, restitution=0.9, t_end=4.0), h=1e-3, spreads=(Spread("u0", (0,), 0.5, 2.0),)),
 )
 #: The cases by the names of their problems.
 CASES: Mapping[str, Any] = {case.by_hand.__name__: case for case in _CASES if case.by_hand}

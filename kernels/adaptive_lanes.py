@@ -4,7 +4,8 @@
 Each lane has its own time, step, error and acceptance, which are selected without branches. A trajectory that has
 ended hands its lane to the next one at once: no lane waits. The formulas of the steps, of the error and of the control
 are those of a single run, see `eig3.kernels.loops.variable`. What happens rarely is left to a single run: a step below
-the resolution of the time, too many steps, a force that does not act yet, an event.
+the resolution of the time, too many steps, a force that does not act yet. LOOKS says for what the kernel looks: events
+and wanted times, see `eig3.kernels.lane_events`, or nothing.
 
 All values of a block are in one array, in rows at constant places: LLVM then knows without checks that the rows do not
 overlap. Value j of the trajectory in a lane is at index j * lanes + lane of a row.
@@ -24,6 +25,7 @@ from numba.types import NamedTuple as Record
 
 from .compile.jit import bound, compile_kernel, element, function_at
 from .compile.numba_internals import Strip, parts_of, wide_vectors
+from .lane_events import BAD, SIGHT, STOPPED, seeing
 from .lanes import Lanes, Layout, compile_template
 from .loops.beginning import RESOLUTION, beginning, least_size, least_sizes
 from .loops.controller import LEAST_ERROR, exponent, growth, log2, shrinkage
@@ -31,6 +33,7 @@ from .loops.formulas import variable_formulas
 from .loops.pair import A_END, U_MOST, V_MOST, A, U, V
 from .protocol import (
     EVALUATIONS,
+    LOOK_WITHIN,
     SCALAR,
     STEP,
     STEP_BEFORE,
@@ -44,8 +47,9 @@ from .protocol import (
     vector_type,
 )
 
-#: How a trajectory ended: it has not yet, it reached the end of its span, or a single run has to take it.
-RUNNING, REACHED, LEFT = range(3)
+#: How a trajectory ended: it has not yet, it reached the end of its span, an event ended it, or it is left to a single
+#: run.
+RUNNING, REACHED, TERMINATED, LEFT = range(4)
 
 #: The columns of the results: the number of steps, of rejected steps and of evaluations, and how it ended.
 TAKEN, REJECTED, EVALUATED, ENDED = range(4)
@@ -65,8 +69,9 @@ class LaneRows(NamedTuple):
 
     `there` is the time of a stage, `step` the step of the trial, and `h` the one after it. `before` is the step before,
     and `error` the logarithm of its error. The error of a trial is relative to at least `u_least` and `v_least`, and v
-    has no size of its own up to `v_blur`. `bad` is 1 if a single run has to take the trajectory, and `ok` if the trial
-    was accepted. The last rows are for sums and maxima.
+    has no size of its own up to `v_blur`. `bad` is `BAD` if a single run has to take the trajectory, and `STOPPED` if
+    an event has ended it. `ok` is 1 if the trial was accepted, and `sees` says what is to be seen in it. The last rows
+    are for sums and maxima.
     """
 
     time: Any
@@ -85,6 +90,7 @@ class LaneRows(NamedTuple):
     trials: Any
     bad: Any
     ok: Any
+    sees: Any
     square: Any
     total: Any
     most: Any
@@ -98,19 +104,16 @@ class Block(NamedTuple):
     ----------
     values, p : ndarray
         The values of the lanes, and their parameters.
-    signs : ndarray, shape (events, 2, lanes)
-        The sign of the function of each event at the start, and its least value times this sign.
     members : ndarray of int, shape (lanes,)
         The trajectory in each lane, or -1.
     place : ndarray of int
         See `NEXT`.
     one, tally : ndarray
-        Room for the start of one trajectory.
+        Room for the rows of one trajectory, and for its start.
     """
 
     values: Any
     p: Any
-    signs: Any
     members: Any
     place: Any
     one: Any
@@ -147,19 +150,20 @@ class Control(NamedTuple):
     reads_time: Any
 
 
-def adaptive(rhs, alone, events, count, control, block, starts, ends):
-    """Take `count` steps in each lane, or fewer if all trajectories end.
+def adaptive(rhs, alone, count, control, block, starts, ends, sight, look):
+    """Take `count` steps in each lane, or fewer if all trajectories end, or if the log of occurrences is full.
 
-    `rhs` is the address of the right-hand side for lanes, `alone` of that for one trajectory, and `events` has those of
-    the functions of the events.
+    `rhs` is the address of the right-hand side for lanes, and `alone` of that for one trajectory.
     """
     s, members, place, atol, t_end = block.values, block.members, block.place, control.atol, control.t_end
     y = ROWS(s)
     of = LANE_ROWS(s)
     time, h, step, before, error, rejected = of.time, of.h, of.step, of.before, of.error, of.rejected
     taken, trials, bad, ok, square = of.taken, of.trials, of.bad, of.ok, of.square
-    f, share = RHS_AT(rhs), least_size(control.rtol)
+    there, f, share = of.there, RHS_AT(rhs), least_size(control.rtol)
     for _ in range(count):
+        if LOOKS > 0 and sight.logged[0] + LANES * len(sight.events) > len(look.watch.log):
+            break
         ended = 0
         for lane in range(LANES):
             ended += (bad[lane] > 0) | (time[lane] >= t_end) | (taken[lane] >= control.max_steps)
@@ -169,14 +173,14 @@ def adaptive(rhs, alone, events, count, control, block, starts, ends):
                     if members[lane] >= 0:
                         end(lane, control, of, y, block, ends)
                     while place[NEXT] < len(starts.u) and members[lane] < 0:
-                        BEGIN_LANE(lane, alone, events, control, of, y, block, starts, ends)
+                        BEGIN_LANE(lane, alone, control, of, y, block, starts, ends, sight, look)
             if place[OPEN] == 0:
                 break
         for lane in range(LANES):
             remaining = t_end - time[lane]
             x = remaining if h[lane] >= remaining else h[lane]
             is_long = (x > 0) & (x >= RESOLUTION * abs(time[lane] + x))
-            bad[lane] = bad[lane] if is_long | (h[lane] >= remaining) else 1.0
+            bad[lane] = bad[lane] if is_long | (h[lane] >= remaining) else BAD
             step[lane] = x
             of.u_least[lane], of.v_least[lane] = share * of.u_size[lane], share * of.v_size[lane]
             of.v_blur[lane] = 0.0
@@ -192,6 +196,7 @@ def adaptive(rhs, alone, events, count, control, block, starts, ends):
             shorter = x * shrinkage(square[lane], ORDER)
             reached = t_end if h[lane] >= t_end - time[lane] else time[lane] + x
             h[lane] = longer if is_ok else (shorter if x > 0 else h[lane])
+            there[lane] = time[lane]
             time[lane] = reached if is_ok else time[lane]
             error[lane] = max(e, LEAST_ERROR) if is_ok else error[lane]
             before[lane] = x if is_ok else before[lane]
@@ -201,33 +206,37 @@ def adaptive(rhs, alone, events, count, control, block, starts, ends):
             trials[lane] += 1.0 if x > 0 else 0.0
         if control.reads_time == 1:
             for lane in range(LANES):  # the force may not act yet
-                bad[lane] = 1.0 if (ok[lane] > 0) & (square[lane] == 0) else bad[lane]
+                bad[lane] = BAD if (ok[lane] > 0) & (square[lane] == 0) else bad[lane]
+        if LOOKS > 0 and SEE(block.p, of, y, sight) > 0:
+            for lane in range(LANES):
+                if of.sees[lane] > 0:
+                    m = members[lane]
+                    own = starts.params[m if len(starts.params) > 1 else 0]
+                    evaluations = LOOK_ALONE(lane, alone, control, own, of, block, sight, look)
+                    ends.counts[m, EVALUATED] += evaluations
         MOVE(ok, y)
         if control.is_relative == 1:
             widen_sizes(atol, of, y)
-        for k in range(len(events)):
-            EVENT_AT(events[k])(time, y[U], y[V], block.p, block.signs[k, 0], block.signs[k, 1])
-            for lane in range(LANES):
-                bad[lane] = bad[lane] if block.signs[k, 1, lane] > 0 else 1.0
     return place[OPEN]
 
 
 def end(lane, control, of, y, block, ends):
     """Write the end of the trajectory in a lane."""
     time, taken, trials, bad = of.time, of.taken, of.trials, of.bad
-    m, is_left = block.members[lane], bad[lane] > 0 or time[lane] < control.t_end
+    m, is_stopped = block.members[lane], bad[lane] == STOPPED
+    is_left = not is_stopped and (bad[lane] > 0 or time[lane] < control.t_end)
     for d in range(N):
         ends.u[m, d], ends.v[m, d] = y[U][d * LANES + lane], y[V][d * LANES + lane]
         is_left = is_left or not (abs(ends.u[m, d]) < OVERFLOWING and abs(ends.v[m, d]) < OVERFLOWING)
     ends.counts[m, TAKEN], ends.counts[m, REJECTED] = int(taken[lane]), int(trials[lane] - taken[lane])
     ends.counts[m, EVALUATED] += COST * int(trials[lane])
-    ends.counts[m, ENDED] = LEFT if is_left else REACHED
+    ends.counts[m, ENDED] = LEFT if is_left else (TERMINATED if is_stopped else REACHED)
     block.members[lane] = -1
     block.place[OPEN] -= 1
     bad[lane], taken[lane], trials[lane], time[lane] = 0.0, 0.0, 0.0, control.t_end
 
 
-def begin_lane(lane, alone, events, control, of, y, block, starts, ends):
+def begin_lane(lane, alone, control, of, y, block, starts, ends, sight, look):
     """Begin the next trajectory in a lane, as a single run begins."""
     one, tally, m = block.one, block.tally, block.place[NEXT]
     block.place[NEXT] += 1
@@ -258,12 +267,8 @@ def begin_lane(lane, alone, events, control, of, y, block, starts, ends):
         y[U][j], y[V][j], y[A][j] = one[U, d], one[V, d], one[A, d]
         y[U_MOST][j], y[V_MOST][j] = one[U_MOST, d], one[V_MOST, d]
         y[V_MOST + 1][j] = one[A, d]  # the acceleration before the first step, for a multistep method
-    for k in range(len(events)):
-        sign, least = block.signs[k, 0], block.signs[k, 1]
-        sign[lane], least[lane] = 1.0, math.inf
-        EVENT_AT(events[k])(of.time, y[U], y[V], block.p, sign, least)
-        sign[lane] = 1.0 if least[lane] > 0 else -1.0
-        least[lane] = abs(least[lane])
+    if LOOKS > 0:
+        BEGIN_SIGHT(lane, m, control.t0, own, one, sight, look)
     block.members[lane] = m
 
 
@@ -317,11 +322,10 @@ def vector_at_times(t, u, v, p, a):
         FUNCTION(t[lane], GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
 
 
-def watched(t, u, v, p, sign, least):
-    """Keep the least value of a function times its sign at the start: it is positive while the sign does not change."""
+def watched(t, u, v, p, side, product):
+    """Write the function times its side: this is positive as long as the sign has not changed."""
     for lane in range(LANES):
-        g = sign[lane] * FUNCTION(t[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
-        least[lane] = least[lane] if g >= least[lane] else g
+        product[lane] = side[lane] * FUNCTION(t[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
 
 
 def compile_rhs_at_times(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:
@@ -392,7 +396,7 @@ def rows_of(module: str, n: int, lanes: int) -> Rows:
 
 
 @functools.cache
-def adaptive_kernel(module: str, form: Form, n: int, lanes: int) -> Any:
+def adaptive_kernel(module: str, form: Form, n: int, lanes: int, looks: int) -> Any:
     """Compile `adaptive` for a method, or load it from the disk.
 
     Parameters
@@ -401,22 +405,28 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int) -> Any:
         The file with the formulas of the method, which are those of a `Pair`.
     form : Form
     n, lanes : int
+    looks : int
+        0 if the arguments `sight` and `look` are None, or `SEARCHES`.
     """
     pair = variable_formulas(module)
-    names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations}
+    names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations, "LOOKS": looks}
     names |= rows_of(module, n, lanes).views() | pair.of_lanes(n, lanes)
     names |= {"RHS_AT": _rhs_at, "EVENT_AT": _event_at, "ALONE_AT": form.at("rhs"), "BEGIN": beginning(form)[0]}
     names |= {"OVERFLOWING": _OVERFLOWING}
+    if looks:
+        dense = pair.functions()["dense_called"]
+        names |= seeing(form, {**names, "ROWS": pair.rows, "DENSE": dense, "DENSE_COST": pair.dense_evaluations})
     names |= {function.__name__: element(bound(function, names)) for function in (end, rest, widen_sizes)}
     names["BEGIN_LANE"] = element(bound(begin_lane, names))
-    integers, cubes = Array(int64, 1, "C"), Array(float64, 3, "C")
-    vector, matrix = vector_type, matrix_type
+    integers, vector, matrix = Array(int64, 1, "C"), vector_type, matrix_type
     arguments = (
-        *(int64, int64, integers, int64),
+        *(int64, int64, int64),
         Record((float64, float64, float64, float64, int64, float64, matrix, int64, int64), Control),
-        Record((vector, vector, cubes, integers, integers, matrix, vector), Block),
+        Record((vector, vector, integers, integers, matrix, vector), Block),
         Record((matrix, matrix, matrix), Starts),
         Record((matrix, matrix, Array(int64, 2, "C")), Ends),
+        *((SIGHT, LOOK_WITHIN) if looks else (none, none)),
     )
+    label = f"{module}_{form.name}_{n}_of_{lanes}_lanes_look{looks}"
     with wide_vectors():
-        return compile_kernel(adaptive, names, int64(*arguments), f"{module}_{form.name}_{n}_of_{lanes}_lanes")
+        return compile_kernel(adaptive, names, int64(*arguments), label)

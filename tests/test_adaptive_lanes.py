@@ -150,7 +150,7 @@ def test_no_lane_waits(monkeypatch):
 
     The last members may begin when the others end, which costs the steps of one more.
     """
-    calls, kernel = [], adaptive.adaptive_kernel("rk5", SCALAR, 1, adaptive.LANES)
+    calls, kernel = [], adaptive.adaptive_kernel("rk5", SCALAR, 1, adaptive.LANES, 0)
     monkeypatch.setattr(shared, "_FIRST_CHUNK", 1)
     monkeypatch.setattr(shared, "_CHUNK_SECONDS", 0.0)  # each call of the kernel is a step
     monkeypatch.setattr(adaptive, "adaptive_kernel", lambda *_: lambda *given: calls.append(1) or kernel(*given))
@@ -180,21 +180,125 @@ def test_what_lanes_leave_is_what_a_single_run_says():
     assert {status.name for status in found.status} == {"COMPLETED", "TOO_MANY_STEPS"}
 
 
-def test_members_without_an_event_stay_in_lanes(monkeypatch):
-    """Only the members that reach the place of the event run alone."""
-    ran = []
-    call = eig3.ensembles.alone.Singles.__call__
-    monkeypatch.setattr("eig3.ensembles.alone.Singles.__call__", lambda self, i, *a: ran.append(i) or call(self, i, *a))
-    places = np.column_stack([np.ones(60), np.linspace(-1.5, 1.5, 60)])
-    event = {"there": eig3.Event(place, direction=-1)}
-    found = eig3.ensemble(spring, (0, 3), 1.2, 0.0, rtol=1e-8, method="rk5", params=places, events=event)
-    reached = np.abs(places[:, 1]) < -1.2 * np.cos(3)  # u goes from 1.2 to 1.2 cos(3)
-    fired = np.flatnonzero((places[:, 1] < 1.2) & (places[:, 1] > 1.2 * np.cos(3)))
-    assert sorted(ran) == fired.tolist()
-    assert np.isfinite(found.events["there"].first[reached]).all()
-    first = np.full(60, np.nan)
-    first[fired] = np.arccos(places[fired, 1] / 1.2)
-    np.testing.assert_allclose(found.events["there"].first, first, rtol=1e-7)  # the tolerance times some steps
+@eig3.jit
+def brake(t, u, v, p):
+    return u, 0.8 * v
+
+
+@eig3.jit
+def slow(t, u, v, p):
+    return v - 0.1
+
+
+@eig3.jit
+def far_side(t, u, v, p):
+    return u[0] + 0.5
+
+
+@eig3.jit
+def push(t, u, v, p):
+    v[1] *= 1.01
+
+
+THERE = {"there": eig3.Event(place, direction=-1)}
+SIGHTS = {
+    "logged": {"events": {**THERE, "slow": eig3.Event(slow)}},
+    "reset": {"events": {"there": eig3.Event(place, apply=brake)}},
+    "terminal": {"events": {"there": eig3.Event(place, direction=-1, terminal=True)}},
+    "terminal reset": {"events": {"there": eig3.Event(place, apply=brake, terminal=True), "slow": eig3.Event(slow)}},
+    "times": {"t_eval": np.linspace(0.0, 10.0, 23)},
+    "late times": {"t_eval": [3.3, 3.4, 10.0]},
+    "times and resets": {"t_eval": np.linspace(0.0, 10.0, 23), "events": {"there": eig3.Event(place, apply=brake)}},
+    "times and an end": {
+        "t_eval": np.linspace(0.0, 10.0, 203),
+        "events": {"there": eig3.Event(place, direction=-1, terminal=True)},
+    },
+}
+PLACES = np.column_stack([np.linspace(1.0, 2.0, M), np.linspace(-1.5, 1.5, M)])  # of a spring with u from 1 to -1
+
+
+def assert_as_single(found, one, i):
+    """The same steps and the same events, but for the round-off of some ten steps."""
+    assert (found.status[i], found.message[i][:40]) == (one.status, one.message[:40])
+    assert (found.n_steps[i], found.n_rhs[i], found.n_rejected[i]) == (one.n_steps, one.n_rhs, one.n_rejected)
+    assert found.h[i] == pytest.approx(one.h, rel=1e-11)
+    mine = found[i]
+    for name in ("t", "u", "v"):
+        np.testing.assert_allclose(getattr(mine, name), getattr(one, name), rtol=0, atol=1e-10)
+    for name, expected in one.events.items():
+        occurrences = mine.events[name]
+        assert len(occurrences) == len(expected)
+        for column in ("t", "u", "v", "u_after", "v_after"):
+            np.testing.assert_allclose(getattr(occurrences, column), getattr(expected, column), rtol=0, atol=1e-10)
+        first = expected.t[0] if len(expected) else np.nan
+        np.testing.assert_allclose(found.events[name].first[i], first, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("sight", SIGHTS)
+@pytest.mark.parametrize("method", ["rk5", "rk8", "eig3", "rkn12"])
+def test_events_and_times_are_those_of_single_runs(sight, method, in_lanes):
+    options = {"rtol": 1e-5 if method == "eig3" else 1e-8, "method": method, **SIGHTS[sight]}
+    found = eig3.ensemble(spring, (0, 10), 1.0, 0.3, params=PLACES, **options)
+    assert not found.notes
+    for i in range(0, M, 11):
+        with_ends = options if "t_eval" in options else {**options, "save_every": None}
+        one = eig3.integrate(spring, (0, 10), 1.0, 0.3, params=PLACES[i], **with_ends)
+        assert_as_single(found, one, i)
+
+
+def test_events_of_two_degrees_of_freedom(in_lanes):
+    rhs, span, u, v, p = CASES["planet"]
+    options = {"rtol": 1e-7, "method": "rk8", "t_eval": [0.0, 5.0, 15.0]}
+    options["events"] = {"far": eig3.Event(far_side, apply=push)}
+    found = eig3.ensemble(rhs, span, u, v, params=p, **options)
+    assert len(found.events["far"]) > 3 * M
+    for i in range(0, M // 2, 7):  # up to e = 0.45: a close passage makes round-off larger
+        assert_as_single(found, eig3.integrate(rhs, span, u[i], v[i], params=p[i], **options), i)
+
+
+def test_members_with_events_depend_on_nothing_but_themselves(monkeypatch):
+    """The same bits in another order, in threads, and with a log that is full at nearly every step."""
+    options = {"rtol": 1e-7, "method": "rk5", "t_eval": np.linspace(0, 10, 9)}
+    options["events"] = {"there": eig3.Event(place, apply=brake), "slow": eig3.Event(slow)}
+    order = RNG.permutation(M)
+    found = eig3.ensemble(spring, (0, 10), 1.0, 0.3, params=PLACES, threads=1, **options)
+    others = [(eig3.ensemble(spring, (0, 10), 1.0, 0.3, params=PLACES[order], threads=2, **options), order)]
+    monkeypatch.setattr("eig3.stepping.watching._LOG_ROWS", 1)
+    monkeypatch.setattr("eig3.stepping.watching._LOG_VALUES", 1)
+    others.append((eig3.ensemble(spring, (0, 10), 1.0, 0.3, params=PLACES, threads=1, **options), np.arange(M)))
+    for other, chosen in others:
+        for name in ("u", "v", "steps", "n_rhs"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(found, name)[chosen])
+        for name in ("there", "slow"):
+            np.testing.assert_array_equal(other.events[name].first, found.events[name].first[chosen])
+            for i in range(0, M, 17):
+                np.testing.assert_array_equal(other[i].events[name].t, found[int(chosen[i])].events[name].t)
+
+
+@eig3.jit
+def fall(t, u, v, p):
+    return -p[0]
+
+
+@eig3.jit
+def bounce(t, u, v, p):
+    return u, -0.5 * v
+
+
+@eig3.jit
+def floor(t, u, v, p):
+    return u
+
+
+def test_balls_that_come_to_rest_end_as_single_runs_do():
+    """Their impacts follow each other without end: a single run takes them, whose occurrences are not written twice."""
+    options = {"rtol": 1e-6, "method": "rk5", "events": {"impact": eig3.Event(floor, direction=-1, apply=bounce)}}
+    heights = np.linspace(0.5, 5.0, 40)  # of which the higher ones still bounce at the end
+    found = eig3.ensemble(fall, (0, 2), heights, 0.0, params=np.full((40, 1), 9.81), **options)
+    assert {status.name for status in found.status} == {"COMPLETED", "ZENO"}
+    for i in range(0, 40, 3):
+        one = eig3.integrate(fall, (0, 2), heights[i], 0.0, params=[9.81], save_every=None, **options)
+        assert_as_single(found, one, i)
 
 
 def test_functions_that_do_not_compile_in_lanes_run_one_at_a_time():

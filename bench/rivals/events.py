@@ -45,7 +45,7 @@ def _impact(heyoka, event, u, v, problem, tolerance):
     restitution = problem.params[1]
 
     def bounce(solver, sign, *member):
-        solver.state[1, *member] *= -restitution
+        solver.state[(1, *member)] *= -restitution
         return True
 
     return [event(u[0], callback=bounce, direction=heyoka.event_direction.negative)]

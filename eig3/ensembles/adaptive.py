@@ -18,6 +18,7 @@ from ..kernels.adaptive_lanes import (
     REACHED,
     REJECTED,
     TAKEN,
+    TERMINATED,
     Block,
     Control,
     Ends,
@@ -29,13 +30,14 @@ from ..kernels.adaptive_lanes import (
     rows_of,
 )
 from ..kernels.lanes import Lanes, Layout
-from ..kernels.loops.pair import V_MOST
 from ..kernels.protocol import EVENTS
-from ..methods import Method
 from ..result.memory import aligned
+from ..run.prepare import Prepared
 from ..stepping.march import Cancel
+from ..stepping.system import System
 from ..stepping.tolerances import Tolerances
 from .alone import Alone
+from .block_sight import BlockSight
 from .histories import Histories
 from .lanewise import lanes_of
 from .members import Members
@@ -58,6 +60,7 @@ class Adaptive:
     rhs : Lanes
     events : list of Lanes
     members : Members
+    system : System
     tolerances : Tolerances
     callback : Callback
         The right-hand side of one member.
@@ -71,6 +74,7 @@ class Adaptive:
     rhs: Lanes
     events: list[Lanes]
     members: Members
+    system: System
     tolerances: Tolerances
     callback: Callback
     histories: Histories
@@ -94,21 +98,22 @@ def in_lanes(
     rhs: Any,
     callback: Callback,
     members: Members,
-    method: Method,
+    prepared: Prepared,
     events: Sequence[Quantity],
-    tolerances: Tolerances,
     histories: Histories,
     single: Callable[[int, Cancel], Any],
 ) -> Adaptive:
-    """Compile what runs members in lanes."""
+    """Compile what runs members in lanes. `prepared` is the single run of a member."""
     layout = Layout(members.form, members.n, LANES, members.params.shape[-1], not members.has_own_params, False)
+    module = prepared.method.variable
     return Adaptive(
-        adaptive_kernel(method.variable, members.form, members.n, LANES),
-        rows_of(method.variable, members.n, LANES),
+        adaptive_kernel(module, members.form, members.n, LANES, prepared.system.looks),
+        rows_of(module, members.n, LANES),
         lanes_of(rhs, callback, layout, compile_rhs_at_times),
         [lanes_of(event.function, event.callback, layout, compile_event) for event in events],
         members,
-        tolerances,
+        prepared.system,
+        prepared.tolerances(members.n),
         callback,
         histories,
         single,
@@ -118,7 +123,7 @@ def in_lanes(
 class AdaptiveBlock:
     """Some members that pass through the lanes of a block.
 
-    Those that the lanes leave, such as members with events, run again as single runs.
+    Those that the lanes leave run again as single runs.
 
     Parameters
     ----------
@@ -136,16 +141,30 @@ class AdaptiveBlock:
 
     def run(self, stop: Cancel) -> None:
         """Run the members to their ends, or until `stop` is set."""
-        ends = self._march(stop)
-        histories = self.shared.histories
-        reached = ends.counts[:, ENDED] == REACHED
+        sight = self._sight() if self.shared.system.looks else None
+        ends = self._march(stop, sight)
+        how, histories = ends.counts[:, ENDED], self.shared.histories
+        reached = (how == REACHED) | (how == TERMINATED)
+        t = np.full(len(how), self.shared.members.t_span[1])
+        if sight:
+            stopped = how == TERMINATED
+            t[stopped] = sight.given.stops[stopped, 0]
         counts = (ends.counts[reached, column] for column in (TAKEN, REJECTED, EVALUATED))
-        histories.reach(self.numbers[reached], ends.u[reached], ends.v[reached], *counts)
+        histories.reach(self.numbers[reached], t[reached], ends.u[reached], ends.v[reached], *counts)
+        if sight:
+            sight.store(self.numbers, reached, stopped, histories)
         left = Alone(self.numbers[~reached], histories, self.shared.single)
         left.run(stop)
         self.seconds += left.seconds
 
-    def _march(self, stop: Cancel) -> Ends:
+    def _sight(self) -> BlockSight:
+        """Return what the lanes see."""
+        shared = self.shared
+        addresses = [event.address for event in shared.events]
+        given = shared.system, addresses, shared.members.n, shared.rows, shared.tolerances.rtol
+        return BlockSight(*given, shared.histories, self.numbers)
+
+    def _march(self, stop: Cancel, sight: BlockSight | None) -> Ends:
         """Run the lanes in slices, so that they see `stop`."""
         shared, m = self.shared, len(self.numbers)
         members = shared.members
@@ -153,15 +172,17 @@ class AdaptiveBlock:
         starts = Starts(members.u0[self.numbers], members.v0[self.numbers], np.ascontiguousarray(params))
         u, v = np.empty((2, m, members.n))
         ends = Ends(u, v, np.zeros((m, 4), dtype=np.int64))
-        events = np.array([event.address for event in shared.events], dtype=np.int64)
         addresses, control = (shared.rhs.address, shared.callback.address), shared.control
         block, pace = self._block(m), Pace()
         while block.place[OPEN] and not stop.is_set():
             begin = time.perf_counter()
-            shared.kernel(*addresses, events, pace.steps, control, block, starts, ends)
+            looks = (sight.given, sight.look) if sight else (None, None)
+            shared.kernel(*addresses, pace.steps, control, block, starts, ends, *looks)
             taken = time.perf_counter() - begin
             self.seconds += taken
             pace.note(pace.steps, taken)
+            if sight:
+                sight.collect()
         return ends
 
     def _block(self, m: int) -> Block:
@@ -170,6 +191,5 @@ class AdaptiveBlock:
         values = aligned((shared.rows.size,))
         values[shared.rows.times] = members.t_span[1]
         p = np.zeros(members.params.shape[-1] * LANES) if members.has_own_params else members.params
-        signs = np.ones((len(shared.events), 2, LANES))
         numbers, place = np.full(LANES, -1, dtype=np.int64), np.array([0, m])
-        return Block(values, p, signs, numbers, place, np.zeros((V_MOST + 1, members.n)), np.zeros(EVENTS))
+        return Block(values, p, numbers, place, np.zeros((len(shared.rows.names), members.n)), np.zeros(EVENTS))

@@ -53,6 +53,12 @@ def _not_in_lanes(error: Exception) -> str:
     )
 
 
+_FOLLOWED = (
+    "The members run one at a time, because runs with tolerances in lanes have no save_every, no invariants and no "
+    "outputs; t_eval and events are possible."
+)
+
+
 class _Stop:
     """Whether the members should stop: after Ctrl-C, after a cancellation, or because one of them raised an error."""
 
@@ -120,12 +126,12 @@ class Run:
     def _adaptive(self) -> Adaptive | None:
         """Compile what runs in lanes with tolerances; return None if the members run one at a time."""
         options, members = self.options, self.members
-        if options.t_eval is not None or options.save_every is not None or self._invariants or self._outputs:
-            return None
         if not runs_in_lanes(members):
             return None
-        tolerances, events = self._single.prepared(0).tolerances(members.n), [*self._followed().values()]
-        given = members, options.method, events, tolerances, self.histories, self._single
+        if options.save_every is not None or self._invariants or self._outputs:
+            self.notes.append(_FOLLOWED)
+            return None
+        given = members, self._single.prepared(0), [*self._followed().values()], self.histories, self._single
         try:
             adaptive = in_lanes(self.rhs, self._callback, *given)
         except Exception as error:

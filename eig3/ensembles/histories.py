@@ -43,7 +43,7 @@ class Histories:
         rows = options.rows(members)
         check_members_history(m, rows, n, functions.n_outputs)
         self.u, self.v = np.full((m, rows, n), np.nan), np.full((m, rows, n), np.nan)
-        self._t, self._steps = self._first_times(rows), np.full((m, rows), np.nan) if options.has_tolerances else None
+        self._t, self.steps = self._first_times(rows), np.full((m, rows), np.nan) if options.has_tolerances else None
         self._room, self._longest = Lock(), rows
         if options.t_eval is None:
             self.u[:, 0], self.v[:, 0] = members.u0, members.v0
@@ -57,7 +57,7 @@ class Histories:
         self._shapes: dict[str, tuple[int, ...]] = shapes
         self.outputs = {name: np.full((m, rows, *(shapes[name] or (1,))), np.nan) for name in functions.outputs}
         self.extremes = {name: np.full((4, m, *(shape or (1,))), np.nan) for name, shape in shapes.items()}
-        self.events: dict[str, list[tuple[int, Occurrences]]] = {name: [] for name in options.events}
+        self.events: dict[str, list[tuple[np.ndarray, Occurrences]]] = {name: [] for name in options.events}
         self.last: dict[int, tuple] = {}  # t, u, v and the outputs of the last state, if it is not one to save
 
     def save(
@@ -140,32 +140,44 @@ class Histories:
             self.extremes[name][:, member] = np.reshape(extremes, (4, -1))
         for name, occurrences in solution.events.items():
             if len(occurrences):
-                self.events[name].append((member, occurrences))
+                self.events[name].append((np.full(len(occurrences), member), occurrences))
         self.judge(member, solution.status, solution.message)
 
     def reach(
         self,
         chosen: np.ndarray,
+        t: np.ndarray,
         u: np.ndarray,
         v: np.ndarray,
         n_steps: np.ndarray,
         n_rejected: np.ndarray,
         n_rhs: np.ndarray,
     ) -> None:
-        """Store the ends of members with tolerances that ran in lanes to the end of the span."""
-        t0, t1 = self.members.t_span
-        self.u[chosen, 1], self.v[chosen, 1] = u, v
+        """Store the ends of members with tolerances that ran in lanes, as those of runs to the end of the span."""
+        if self._t is not None:
+            self._t[chosen, 1], self.u[chosen, 1], self.v[chosen, 1] = t, u, v
         self.n_steps[chosen], self.n_rejected[chosen], self.n_rhs[chosen] = n_steps, n_rejected, n_rhs
-        self.h[chosen] = (t1 - t0) / n_steps
+        self.h[chosen] = (t - self.members.t_span[0]) / np.maximum(1, n_steps)
         self.status[chosen], self.message[chosen] = Status.COMPLETED, REACHED
+
+    def note_events(self, member: np.ndarray, event: np.ndarray, t: np.ndarray, states: np.ndarray) -> None:
+        """Store occurrences of members that ran in lanes: the number of each event, and u and v before and after it.
+
+        `states` has the shape (occurrences, 4, n).
+        """
+        degrees = slice(states.shape[2] - len(self.options.integrals))
+        for k, name in enumerate(self.events):
+            mine = event == k
+            rows = (self.shaped(states[mine, i, degrees]) for i in range(4))
+            self.events[name].append((member[mine], Occurrences(t[mine], *rows)))
 
     def _store(self, member: int, rows: int, t: np.ndarray, u: np.ndarray, v: np.ndarray, solution: Solution) -> None:
         """Write the rows of a member, and NaN after them."""
         values = [(self.u, u), (self.v, v), *((self.outputs[name], x) for name, x in solution.outputs.items())]
         if self._t is not None:
             values.append((self._t, t))
-        if self._steps is not None and solution.steps is not None:
-            values.append((self._steps, solution.steps))
+        if self.steps is not None and solution.steps is not None:
+            values.append((self.steps, solution.steps))
         for whole, x in values:
             whole[member, :rows] = np.reshape(x[:rows], (rows, *whole.shape[2:]))
             whole[member, rows:] = np.nan
@@ -181,7 +193,7 @@ class Histories:
         self.u, self.v = widened(self.u, wanted), widened(self.v, wanted)
         self.outputs = {name: widened(values, wanted) for name, values in self.outputs.items()}
         self._t = None if self._t is None else widened(self._t, wanted)
-        self._steps = None if self._steps is None else widened(self._steps, wanted)
+        self.steps = None if self.steps is None else widened(self.steps, wanted)
 
     def _shaped(self, *states: np.ndarray) -> list[Any]:
         return [self.shaped(x.reshape(len(x), -1)) for x in states]
@@ -214,7 +226,7 @@ class Histories:
             extremes={name: Extremes(*(self._valued(name, x) for x in e)) for name, e in self.extremes.items()},
             outputs={name: self._valued(name, x[:, rows]) for name, x in self.outputs.items()},
             events={name: MemberOccurrences.joined(len(self.u), shape, each) for name, each in self.events.items()},
-            steps=None if self._steps is None else self._steps[:, rows],
+            steps=None if self.steps is None else self.steps[:, rows],
             first=self.members.first,
             labels=self.options.labels,
             kernel_seconds=seconds,

@@ -37,19 +37,22 @@ class MemberOccurrences:
     first: np.ndarray
 
     @classmethod
-    def joined(cls, m: int, degrees: tuple[int, ...], each: Sequence[tuple[int, Occurrences]]) -> MemberOccurrences:
-        """Return the occurrences in m members with some degrees of freedom, from those of members in any order."""
-        ordered = sorted(each, key=lambda pair: pair[0])
-        member = np.repeat([i for i, _ in ordered], [len(found) for _, found in ordered]).astype(np.int64)
+    def joined(
+        cls, m: int, degrees: tuple[int, ...], some: Sequence[tuple[np.ndarray, Occurrences]]
+    ) -> MemberOccurrences:
+        """Return the occurrences in m members with some degrees of freedom.
+
+        `some` has occurrences with the member of each; those of a member are together, in the order of time.
+        """
         none = np.empty((0, *degrees))
-        t = np.concatenate([np.empty(0), *(found.t for _, found in ordered)])
-        u = np.concatenate([none, *(found.u for _, found in ordered)])
-        v = np.concatenate([none, *(found.v for _, found in ordered)])
-        u_after = np.concatenate([none, *(found.u_after for _, found in ordered)])
-        v_after = np.concatenate([none, *(found.v_after for _, found in ordered)])
+        numbers = np.concatenate([np.empty(0, dtype=np.int64), *(member for member, _ in some)])
+        order = np.argsort(numbers, kind="stable")
+        member, t = numbers[order], np.concatenate([np.empty(0), *(found.t for _, found in some)])[order]
+        names = "u", "v", "u_after", "v_after"
+        states = (np.concatenate([none, *(getattr(found, name) for _, found in some)])[order] for name in names)
         first = np.full(m, np.nan)
         first[member[::-1]] = t[::-1]  # the first occurrence is written last
-        return cls(member, t, u, v, u_after, v_after, first)
+        return cls(member, t, *states, first)
 
     def __len__(self) -> int:
         return len(self.t)

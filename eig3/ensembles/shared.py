@@ -17,6 +17,7 @@ from .members import Members
 _CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are looked at
 _CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next
 _FIRST_CHUNK = 64  # steps
+_MOST_STEPS = 2**40  # a chunk may end early
 
 
 class SignOf(NamedTuple):
@@ -47,7 +48,7 @@ class Pace:
     def note(self, steps: int, seconds: float) -> None:
         """Choose the number of steps of the next chunk."""
         self.seconds = seconds / steps
-        self.steps = max(1, int(steps * min(_CHUNK_GROWTH, _CHUNK_SECONDS / (seconds + 1e-9))))
+        self.steps = max(1, min(int(steps * min(_CHUNK_GROWTH, _CHUNK_SECONDS / (seconds + 1e-9))), _MOST_STEPS))
 
 
 @dataclass(frozen=True, eq=False)

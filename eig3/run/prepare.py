@@ -147,6 +147,11 @@ class Prepared:
     def method(self) -> Method:
         return self._system.method
 
+    @property
+    def system(self) -> System:
+        """The functions and the kernels of the run, compiled."""
+        return self._system
+
     def __call__(
         self,
         t_span: Sequence[float] | None = None,

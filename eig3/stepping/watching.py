@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from ..functions.events import Event, Occurrences
 from ..functions.guard import beyond, guarded
+from ..kernels.loops.events import NEAR
 from ..kernels.protocol import ENDED_BY, EVENT_VALUES, EVENTS, LOGGED, NEXT, NOT_FINITE, SCALAR, WITHIN, Watch
 from .system import System
 
 _LOG_ROWS = 32  # occurrences of each event in the log, at least
 _LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
 _NO_TIMES = np.empty(0)
-_ROUND_OFF = 16  # spacings of t by which the computed time of an event, or t0 + n h, may be wrong
 
 
 def check_times(t_eval: ArrayLike | None, t0: float, t1: float) -> np.ndarray | None:
@@ -135,7 +135,7 @@ class Watching:
         """
         if self.times is None:
             return
-        near = _ROUND_OFF * math.ulp(max(abs(t0), abs(t)))
+        near = NEAR * math.ulp(max(abs(t0), abs(t)))
         first, last = self.times.searchsorted([t, t + near])
         some = slice(min(first, int(tally[NEXT])), last)
         for block in (found for found in self._found[-1:] if len(found)):

@@ -40,8 +40,9 @@ from .dense import evaluate
 LATER = 4.0  # the step after a reset is at most this multiple of the time since the reset before
 
 EPSILON = 2.0**-52
-_G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
-_SIDE, _LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the tally, from `EVENTS` on
+NEAR = 16  # spacings of t by which the computed time of an event, or t0 + n h, may be wrong
+G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
+SIDE, LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the tally, from `EVENTS` on
 _DUE, _CROSSING, _END, _HERE = range(4)  # the rows of `Watch.search`
 _NEVER = math.inf  # stands for the fraction of the step at which g changes its sign, if it does not
 _JUST_AFTER = 2.0**-20  # the fraction of a step after which g has left a zero at the start of the step
@@ -57,7 +58,7 @@ _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first 
 def is_quiet(watch, tally, t, u, v, p):
     """Return whether every g still has its sign. A product is used, because it is false for zero and for NaN."""
     for k in range(len(watch.events)):
-        if not EVENT(watch.events[k, _G], t, u, v, p) * tally[EVENTS + EVENT_VALUES * k + _SIDE] > 0:
+        if not EVENT(watch.events[k, G], t, u, v, p) * tally[EVENTS + EVENT_VALUES * k + SIDE] > 0:
             return False
     return True
 
@@ -75,16 +76,16 @@ def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u,
     tolerance = 2 * EPSILON * max(abs(t), abs(t_end)) / h
     for k in range(count):
         mine = EVENTS + EVENT_VALUES * k
-        g_end = EVENT(watch.events[k, _G], t_end, u_end, v_end, p)
+        g_end = EVENT(watch.events[k, G], t_end, u_end, v_end, p)
         if g_end != g_end:
             tally[ENDED_BY] = k
             return NOT_A_NUMBER, 0.0, t
         crossing, side = CROSSING(
-            watch.events[k, _G],
-            tally[mine + _SIDE],
+            watch.events[k, G],
+            tally[mine + SIDE],
             tally[mine + _FREE],
             tally[mine + _LEVEL],
-            t - tally[mine + _LAST],
+            t - tally[mine + LAST],
             g_end,
             t,
             h,
@@ -100,7 +101,7 @@ def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u,
             return RESTING, 0.0, t
         is_wanted = watch.events[k, _DIRECTION] != (1 if side > 0 else -1)
         search[_CROSSING, k], search[_DUE, k] = crossing, crossing if is_wanted else _NEVER
-        search[_END, k], tally[mine + _SIDE] = g_end, side
+        search[_END, k], tally[mine + SIDE] = g_end, side
         if side != 0:
             tally[mine + _FREE] = 0.0
     outcome, s, stop = PASSED, 1.0, t_end
@@ -118,14 +119,14 @@ def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u,
                 for j in range(n):
                     u[j], v[j] = u_end[j], v_end[j]
             for other in range(count):
-                search[_HERE, other] = EVENT(watch.events[other, _G], stop, u, v, p)
+                search[_HERE, other] = EVENT(watch.events[other, G], stop, u, v, p)
         outcome = max(outcome, TAKE(place, tally, k, t0, stop, n, u, v, p))
         search[_DUE, k] = _NEVER
     if outcome == PASSED:
         for k in range(count):
             mine = EVENTS + EVENT_VALUES * k
             if search[_END, k] != 0 and tally[mine + _FREE] == 0:
-                tally[mine + _SIDE] = search[_END, k]
+                tally[mine + SIDE] = search[_END, k]
         return outcome, 1.0, t_end
     for k in range(count):
         _note_side(
@@ -133,7 +134,7 @@ def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u,
             tally,
             k,
             abs(search[_CROSSING, k] - s) <= _TOGETHER * tolerance,
-            EVENT(watch.events[k, _G], stop, u, v, p),
+            EVENT(watch.events[k, G], stop, u, v, p),
         )
     return outcome, s, stop
 
@@ -158,10 +159,10 @@ def _note_side(search, tally, k, is_crossing, g):
     mine = EVENTS + EVENT_VALUES * k
     here = search[_HERE, k]
     if abs(g) > (2 * abs(here) if is_crossing else 0.0):
-        tally[mine + _SIDE] = g
+        tally[mine + SIDE] = g
     elif is_crossing or here != 0:
-        tally[mine + _SIDE], tally[mine + _LEVEL] = 0.0, g
-    if not is_crossing or tally[mine + _SIDE] != 0:
+        tally[mine + SIDE], tally[mine + _LEVEL] = 0.0, g
+    if not is_crossing or tally[mine + SIDE] != 0:
         tally[mine + _FREE] = 0.0
 
 
@@ -295,15 +296,15 @@ def take(place, tally, k, t0, t, n, u, v, p):
         tally[mine + _FREE] = 0.0
         for j in range(n):
             if u[j] != row[2 + j] or v[j] != row[2 + n + j]:
-                tally[mine + _FREE] = tally[mine + _SIDE]
+                tally[mine + _FREE] = tally[mine + SIDE]
             if (u[j] - u[j] != 0 and row[2 + j] - row[2 + j] == 0) or (
                 v[j] - v[j] != 0 and row[2 + n + j] - row[2 + n + j] == 0
             ):
                 outcome = NOT_FINITE
         if outcome == PASSED:
             FOLLOW(place, part, t, u, v, p)
-        tally[GAP] = t - tally[mine + _LAST]
-        tally[mine + _LAST] = t
+        tally[GAP] = t - tally[mine + LAST]
+        tally[mine + LAST] = t
         outcome = max(outcome, RESET if tally[GAP] > _LEAST_GAP * max(abs(t), abs(t0)) else ZENO)
     for j in range(n):
         row[2 + 2 * n + j], row[2 + 3 * n + j] = u[j], v[j]
@@ -340,7 +341,7 @@ def followed(place, part, t, u, v, p):
 @functools.cache  # so that kernels share the compiled elements
 def quiet(form: Form) -> Any:
     """Return the element `is_quiet` for one form of right-hand side."""
-    return element(bound(is_quiet, {"EVENT": _event(form)}))
+    return element(bound(is_quiet, {"EVENT": event_of(form)}))
 
 
 @functools.cache
@@ -349,7 +350,7 @@ def searching(form: Form) -> tuple[Any, Any]:
     apply_at = form.at("apply")
     apply = element(lambda address, t, u, v, p: apply_at(address)(t, u, v, p))
     names: dict[str, Any] = {
-        "EVENT": _event(form),
+        "EVENT": event_of(form),
         "APPLY": apply,
         "EVALUATE": follow.functions(form).evaluate,
         "WIDEN": follow.widen_all,
@@ -369,6 +370,7 @@ def searching(form: Form) -> tuple[Any, Any]:
     )
 
 
-def _event(form: Form) -> Any:
+def event_of(form: Form) -> Any:
+    """Return the element ``event(address, t, u, v, p)``, which calls the function of an event."""
     event_at = form.at("invariant")
     return element(lambda address, t, u, v, p: event_at(address)(t, u, v, p))
