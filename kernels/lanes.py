@@ -126,6 +126,27 @@ def written(t, u, v, p, out, low, high, t_low, t_high):
     widen(out, t, low, high, t_low, t_high)
 
 
+def watched(t, u, v, p, out, low, high, t_low, t_high):
+    """Look whether the function of an event has changed its sign: then `low` is not positive. Most looks see nothing.
+
+    `out` has the side of the zero. At the first call, all of it is NaN, and `high` is -inf.
+    """
+    velocities = v
+    if HAS_OWN_STEP > 0:
+        velocities = VELOCITIES(p, 0)
+        rescale(v, STEPS(p, 0), velocities)
+    changed = 0
+    for lane in range(LANES):
+        g = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
+        changed += not out[lane] * g > 0
+    if changed > 0:
+        for lane in range(LANES):
+            g = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
+            least, product = low[lane], out[lane] * g
+            low[lane] = abs(g) if high[lane] < 0 else (least if product > 0 else -1.0)
+            out[lane], high[lane] = g, 1.0
+
+
 def time_of_own_step(t, p, lane):
     return BEGINS(p, 0)[lane] + t * STEPS(p, 0)[lane]
 
@@ -285,6 +306,11 @@ def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...],
     """
     names = {"VALUES": _view(shape[0], layout.lanes)} if shape else {}
     return compile_template(written if shape else returned, function, layout, _QUANTITY.args, is_checked, names)
+
+
+def compile_watched(function: Callable, layout: Layout, is_checked: bool = False) -> Lanes:
+    """Compile the look for a change of sign of the function of an event. It is called as a quantity."""
+    return compile_template(watched, function, layout, _QUANTITY.args, is_checked)
 
 
 def compile_template(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..diagnosis.divergence import became_non_finite
 from ..functions.guard import not_finite_at_start
-from ..kernels.protocol import SCALAR, VECTOR
+from ..kernels.protocol import LOW, SCALAR, VECTOR
 from ..result.solution import Status
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
 from ..run.run import unwritten_entry
@@ -31,7 +31,7 @@ class Block:
     A lane whose member has ended, or that has none, repeats a member that still runs. So it cannot fail where that
     member does not.
 
-    The lanes follow the function g of each event. A member in which no g changed its sign has no occurrence. The others
+    The lanes look at the function g of each event. A member in which no g changed its sign has no occurrence. The others
     run again as single runs, which find the occurrences.
 
     Parameters
@@ -223,8 +223,7 @@ class Block:
         fired = np.zeros(len(self._runs), dtype=bool)
         for name in self.shared.quantities:
             if isinstance(name, SignOf):
-                low, high = self._state.tracks.extremes(name)[:2, 0]
-                fired |= ~(low > 0) & ~(high < 0)
+                fired |= ~(self._state.tracks.extremes(name)[LOW, 0] > 0)
         return fired
 
     def _suspects(self) -> np.ndarray:

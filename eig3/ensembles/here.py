@@ -20,7 +20,7 @@ from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite
 from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
-from ..kernels.lanes import compile_quantity, compile_rhs
+from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS
 from ..run.progress import Progress
@@ -30,7 +30,7 @@ from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
 from .alone import Alone, Singles
 from .block import Block
 from .histories import Histories
-from .lanewise import lanes_of, layout_of
+from .lanewise import ROWS_FOLLOWED, lanes_of, layout_of
 from .members import Members
 from .options import Options
 from .shared import Shared, SignOf
@@ -53,6 +53,7 @@ def _not_in_lanes(error: Exception) -> str:
     )
 
 
+_AT_TIMES = "The members run one at a time, because lanes with fixed steps have no t_eval: take save_every, or rtol in place of h."
 _FOLLOWED = (
     "The members run one at a time, because runs with tolerances in lanes have no save_every, no invariants and no "
     "outputs; t_eval and events are possible."
@@ -144,19 +145,20 @@ class Run:
     def _shared(self) -> Shared | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
         options, members = self.options, self.members
-        if options.has_tolerances or options.t_eval is not None:
+        if options.has_tolerances:
+            return None
+        if options.t_eval is not None:
+            self.notes.append(_AT_TIMES)
             return None
         method = options.method.for_force(self._callback.reads_velocity, members.n)
         followed = self._followed()
-        layout = layout_of(members, method, sum(q.width for q in followed.values()), self.threads)
+        rows = sum(1 if isinstance(name, SignOf) else ROWS_FOLLOWED * q.width for name, q in followed.items())
+        layout = layout_of(members, method, rows, self.threads)
         if layout is None:
             return None
         try:
             rhs = lanes_of(self.rhs, self._callback, layout, compile_rhs)
-            quantities = {
-                name: (q, lanes_of(q.function, q.callback, layout, compile_quantity, q.shape))
-                for name, q in followed.items()
-            }
+            quantities = {name: (q, _compiled(name, q, layout)) for name, q in followed.items()}
         except Exception as error:
             self.notes.append(_not_in_lanes(error))
             return None
@@ -229,6 +231,13 @@ class Run:
         again = None if self.is_part else partial(_again, self.rhs, self.members, self.options)
         given = self.rhs, self.members, self.options, self.histories
         return _result(*given, seconds, self.notes, again=again)
+
+
+def _compiled(name: Any, q: Quantity, layout: Layout) -> Lanes:
+    """Compile a quantity, or the function of an event, for lanes."""
+    if isinstance(name, SignOf):
+        return lanes_of(q.function, q.callback, layout, compile_watched)
+    return lanes_of(q.function, q.callback, layout, compile_quantity, q.shape)
 
 
 def at_start(rhs: Any, members: Members, options: Options) -> EnsembleSolution:

@@ -14,7 +14,7 @@ from .members import Members
 
 MOST_DEGREES = 24  # with more degrees of freedom, a member alone is as fast as in lanes
 _CACHE = 2**15  # bytes of the first-level cache for the rows of a block
-_ROWS_FOLLOWED = 5  # of each value that is followed: it, its extremes and their times
+ROWS_FOLLOWED = 5  # of each value that is followed: it, its extremes and their times
 _MOST_LANES, _LEAST_LANES = 512, 32
 _FEW_LANES = 64  # enough for fast loops: blocks are not made smaller than this for the sake of more threads
 _FEWEST_LANES = 16  # the compiler cannot use vectors for fewer
@@ -24,17 +24,17 @@ _BLOCKS = 2  # of a thread, at least
 _known: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Lanes]]] = WeakKeyDictionary()
 
 
-def layout_of(members: Members, method: Method, n_followed: int, threads: int) -> Layout | None:
+def layout_of(members: Members, method: Method, rows_followed: int, threads: int) -> Layout | None:
     """Return the arrays of a block; None if the members should run one at a time.
 
-    The quantities of a member have `n_followed` values.
+    What is evaluated in each step reads or writes `rows_followed` rows.
 
     More lanes keep the vector units busy for longer in each loop, as long as the rows stay in the cache and each thread
     has blocks to run. A member's numbers do not depend on the number of lanes.
     """
     if method.is_implicit or members.n > MOST_DEGREES or (method.is_stochastic and members.has_own_step):
         return None  # the noise of a step depends on its length
-    lanes, rows = _MOST_LANES, members.n * method.formulas.own_rows + _ROWS_FOLLOWED * n_followed
+    lanes, rows = _MOST_LANES, members.n * method.formulas.own_rows + rows_followed
     while lanes > _LEAST_LANES and 8 * rows * lanes > _CACHE:
         lanes //= 2
     while lanes > _FEW_LANES and _BLOCKS * threads * lanes > len(members):
