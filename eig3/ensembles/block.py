@@ -31,8 +31,8 @@ class Block:
     A lane whose member has ended, or that has none, repeats a member that still runs. So it cannot fail where that
     member does not.
 
-    The lanes look at the function g of each event. A member in which no g changed its sign has no occurrence. The others
-    run again as single runs, which find the occurrences.
+    The lanes look at the function g of each event. A member in which no g changed its sign has no occurrence. The
+    others run again as single runs, which find the occurrences.
 
     Parameters
     ----------
