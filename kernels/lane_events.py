@@ -197,7 +197,7 @@ def seeing(form: Form, names: dict[str, Any]) -> dict[str, Any]:
     """
     search, _ = searching(form)
     names = {**names, "EVENT": event_of(form), "SEARCH": search, "ROWS_OF": rows}
-    templates = {"SEE": see, "BEGIN_SIGHT": begin_sight}
+    templates: dict[str, Any] = {"SEE": see, "BEGIN_SIGHT": begin_sight}
     return {
         **{name: element(bound(template, names)) for name, template in templates.items()},
         "LOOK_ALONE": outlined(bound(look_alone, names)),

@@ -48,11 +48,13 @@ class MemberOccurrences:
         numbers = np.concatenate([np.empty(0, dtype=np.int64), *(member for member, _ in some)])
         order = np.argsort(numbers, kind="stable")
         member, t = numbers[order], np.concatenate([np.empty(0), *(found.t for _, found in some)])[order]
-        names = "u", "v", "u_after", "v_after"
-        states = (np.concatenate([none, *(getattr(found, name) for _, found in some)])[order] for name in names)
+        u, v, u_after, v_after = (
+            np.concatenate([none, *(getattr(found, name) for _, found in some)])[order]
+            for name in ("u", "v", "u_after", "v_after")
+        )
         first = np.full(m, np.nan)
         first[member[::-1]] = t[::-1]  # the first occurrence is written last
-        return cls(member, t, *states, first)
+        return cls(member, t, u, v, u_after, v_after, first)
 
     def __len__(self) -> int:
         return len(self.t)
