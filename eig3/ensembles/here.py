@@ -53,9 +53,7 @@ def _not_in_lanes(error: Exception) -> str:
     )
 
 
-_AT_TIMES = (
-    "The members run one at a time, because lanes with fixed steps have no t_eval; save_every and rtol are possible."
-)
+_AT_TIMES = "The members run one at a time, because lanes with fixed steps have no t_eval; save_every is possible."
 _FOLLOWED = (
     "The members run one at a time, because runs with tolerances in lanes have no save_every, no invariants and no "
     "outputs; t_eval and events are possible."
