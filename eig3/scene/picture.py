@@ -10,7 +10,9 @@ import numpy as np
 
 from ..animation import Mechanism
 from .assembly import STATE, Cloud, Placement
+from .cell import Cell
 from .effect import Body, Link, Motion, arguments
+from .mesh import edges
 
 _TRAILS = 3  # masses of a scene with trails, at most
 _PLANES = 20  # planes of effects that are drawn, at most
@@ -73,6 +75,10 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
                     links[ends] = effect.picture
                 if effect.picture == "string":
                     strings[ends] = first_state + int((columns or {})[STATE][k])
+        if isinstance(effect, Cell) and effect.picture == "edges":
+            for ends in edges(np.column_stack(numbers)).T.tolist():
+                if (ends[0], ends[1]) not in links and (ends[1], ends[0]) not in links:
+                    links[ends[0], ends[1]] = "line"
     order = list(links)
     return Mechanism(
         places=Places(cloud.positions, cloud.free, upright, _moves(placements)),
