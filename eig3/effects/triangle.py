@@ -47,7 +47,7 @@ class Triangle(Cell):
     variable, conjugate = "F", "stress"
     shape = {"inverse": 4, "volume": 0}  # noqa: RUF012, as in the base class
     extent = "volume"
-    picture = "edges"
+    picture = "surface"
     offers = offers_of(variable, conjugate, shape)
     needs = (conjugate,)
     measure, pace, spread = gradient, gradient_rate, nodal_forces

@@ -69,8 +69,8 @@ class Effect:
     picture : str
         What animations draw: of a `Link` a "line", a "spring", a "string" until its state is no longer 0, "discs"
         around its ends that touch at the distance of the field reach, or nothing for ""; of a `Body` a "plane" with the
-        fields normal and offset, or nothing; of a `Cell` the "edges" between all of its points, or nothing. "weight"
-        draws scenes of one dimension upright.
+        fields normal and offset, or nothing; of a `Cell` of three or four points the "surface" of its mesh, or nothing.
+        "weight" draws scenes of one dimension upright.
     """
 
     dimensions: ClassVar[tuple[int, ...]] = (1, 2, 3)

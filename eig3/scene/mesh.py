@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import reals
 
-__all__ = ["edges", "hinges"]
+__all__ = ["edges", "hinges", "surface"]
 
 
 def edges(cells: ArrayLike) -> np.ndarray:
@@ -57,6 +57,25 @@ def hinges(triangles: ArrayLike) -> np.ndarray:
         raise ValueError(f"triangles must meet in pairs, but three have the edge from {a} to {b}: cut the sheet there.")
     first = np.flatnonzero(meets)
     return np.stack([facing[first], *sides[first].T, facing[first + 1]])
+
+
+def surface(cells: ArrayLike) -> np.ndarray:
+    """Return the triangles that can be seen: the triangles of a sheet, or those sides of tetrahedra that do not meet.
+
+    Parameters
+    ----------
+    cells : array_like of int, shape (cells, 3 or 4)
+
+    Returns
+    -------
+    ndarray of int, shape (triangles, 3)
+    """
+    cells = np.asarray(cells)
+    if cells.shape[1] == 3:
+        return cells
+    sides = np.concatenate([cells[:, three] for three in combinations(range(4), 3)])
+    _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
+    return sides[first[count == 1]]
 
 
 def check_cells(cells: ArrayLike, corners: int, count: int) -> np.ndarray:

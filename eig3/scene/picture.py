@@ -1,4 +1,4 @@
-"""What an animation of a scene shows: its points, links, supports and planes, as they were described."""
+"""What an animation of a scene shows: its points, links, faces, supports and planes, as they were described."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..animation import Mechanism
 from .assembly import STATE, Cloud, Placement
 from .cell import Cell
 from .effect import Body, Link, Motion, arguments
-from .mesh import edges
+from .mesh import surface
 
 _TRAILS = 3  # masses of a scene with trails, at most
 _PLANES = 20  # planes of effects that are drawn, at most
@@ -75,22 +75,31 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
                     links[ends] = effect.picture
                 if effect.picture == "string":
                     strings[ends] = first_state + int((columns or {})[STATE][k])
-        if isinstance(effect, Cell) and effect.picture == "edges":
-            for ends in edges(np.column_stack(numbers)).T.tolist():
-                if (ends[0], ends[1]) not in links and (ends[1], ends[0]) not in links:
-                    links[ends[0], ends[1]] = "line"
     order = list(links)
     return Mechanism(
         places=Places(cloud.positions, cloud.free, upright, _moves(placements)),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
+        faces=_faces(placements),
         fixed=np.flatnonzero(cloud.free < 0),
         radii=radii,
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
         planes=_planes(placements, radii, masses, dimension, upright),
         labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
     )
+
+
+def _faces(placements: Sequence[Placement]) -> np.ndarray:
+    """Return the triangles that are drawn: those of sheets, and those around solids."""
+    meshes = [
+        np.column_stack(numbers)
+        for effect, numbers, _ in placements
+        if isinstance(effect, Cell) and effect.picture == "surface"
+    ]
+    sizes = {cells.shape[1] for cells in meshes}
+    whole = [surface(np.concatenate([cells for cells in meshes if cells.shape[1] == size])) for size in sizes]
+    return np.concatenate([np.empty((0, 3), dtype=np.int64), *whole])
 
 
 def _moves(placements: Sequence[Placement]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
