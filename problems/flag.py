@@ -71,6 +71,7 @@ def flag(
     return replace(
         problem,
         source="constant-strain triangles in plane stress; hinges of Grinspun et al. (2003); pressure of the wind",
+        h=1e-4,
         draw=partial(draw, cloth=flat.reshape(m, n, 3)),
     )
 

@@ -18,10 +18,10 @@ def jelly(
     n: int = 6,
     side: float = 0.06,
     E: float = 2e4,
-    nu: float = 0.45,
-    damping: float = 0.02,
+    nu: float = 0.4,
+    damping: float = 0.1,
     height: float = 0.06,
-    t_end: float = 1.0,
+    t_end: float = 0.8,
     work: bool = False,
 ) -> Problem:
     """A cube of tetrahedra with n x n x n points, which starts above a rough table, tilted and at rest.
@@ -58,12 +58,13 @@ def jelly(
     scene = Scene(dimension=3)
     body = scene.add_mesh(points, cells, NeoHookean(E, nu), density=1000.0)
     scene.add(LinearDamper(damping), *body[edges(cells)])
-    scene.add(PlaneContact(2e4, (0, 0, 1), damping=0.5, friction=0.4, slip=0.01), body)
+    scene.add(PlaneContact(2e4, (0, 0, 1), damping=0.5, friction=0.3, slip=0.1), body)
     scene.add(Gravity((0, 0, -G)))
     problem = scene.problem((0.0, t_end), name="jelly", work=work)
     return replace(
         problem,
         source="a neo-Hookean solid of constant-strain tetrahedra; contact of Hertz with each point of the surface",
+        h=2.5e-5,
         draw=partial(draw, n=n),
     )
 

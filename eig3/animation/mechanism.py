@@ -65,8 +65,9 @@ class Mechanism:
     strings : dict of int to int
         For the number of a link that can break, the degree of freedom that is then no longer 0.
     faces : array_like of int, shape (faces, corners)
-        The numbers of the corners of each face of a surface; its points are not drawn. In space a face is light where
-        it is turned to the light.
+        The numbers of the corners of each face of a surface. In space a face is light where it is turned to the light.
+    hidden : sequence of int
+        The numbers of the points that are not drawn, such as those of a surface.
     fixed : sequence of int
         The numbers of the points that are supports.
     planes : sequence of (normal, offset)
@@ -89,6 +90,7 @@ class Mechanism:
     springs: Any = ()
     strings: Any = ()
     faces: Any = ()
+    hidden: Any = ()
     fixed: Any = ()
     planes: Any = ()
     radii: Any = ()
@@ -119,7 +121,7 @@ class Mechanism:
         for some, color in ((discs[is_fixed[discs]], "0.5"), (discs[~is_fixed[discs]], "C0")):
             if some.size:
                 movers.append(partial(_move_points, draw.discs(radii[some], color), x[:, some]))
-        is_dot: Any = ~is_fixed & (radii == 0) & ~np.isin(np.arange(x.shape[1]), self.faces)
+        is_dot: Any = ~is_fixed & (radii == 0) & ~np.isin(np.arange(x.shape[1]), self.hidden)
         for some, style in ((is_fixed, {"color": "k", "marker": "^"}), (is_dot, {"color": "C0", "marker": "o"})):
             if some.any():
                 dots = draw.line(linestyle="none", markersize=size, zorder=3, **style)
@@ -204,7 +206,7 @@ def _axes_of(figure: Any, low: np.ndarray, high: np.ndarray, labels: tuple[str, 
     else:
         axes = figure.add_subplot(projection="3d")
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-        axes.set_box_aspect(high - low, zoom=0.95)
+        axes.set_box_aspect(high - low, zoom=0.95 if high[2] - low[2] < 0.7 * (high - low).max() else 0.83)
     axes.autoscale(False)
     for direction, label in zip("xyz"[: low.size], labels, strict=False):
         axis = getattr(axes, f"{direction}axis")
@@ -296,8 +298,9 @@ class _Space:
         """Add a surface; return the function that moves the corners of its faces."""
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-        faces = Poly3DCollection(np.zeros((1, 3, 3)), linewidth=0, antialiased=False)
+        faces = Poly3DCollection(np.zeros((1, 3, 3)), linewidth=0, antialiased=False, zorder=1.5)
         self.axes.add_collection3d(faces)
+        self.axes.computed_zorder = False  # a large plane would otherwise cover what lies on it
 
         def move(corners: np.ndarray) -> None:
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -319,5 +322,5 @@ class _Space:
         cuts = np.array([(corners[i] * above[j] - corners[j] * above[i]) / (above[j] - above[i]) for i, j in edges])
         first = cuts[0] - cuts.mean(axis=0)
         around = np.arctan2((cuts - cuts.mean(axis=0)) @ np.cross(normal, first), (cuts - cuts.mean(axis=0)) @ first)
-        patch = Poly3DCollection([cuts[np.argsort(around)]], facecolor="0.8", alpha=0.5)
+        patch = Poly3DCollection([cuts[np.argsort(around)]], facecolor="0.8", alpha=0.5, zorder=0)
         self.axes.add_collection3d(patch)

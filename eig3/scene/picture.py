@@ -75,13 +75,16 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
                     links[ends] = effect.picture
                 if effect.picture == "string":
                     strings[ends] = first_state + int((columns or {})[STATE][k])
-    order = list(links)
+    faces, hidden = _surfaces(placements)
+    inside = set(hidden.tolist())
+    order = [ends for ends in links if not inside.issuperset(ends)]
     return Mechanism(
         places=Places(cloud.positions, cloud.free, upright, _moves(placements)),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
-        faces=_faces(placements),
+        faces=faces,
+        hidden=hidden,
         fixed=np.flatnonzero(cloud.free < 0),
         radii=radii,
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
@@ -90,8 +93,8 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
     )
 
 
-def _faces(placements: Sequence[Placement]) -> np.ndarray:
-    """Return the triangles that are drawn: those of sheets, and those around solids."""
+def _surfaces(placements: Sequence[Placement]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangles of sheets and around solids, and all points of these sheets and solids."""
     meshes = [
         np.column_stack(numbers)
         for effect, numbers, _ in placements
@@ -99,7 +102,8 @@ def _faces(placements: Sequence[Placement]) -> np.ndarray:
     ]
     sizes = {cells.shape[1] for cells in meshes}
     whole = [surface(np.concatenate([cells for cells in meshes if cells.shape[1] == size])) for size in sizes]
-    return np.concatenate([np.empty((0, 3), dtype=np.int64), *whole])
+    faces = np.concatenate([np.empty((0, 3), dtype=np.int64), *whole])
+    return faces, np.unique(np.concatenate([faces.ravel(), *(cells.ravel() for cells in meshes)]))
 
 
 def _moves(placements: Sequence[Placement]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
