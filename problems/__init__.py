@@ -2,17 +2,20 @@
 
 from .arenstorf import arenstorf
 from .bouncing_ball import bouncing_ball
+from .butane import butane
 from .curtain import curtain
 from .damped_bar import damped_bar
 from .double_pendulum import double_pendulum
 from .duffing import duffing
 from .elastic_bar import elastic_bar
 from .figure_eight import figure_eight
+from .flag import flag
 from .friction_oscillator import friction_oscillator
 from .hardening_chain import hardening_chain
 from .hardening_spring import hardening_spring
 from .henon_heiles import henon_heiles
 from .hertz_impact import hertz_impact
+from .jelly import jelly
 from .kepler import kepler
 from .outer_solar_system import outer_solar_system
 from .pounding_buildings import pounding_buildings
@@ -30,17 +33,20 @@ from .van_der_pol import van_der_pol
 __all__ = [
     "arenstorf",
     "bouncing_ball",
+    "butane",
     "curtain",
     "damped_bar",
     "double_pendulum",
     "duffing",
     "elastic_bar",
     "figure_eight",
+    "flag",
     "friction_oscillator",
     "hardening_chain",
     "hardening_spring",
     "henon_heiles",
     "hertz_impact",
+    "jelly",
     "kepler",
     "outer_solar_system",
     "pounding_buildings",

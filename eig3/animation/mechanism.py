@@ -1,4 +1,4 @@
-"""A view of points, the links between them, supports and planes, in the plane and in space, true to scale."""
+"""A view of points, links, faces, supports and planes, in the plane and in space, true to scale."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ _SHAPE = 1.35  # width of the axes as a part of their height
 _LEAST = 0.5  # least side of the box in space as a part of its longest side
 _TRAIL = 0.7  # seconds of the film
 _CORNERS = 32  # of the outline of a ball in space
+_LIGHT = np.array([0.6, -0.64, 0.48])  # direction of the light on faces in space
+_FACE = np.array([0.35, 0.62, 0.9])  # colour of a face that the light meets straight on
 _SIZES = (30, 7.0), (300, 3.0)  # up to this number of points: size of the dots
 
 
@@ -49,7 +51,7 @@ class Magnified:
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Points that move, links between them, supports and planes.
+    """Points that move, links and faces between them, supports and planes.
 
     Attributes
     ----------
@@ -62,6 +64,10 @@ class Mechanism:
         The numbers of the links that are drawn as springs.
     strings : dict of int to int
         For the number of a link that can break, the degree of freedom that is then no longer 0.
+    faces : array_like of int, shape (faces, corners)
+        The numbers of the corners of each face of a surface. In space a face is light where it is turned to the light.
+    hidden : sequence of int
+        The numbers of the points that are not drawn, such as those of a surface.
     fixed : sequence of int
         The numbers of the points that are supports.
     planes : sequence of (normal, offset)
@@ -83,6 +89,8 @@ class Mechanism:
     links: Any = ()
     springs: Any = ()
     strings: Any = ()
+    faces: Any = ()
+    hidden: Any = ()
     fixed: Any = ()
     planes: Any = ()
     radii: Any = ()
@@ -106,12 +114,14 @@ class Mechanism:
             axes.plot(*np.reshape(place, (-1, 1)), style, markersize=width)
             axes.text(*place, f"\n{name}", ha="center", va="top", linespacing=0.8)
         movers = [*_trails(draw, paths, film), *self._links(draw, x, film, high - low)]
+        if len(self.faces):
+            movers.append(partial(_move_points, draw.faces(), x[:, np.asarray(self.faces)]))
         is_fixed: Any = np.isin(np.arange(x.shape[1]), self.fixed)
         size = next((size for most, size in _SIZES if x.shape[1] <= most), 1.5)
         for some, color in ((discs[is_fixed[discs]], "0.5"), (discs[~is_fixed[discs]], "C0")):
             if some.size:
                 movers.append(partial(_move_points, draw.discs(radii[some], color), x[:, some]))
-        is_dot: Any = ~is_fixed & (radii == 0)
+        is_dot: Any = ~is_fixed & (radii == 0) & ~np.isin(np.arange(x.shape[1]), self.hidden)
         for some, style in ((is_fixed, {"color": "k", "marker": "^"}), (is_dot, {"color": "C0", "marker": "o"})):
             if some.any():
                 dots = draw.line(linestyle="none", markersize=size, zorder=3, **style)
@@ -196,7 +206,7 @@ def _axes_of(figure: Any, low: np.ndarray, high: np.ndarray, labels: tuple[str, 
     else:
         axes = figure.add_subplot(projection="3d")
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-        axes.set_box_aspect(high - low, zoom=0.95)
+        axes.set_box_aspect(high - low, zoom=0.95 if high[2] - low[2] < 0.7 * (high - low).max() else 0.83)
     axes.autoscale(False)
     for direction, label in zip("xyz"[: low.size], labels, strict=False):
         axis = getattr(axes, f"{direction}axis")
@@ -236,6 +246,13 @@ class _Plane:
         )
         discs.set_offset_transform(self.axes.transData)
         return self.axes.add_collection(discs, autolim=False).set_offsets
+
+    def faces(self) -> Callable[[np.ndarray], None]:
+        """Add a surface; return the function that moves the corners of its faces."""
+        from matplotlib.collections import PolyCollection
+
+        faces = PolyCollection([], facecolor=_FACE, edgecolor="0.35", linewidth=0.4, zorder=1.5)
+        return self.axes.add_collection(faces, autolim=False).set_verts
 
     def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
         """Fill the side that is not free, far beyond the limits of the axes."""
@@ -277,6 +294,22 @@ class _Space:
         self.axes.add_collection3d(discs)
         return lambda x: discs.set_verts(x[:, None] + outline)
 
+    def faces(self) -> Callable[[np.ndarray], None]:
+        """Add a surface; return the function that moves the corners of its faces."""
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        faces = Poly3DCollection(np.zeros((1, 3, 3)), linewidth=0, antialiased=False, zorder=1.5)
+        self.axes.add_collection3d(faces)
+        self.axes.computed_zorder = False  # a large plane would otherwise cover what lies on it
+
+        def move(corners: np.ndarray) -> None:
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            light = np.abs(normals @ _LIGHT) / np.linalg.norm(normals, axis=-1)
+            faces.set_verts(corners)
+            faces.set_facecolor((0.2 + 0.8 * light[:, None]) * _FACE)
+
+        return move
+
     def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
         """Draw the part of the plane inside the box."""
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -289,5 +322,5 @@ class _Space:
         cuts = np.array([(corners[i] * above[j] - corners[j] * above[i]) / (above[j] - above[i]) for i, j in edges])
         first = cuts[0] - cuts.mean(axis=0)
         around = np.arctan2((cuts - cuts.mean(axis=0)) @ np.cross(normal, first), (cuts - cuts.mean(axis=0)) @ first)
-        patch = Poly3DCollection([cuts[np.argsort(around)]], facecolor="0.8", alpha=0.5)
+        patch = Poly3DCollection([cuts[np.argsort(around)]], facecolor="0.8", alpha=0.5, zorder=0)
         self.axes.add_collection3d(patch)

@@ -24,6 +24,18 @@ def add(a, b):
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
+def subtract(a, b):
+    """The difference a - b."""
+    return tuple(x - y for x, y in zip(a, b, strict=True))
+
+
+def turn(a, b):
+    """The vector product of two vectors; in a plane it is one number, along the normal."""
+    if len(a) == 2:
+        return (a[0] * b[1] - a[1] * b[0],)
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
 def cross(w, a):
     """The vector product of a rate of rotation with a vector; in a plane the rate is one number, about the normal."""
     if len(a) == 2:
@@ -55,6 +67,23 @@ def _add(a, b):
         1: lambda a, b: (a[0] + b[0],),
         2: lambda a, b: (a[0] + b[0], a[1] + b[1]),
         3: lambda a, b: (a[0] + b[0], a[1] + b[1], a[2] + b[2]),
+    }[a.count]
+
+
+@overload(subtract, jit_options=_INLINED)
+def _subtract(a, b):
+    return {
+        1: lambda a, b: (a[0] - b[0],),
+        2: lambda a, b: (a[0] - b[0], a[1] - b[1]),
+        3: lambda a, b: (a[0] - b[0], a[1] - b[1], a[2] - b[2]),
+    }[a.count]
+
+
+@overload(turn, jit_options=_INLINED)
+def _turn(a, b):
+    return {
+        2: lambda a, b: (a[0] * b[1] - a[1] * b[0],),
+        3: lambda a, b: (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]),
     }[a.count]
 
 

@@ -1,10 +1,12 @@
 """Scenes: masses and the effects on them. A scene is compiled to a problem with code for exactly these effects.
 
-`scene` has the classes that a user works with and `effect` the base classes of effects. `assembly` groups the effects,
-`packing` arranges their parameters in one array, and `codegen` writes and compiles the code. `fields` checks the names
-of an effect's fields, and `names` makes the names in the code.
+`scene` has the classes that a user works with, and `effect` and `cell` the base classes of effects. `mesh` finds edges
+and surfaces of meshes. `assembly` groups the effects, `packing` arranges their parameters in one array, and `codegen`
+writes and compiles the code, with `mesh_text` for the loops over cells. `fields` checks the names of an effect's
+fields, and `names` makes the names in the code.
 """
 
+from .mesh import edges, hinges
 from .scene import Points, Scene
 
-__all__ = ["Points", "Scene"]
+__all__ = ["Points", "Scene", "edges", "hinges"]

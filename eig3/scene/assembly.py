@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from .cell import Cell
 from .effect import FORCES, RESETS, Body, Effect, Link, Motion
 from .names import words
 
@@ -39,11 +40,14 @@ class Cloud:
     masses : ndarray, shape (points,)
         kg; 0 for fixed points.
     positions, velocities : ndarray, shape (points, dimension)
+    rest : ndarray, shape (points, dimension)
+        The positions in which cells have their shape at rest.
     """
 
     masses: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
+    rest: np.ndarray
 
     @cached_property
     def free(self) -> np.ndarray:
@@ -139,6 +143,39 @@ class Group:
         return replace(self, laws=laws, **parts)
 
 
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Cells of one kind.
+
+    Attributes
+    ----------
+    law : Law
+    corners : ndarray of int, shape (points of a cell, cells)
+        Indices of masses; from the number of masses on they stand for `Supports`.
+    held : bool
+        Whether every cell has a support; otherwise none has.
+    """
+
+    law: Law
+    corners: np.ndarray
+    held: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Supports:
+    """The fixed points of cells.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (supports, dimension)
+    moved : list of (int, ndarray of int, shape (supports,))
+        A law of motion, and 1 + the member of the law that moves each support, or 0.
+    """
+
+    positions: np.ndarray
+    moved: list[tuple[int, np.ndarray]]
+
+
 @dataclass(frozen=True)
 class Assembly:
     """The content of a scene's code: its masses, groups of effects, and motions of supports.
@@ -150,6 +187,8 @@ class Assembly:
     cloud: Cloud
     bodies: list[Group]
     links: list[Group]
+    meshes: list[Mesh]
+    supports: Supports
     motions: list[Law]
     events: list[str]
     states: list[str]
@@ -176,12 +215,13 @@ class Assembly:
 
     @property
     def laws(self) -> list[Law]:
-        return [law for group in self.bodies + self.links for law in group.laws]
+        return [*(law for group in self.bodies + self.links for law in group.laws), *(mesh.law for mesh in self.meshes)]
 
     @property
     def is_conservative(self) -> bool:
         """Whether the sum of the kinetic energy and the potentials is constant."""
-        return all(law.is_conservative for law in self.laws) and not any(group.motions for group in self.links)
+        moves = bool(self.supports.moved) or any(group.motions for group in self.links)
+        return all(law.is_conservative for law in self.laws) and not moves
 
     @property
     def reads_velocity(self) -> bool:
@@ -206,7 +246,8 @@ def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> As
     motions, moves = _motions(cloud, placements)
     bodies = _fused(_body_groups(cloud, placements))
     links = _fused(_link_groups(cloud, placements, moves))
-    assembly = Assembly(cloud, bodies, links, motions, events, states, follows_work=False)
+    meshes, supports = _meshes(cloud, placements, moves)
+    assembly = Assembly(cloud, bodies, links, meshes, supports, motions, events, states, follows_work=False)
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
@@ -333,6 +374,39 @@ def _link_groups(cloud: Cloud, placements: Sequence[Placement], moves: _Moves) -
     return [part for groups in kinds.values() for part in _split(_joined(groups))]
 
 
+def _meshes(cloud: Cloud, placements: Sequence[Placement], moves: _Moves) -> tuple[list[Mesh], Supports]:
+    """Return the cells of each kind, those with supports apart from those without, and their supports."""
+    kinds: dict[Any, list[tuple[Law, np.ndarray]]] = {}
+    for effect, numbers, columns in placements:
+        if isinstance(effect, Cell):
+            kinds.setdefault(_kind(effect), []).append((Law(effect, columns or {}), np.array(numbers)))
+    corners = [cells for kind in kinds.values() for _, cells in kind]
+    used = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(cells.ravel() for cells in corners)]))
+    fixed = used[cloud.masses[used] == 0]
+    index = cloud.free.copy()
+    index[fixed] = np.count_nonzero(cloud.masses) + np.arange(fixed.size)
+    meshes = []
+    for kind in kinds.values():
+        whole = _joined([Group([law], cells[0]) for law, cells in kind])
+        points = np.concatenate([cells for _, cells in kind], axis=1)
+        held = (cloud.masses[points] == 0).any(axis=0)
+        for is_held in np.unique(held):
+            chosen = np.flatnonzero(held == is_held)
+            meshes.append(Mesh(whole.take(chosen).laws[0], index[points[:, chosen]], bool(is_held)))
+    return meshes, Supports(cloud.positions[fixed], _moved(fixed, moves))
+
+
+def _moved(fixed: np.ndarray, moves: _Moves) -> list[tuple[int, np.ndarray]]:
+    """Return the laws of motion of some points, with their members: see `Supports`. A law may move a point twice."""
+    found: dict[tuple[int, int], np.ndarray] = {}
+    for k, point in enumerate(fixed.tolist()):
+        pattern = moves.patterns[moves.pattern[point]]
+        for c, law in enumerate(pattern):
+            table = found.setdefault((law, pattern[:c].count(law)), np.zeros(fixed.size, dtype=np.int64))
+            table[k] = 1 + moves.members[point, c]
+    return [(law, members) for (law, _), members in found.items()]
+
+
 def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Group, np.ndarray]:
     """Turn links so that the fixed end, or else the mass with the lower index, comes first.
 
@@ -427,6 +501,8 @@ def note(assembly: Assembly) -> str:
     for group in assembly.bodies + assembly.links:
         for law in group.laws:
             acting[law.effect.title] += group.first.size
+    for mesh in assembly.meshes:
+        acting[mesh.law.effect.title] += mesh.corners.shape[1]
     lines += [f"{count} x {title}" for title, count in acting.items()]
     if assembly.events:
         others = f" to {assembly.events[-1]!r}" * (len(assembly.events) > 1)

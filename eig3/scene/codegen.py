@@ -30,9 +30,10 @@ from ..kernels.compile.jit import element
 from ..kernels.compile.source import define
 from .assembly import STATE, Assembly
 from .effect import FORCES, RESETS
+from .mesh_text import MeshText
 from .packing import Block, Column, Packing, Symbols, entry
 
-_BODY, _LINK = FORCES[:2], FORCES[2:]
+_BODY, _LINK = FORCES[:2], FORCES[2:4]
 _TINY = (
     2.0**-1000
 )  # added under a root to avoid a division by 0 where points coincide; too small to change other values
@@ -56,6 +57,7 @@ def compiled(assembly: Assembly) -> tuple[Any, Any, dict[str, Event], np.ndarray
     """
     packing = Packing(assembly)
     source = _Source(assembly, packing)
+    source.supports()
     if assembly.follows_work:
         source.power()
     source.rhs()
@@ -125,6 +127,7 @@ class _Source:
         self._motions, self._blocks = packing.motions, packing.bodies + packing.links
         self._bodies = _acting(packing.bodies, _BODY)
         self._links = _acting(packing.links, _LINK)
+        self._meshes = MeshText(assembly, packing)
         self.occasions: list[_Occasion] = []
         self._lines: list[str] = []
         self._depth = 0
@@ -133,6 +136,12 @@ class _Source:
         return "\n".join(self._lines) + "\n"
 
     # The functions
+
+    def supports(self) -> None:
+        """Write the functions of the places and velocities of the corners of cells, if cells have supports."""
+        for head, lines in self._meshes.functions():
+            with self._function(head, ()):
+                self._write_all(lines)
 
     def rhs(self) -> None:
         """Write the function of the accelerations."""
@@ -150,6 +159,7 @@ class _Source:
                     self._rows(block)
                 elif block is not row and block not in holding:
                     self._pairs(block)
+            self._write_all(self._meshes.forces())
             for k in range(self._coordinates, self._work):  # the states
                 self._write(f"a[{k}] = 0.0")
             if self._follows_work:
@@ -180,6 +190,7 @@ class _Source:
                     self._pull(block, s, i, j)
                     for axis in self._axes:
                         self._write(f"total -= f{axis} * {self._support('v', block, axis, s)}")
+            self._write_all(self._meshes.power())
             self._write("return total")
 
     def energy(self) -> None:
@@ -198,6 +209,7 @@ class _Source:
             for block in self._some(self._links, has_potential=True):
                 with self._near_members(block, "potential") as (s, i, j):
                     self._potentials(block, s, self._length(block, s, i, j, "potential"))
+            self._write_all(self._meshes.potentials())
             self._write("return total")
 
     def events(self) -> None:
@@ -571,6 +583,10 @@ class _Source:
 
     def _write(self, line: str) -> None:
         self._lines.append("    " * self._depth + line)
+
+    def _write_all(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            self._write(line)
 
     @contextmanager
     def _indented(self, head: str) -> Iterator[None]:

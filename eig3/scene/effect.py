@@ -18,13 +18,13 @@ from ..kernels.compile.jit import compiled
 from ..kernels.compile.numba_internals import Jitted, gist, return_type
 from .fields import annotations_of, check_fields
 
-#: The functions that cause accelerations.
-FORCES = ("force", "acceleration", "tension", "density")
+#: The functions that cause accelerations: those of a `Body`, of a `Link` and of a `Cell`.
+FORCES = ("force", "acceleration", "tension", "density", "forces", "torque", "stress")
 #: The functions that change the state where the event of an effect occurs.
 RESETS = ("velocity_after", "rate_after", "state_after")
 
 _DRAWN = {"plane": ("normal", "offset"), "discs": ("reach",)}  # the fields that a picture needs
-_REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
+REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
 _OF_BODY = ("t", "x", "v", "m", "state")
 _OF_LINK = ("t", "r", "rate", "state")
 _ARRAY = numba.types.Array(numba.float64, 1, "C", readonly=True)
@@ -69,7 +69,8 @@ class Effect:
     picture : str
         What animations draw: of a `Link` a "line", a "spring", a "string" until its state is no longer 0, "discs"
         around its ends that touch at the distance of the field reach, or nothing for ""; of a `Body` a "plane" with the
-        fields normal and offset, or nothing. "weight" draws scenes of one dimension upright.
+        fields normal and offset, or nothing; of a `Cell` of three or four points the "surface" of its mesh, or nothing.
+        "weight" draws scenes of one dimension upright.
     """
 
     dimensions: ClassVar[tuple[int, ...]] = (1, 2, 3)
@@ -258,21 +259,33 @@ class Effect:
 
     def _compile(self, name: str, function: Any, dimension: int) -> None:
         """Compile a function for the arguments that a scene gives it, so that an error names the function."""
-        sizes = {field: self.components(field, dimension) for field in self.vectors}
-        sizes |= {argument: dimension for argument in ("x", "v") if argument in self.offers[name]}
-        given: dict[str, Any] = {x: numba.types.UniTuple(numba.float64, size) for x, size in sizes.items()}
-        given |= dict.fromkeys(self.arrays, _ARRAY)
+        given = self._argument_types(name, dimension)
         types = tuple(given.get(argument, numba.float64) for argument in arguments(function))
         try:
             returned = return_type(compiled(function, types))
         except Exception as error:
             raise TypeError(f"{name} of {self.title} does not compile: {gist(error)}.") from error
+        self._check_returned(name, returned, dimension)
+
+    def _argument_types(self, name: str, dimension: int) -> dict[str, Any]:
+        """Return the types of those arguments of a function that are not numbers."""
+        sizes = {field: self.components(field, dimension) for field in self.vectors}
+        sizes |= {argument: dimension for argument in ("x", "v") if argument in self.offers[name]}
+        given: dict[str, Any] = {x: numba.types.UniTuple(numba.float64, size) for x, size in sizes.items()}
+        return given | dict.fromkeys(self.arrays, _ARRAY)
+
+    def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
+        """Refuse a function that returns another type than a scene needs."""
         vectors = dict.fromkeys(("force", "acceleration", "velocity_after"), dimension)
         numbers = {**vectors, "motion": 2}.get(name)
         parts = [returned] if numbers is None else list(returned) if isinstance(returned, numba.types.BaseTuple) else []
-        if len(parts) != (numbers or 1) or not all(isinstance(unliteral(part), _REAL) for part in parts):
+        if len(parts) != (numbers or 1) or not all(isinstance(unliteral(part), REAL) for part in parts):
             wanted = "a number" if numbers is None else f"a tuple of {numbers} number{'s' * (numbers > 1)}"
             raise TypeError(f"{name} of {self.title} must return {wanted} here, not {unliteral(returned)}.")
+
+    def shape_columns(self, rest: list[np.ndarray]) -> dict[str, np.ndarray]:
+        """Return further columns, which follow from the positions at rest; see `Cell`."""
+        return {}
 
     def check_points(
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]

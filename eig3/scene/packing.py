@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .assembly import EVENT, STATE, Assembly, Group, Law
+from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
 from .names import identifier, words
 
@@ -134,6 +134,10 @@ class Symbols:
         values = (self._value(name, member, offered) for name in arguments(self.functions[function]))
         return f"{self.names[function]}({', '.join(values)})"
 
+    def value(self, name: str, member: str) -> str:
+        """Return the source of one member's parameter."""
+        return self._value(name, member, {})
+
     def cutoff_of(self, member: str) -> str:
         """Return the source of one member's cutoff."""
         return self._value(self.cutoff, member, {})
@@ -183,6 +187,35 @@ class Block:
         return any(law.reads(name, *functions) for law in self.laws)
 
 
+@dataclass(frozen=True, eq=False)
+class MeshBlock:
+    """Cells of one kind in the source: their law, and the table of their corners in p.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    law : Symbols
+    table : int
+        The place of the first corners of all cells in p; the second corners follow, and so on.
+    """
+
+    mesh: Mesh
+    law: Symbols
+    table: int
+
+    @property
+    def size(self) -> int:
+        return self.mesh.corners.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class SupportTable:
+    """The fixed points of cells in p: their positions, and laws of motion with 1 + the member for each point, or 0."""
+
+    positions: Column
+    moved: list[tuple[int, Column]]
+
+
 class Packing:
     """The parameters and functions of a scene, and the blocks that refer to them.
 
@@ -194,12 +227,16 @@ class Packing:
         Inverse masses.
     motions : list of Symbols
     bodies, links : list of Block
+    meshes : list of MeshBlock
+    supports : SupportTable or None
+        None if no cell has a fixed point.
     """
 
     def __init__(self, assembly: Assembly) -> None:
         self._parts: list[np.ndarray] = []
         # the names with an underscore in every source; `_name` makes no name without one
         self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}
+        self._names |= {"corner_place", "corner_speed"}
         self._names |= {
             f"{axis}_{name}_{number}"
             for axis in "xyz"
@@ -212,6 +249,12 @@ class Packing:
         self.motions = [self._symbols(law) for law in assembly.motions]
         self.bodies = [self._block(group) for group in assembly.bodies]
         self.links = [self._block(group) for group in assembly.links]
+        self.meshes = [MeshBlock(mesh, self._symbols(mesh.law), self._add(mesh.corners)) for mesh in assembly.meshes]
+        self.supports = None
+        if assembly.supports.positions.size:
+            positions = self._column(assembly.supports.positions, is_place=True)
+            moved = [(law, self._column(members)) for law, members in assembly.supports.moved]
+            self.supports = SupportTable(positions, moved)
 
     @property
     def params(self) -> np.ndarray:

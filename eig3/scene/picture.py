@@ -1,4 +1,4 @@
-"""What an animation of a scene shows: its points, links, supports and planes, as they were described."""
+"""What an animation of a scene shows: its points, links, faces, supports and planes, as they were described."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 
 from ..animation import Mechanism
 from .assembly import STATE, Cloud, Placement
+from .cell import Cell
 from .effect import Body, Link, Motion, arguments
+from .mesh import surface
 
 _TRAILS = 3  # masses of a scene with trails, at most
 _PLANES = 20  # planes of effects that are drawn, at most
@@ -73,18 +75,35 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
                     links[ends] = effect.picture
                 if effect.picture == "string":
                     strings[ends] = first_state + int((columns or {})[STATE][k])
-    order = list(links)
+    faces, hidden = _surfaces(placements)
+    inside = set(hidden.tolist())
+    order = [ends for ends in links if not inside.issuperset(ends)]
     return Mechanism(
         places=Places(cloud.positions, cloud.free, upright, _moves(placements)),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
+        faces=faces,
+        hidden=hidden,
         fixed=np.flatnonzero(cloud.free < 0),
         radii=radii,
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
         planes=_planes(placements, radii, masses, dimension, upright),
         labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
     )
+
+
+def _surfaces(placements: Sequence[Placement]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangles of sheets and around solids, and all points of these sheets and solids."""
+    meshes = [
+        np.column_stack(numbers)
+        for effect, numbers, _ in placements
+        if isinstance(effect, Cell) and effect.picture == "surface"
+    ]
+    sizes = {cells.shape[1] for cells in meshes}
+    whole = [surface(np.concatenate([cells for cells in meshes if cells.shape[1] == size])) for size in sizes]
+    faces = np.concatenate([np.empty((0, 3), dtype=np.int64), *whole])
+    return faces, np.unique(np.concatenate([faces.ravel(), *(cells.ravel() for cells in meshes)]))
 
 
 def _moves(placements: Sequence[Placement]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:

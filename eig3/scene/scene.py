@@ -13,7 +13,9 @@ from ..functions.checks import check_span, reals
 from ..problem import Problem
 from . import codegen
 from .assembly import Cloud, Placement, assemble, count_states, note, numbered, sources
+from .cell import Cell, same_points
 from .effect import Effect
+from .mesh import check_cells, is_fixed, lumped
 from .picture import mechanism
 
 __all__ = ["Points", "Scene"]
@@ -100,7 +102,7 @@ class Scene:
         if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension not in (1, 2, 3):
             raise ValueError(f"dimension must be 1, 2 or 3, not {dimension!r}.")
         self.dimension = int(dimension)
-        self._parts: list[Any] = []  # masses, positions and velocities, in the order of the points' numbers
+        self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
         self._placements: list[Placement] = []
 
@@ -159,7 +161,8 @@ class Scene:
             Its parameters are numbers, or arrays with one number for each of the points or pairs of points.
         *points : Points
             A `Body` takes masses; without them it acts on all masses of the scene. A `Link` takes its two ends, as
-            points of the same shape or as one point for many. A `Motion` takes fixed points.
+            points of the same shape or as one point for many. A `Motion` takes fixed points. A `Cell` takes the points
+            of each of its corners, in the same way as a link.
 
         Raises
         ------
@@ -177,13 +180,79 @@ class Scene:
             return
         columns = effect.columns(numbers[0].shape, self.dimension)
         flat = tuple(array.ravel() for array in numbers)
-        if len(flat) == 2 and (flat[0] == flat[1]).any():
+        if same_points(flat):
             raise ValueError(f"{effect.title} joins a point to itself.")
         cloud = self._cloud()
+        columns |= effect.shape_columns([cloud.rest[i] for i in flat])
         effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat], columns)
         if not flat[0].size:
             return
         self._placements.append((effect, flat, columns))
+
+    def add_mesh(
+        self,
+        points: ArrayLike,
+        cells: ArrayLike,
+        effect: Cell,
+        *,
+        density: ArrayLike,
+        velocity: ArrayLike = 0.0,
+        fixed: ArrayLike = (),
+        rest: ArrayLike | None = None,
+    ) -> Points:
+        """Add the points and the cells of a mesh, such as the triangles of a sheet or the tetrahedra of a solid.
+
+        Each point gets an equal part of the masses of the cells around it, which are the products of their density and
+        volume at rest; the volume of a triangle is its area times the thickness of the effect. To add an effect to some
+        points of a mesh, index what is returned, as in ``scene.add(effect, *sheet[eig3.scene.edges(cells)])``.
+
+        Parameters
+        ----------
+        points : array_like, shape (points, dimension)
+            Their positions at the start, m, as in ``meshio.Mesh.points``.
+        cells : array_like of int, shape (cells, corners)
+            The numbers of the corners of each cell, as in ``meshio.CellBlock.data``. Every point belongs to a cell.
+        effect : Triangle or Tetrahedron
+            Its parameters are numbers, or arrays with one number for each cell.
+        density : float or array_like, shape (cells,)
+            kg/m^3.
+        velocity : array_like, shape (points, dimension), optional
+            m/s; 0 if not given.
+        fixed : array_like of int, or of bool with shape (points,)
+            The points that do not move, unless a `Motion` moves them.
+        rest : array_like, shape (points, dimension), optional
+            The positions in which no cell has a stress, m, if not those at the start. Other cells on these points, such
+            as those of `HingeBending`, take their shape at rest from them too.
+
+        Returns
+        -------
+        Points
+            Of shape (points,).
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the arrays do not match each other or the effect, or a cell is degenerate or inverted at rest. The error
+            names the argument, or the effect and the cell.
+        """
+        if not isinstance(effect, Cell) or not effect.extent:
+            raise TypeError("effect of add_mesh must be a Triangle or a Tetrahedron: it has a volume, and thus a mass.")
+        effect.check(self.dimension)
+        places = self._vectors(points, "points of a mesh")
+        if places.ndim != 2:
+            raise ValueError(f"points of a mesh must have the shape (points, {self.dimension}), not {places.shape}.")
+        corners = check_cells(cells, effect.takes[0], len(places))
+        at_rest = places if rest is None else self._vectors(rest, "rest of a mesh")
+        if at_rest.shape != places.shape:
+            raise ValueError(f"rest of a mesh must have the shape {places.shape} of its points, not {at_rest.shape}.")
+        volumes = effect.shape_columns(list(at_rest[corners.T]))[effect.extent]
+        m = lumped(corners, volumes, density, len(places))
+        m[is_fixed(fixed, len(places))] = 0.0
+        zero = np.ndim(velocity) == 0 and velocity == 0
+        speeds = np.zeros_like(places) if zero else self._vectors(velocity, "velocity of a mesh")
+        mesh = self._added(places, m, _spread(speeds, places.shape, "velocity"), at_rest)
+        self.add(effect, *mesh[corners.T])
+        return mesh
 
     def problem(self, t_span: Sequence[float], *, name: str = "scene", work: bool = False) -> Problem:
         """Compile the scene as it is now.
@@ -245,11 +314,14 @@ class Scene:
             raise ValueError(f"{name} must be finite.")
         return vectors
 
-    def _added(self, position: np.ndarray, m: np.ndarray, velocity: np.ndarray) -> Points:
+    def _added(
+        self, position: np.ndarray, m: np.ndarray, velocity: np.ndarray, rest: np.ndarray | None = None
+    ) -> Points:
         numbers = np.arange(self._count, self._count + m.size).reshape(m.shape)
         self._count += m.size
         rows = (m.size, self.dimension)
-        self._parts.append((m.ravel(), position.reshape(rows), velocity.reshape(rows)))
+        rest = position if rest is None else rest
+        self._parts.append((m.ravel(), position.reshape(rows), velocity.reshape(rows), rest.reshape(rows)))
         return Points(self, _constant(numbers))
 
     def _cloud(self) -> Cloud:
@@ -257,7 +329,7 @@ class Scene:
         if len(self._parts) > 1:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
         if not self._parts:
-            return Cloud(np.empty(0), np.empty((0, self.dimension)), np.empty((0, self.dimension)))
+            return Cloud(np.empty(0), *(np.empty((0, self.dimension)) for _ in range(3)))
         return Cloud(*self._parts[0])
 
     def _numbers_of(self, points: Sequence[Points], effect: Effect) -> list[np.ndarray]:

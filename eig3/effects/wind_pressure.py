@@ -1,0 +1,54 @@
+"""The force of wind on surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..kernels.compile.jit import element
+from ..scene.cell import Cell
+from .vector import add, dot, norm, scale, subtract, turn
+
+
+@dataclass(frozen=True, eq=False)
+class WindPressure(Cell):
+    """The pressure of air, still or in motion, on a triangle of a sheet, whichever side it comes from.
+
+    With the velocity w of the air relative to the middle of the triangle, the force is density / 2 (w . n)^2 times the
+    coefficient and the area, along the normal n on the leeward side. There is no friction along the sheet.
+
+    Parameters
+    ----------
+    density : float or array_like
+        Of the air, kg/m^3.
+    wind : array_like, shape (3,) or (..., 3)
+        Velocity of the air, m/s.
+    coefficient : float or array_like
+        Of the pressure: the difference between the two sides in wind across the sheet, divided by density / 2 |w|^2.
+
+    Raises
+    ------
+    ValueError
+        For density or coefficient below 0.
+    """
+
+    density: ArrayLike
+    wind: ArrayLike
+    coefficient: ArrayLike = 1.0
+
+    takes = (3,)
+    dimensions = (3,)
+    vectors = ("wind",)
+    nonnegative = ("density", "coefficient")
+    source = "pressure of the velocity across the sheet, as in computer graphics"
+
+    @staticmethod
+    @element
+    def forces(x, v, density, wind, coefficient):
+        normal = turn(subtract(x[1], x[0]), subtract(x[2], x[0]))  # its length is twice the area
+        along = dot(subtract(wind, scale(1 / 3, add(v[0], add(v[1], v[2])))), normal)
+        length = norm(normal)
+        push = coefficient * density * along * abs(along) / (12 * length * length) if length > 0 else 0.0
+        force = scale(push, normal)
+        return force, force, force

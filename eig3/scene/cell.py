@@ -1,0 +1,144 @@
+"""The base class of effects on cells: several points together, such as an angle, a triangle or a tetrahedron."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+from typing import Any, ClassVar
+
+import numba
+import numpy as np
+from numba.types import unliteral
+
+from ..kernels.compile.jit import compiled
+from ..kernels.compile.numba_internals import return_type
+from .effect import REAL, Effect, arguments
+from .fields import check_fields
+
+
+class Cell(Effect):
+    """An effect on cells, each of which has the same number of points.
+
+    The general form has ``forces``, which returns a tuple with a force for each point of the cell, and may have
+    ``potential``, an energy. They take the positions x and the velocities v of the points, each a tuple of tuples, the
+    time t, and fields; see `Body` for `vectors`, `arrays` and `nonnegative`. The forces on masses move them; those on
+    fixed points are borne by the supports::
+
+        @dataclass(frozen=True, eq=False)
+        class Pressure(Cell):
+            pressure: float  # Pa
+
+            takes = (2,)
+            dimensions = (2,)
+
+            @staticmethod
+            @eig3.jit
+            def forces(x, pressure):
+                f = pressure / 2 * (x[1][1] - x[0][1]), pressure / 2 * (x[0][0] - x[1][0])
+                return f, f
+
+    A kind of cell, such as `Angle` or `Tetrahedron`, computes one value of the points, its `variable`. An effect of
+    this kind then has the derivative of its potential with respect to this value, as its function `conjugate`, and the
+    kind makes the forces of it. This takes three compiled functions of the kind:
+
+    - ``measure(x, ...)`` returns the variable;
+    - ``pace(x, v, ...)`` returns its rate, which effects take as the argument `rate`;
+    - ``spread(x, conjugate, ...)`` returns the forces: minus the derivative of the variable with respect to each point,
+      times the conjugate.
+
+    Attributes
+    ----------
+    takes : (int,)
+        The number of points of a cell.
+    variable, conjugate : str
+        The names of the variable and of the function of the effect; empty for the general form.
+    shape : dict of str to int
+        The columns that `shape_columns` computes from the positions at rest, with their components; 0 for a number.
+    extent : str
+        The column that multiplies the potential, such as the volume of a cell; empty if nothing does.
+    """
+
+    variable: ClassVar[str] = ""
+    conjugate: ClassVar[str] = ""
+    shape: ClassVar[dict[str, int]] = {}
+    extent: ClassVar[str] = ""
+
+    offers: ClassVar[dict[str, tuple[str, ...]]] = {"forces": ("t", "x", "v"), "potential": ("x",)}
+    needs: ClassVar[tuple[str, ...]] = ("forces",)
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        check_fields(cls, Cell)
+
+    def check_points(
+        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
+    ) -> None:
+        held = np.flatnonzero(np.all([m == 0 for m in masses], axis=0))
+        if held.size:
+            raise ValueError(f"{self.title} has only fixed points in cell {held[0]}, so that it cannot move anything.")
+
+    def refuse_cells(self, wrong: np.ndarray, what: str) -> None:
+        """Raise a ValueError that names the first wrong cell, if any is. `what` says why, and the remedy."""
+        if wrong.any():
+            raise ValueError(f"cell {np.flatnonzero(wrong)[0]} of {self.title} {what}.")
+
+    def _argument_types(self, name: str, dimension: int) -> dict[str, Any]:
+        given = super()._argument_types(name, dimension)
+        points = numba.types.UniTuple(numba.types.UniTuple(numba.float64, dimension), self.takes[0])
+        sizes = {column: size for column, size in self.shape.items() if size}
+        given |= {"x": points, "v": points}
+        given |= {column: numba.types.UniTuple(numba.float64, size) for column, size in sizes.items()}
+        if self.variable and name != "measure":
+            functions = self.functions()
+            measured = self._returned("measure", functions["measure"], given)
+            given |= dict.fromkeys((self.variable, "rate", self.conjugate), measured)
+        return given
+
+    @staticmethod
+    def _returned(name: str, function: Any, given: dict[str, Any]) -> Any:
+        return unliteral(
+            return_type(compiled(function, tuple(given.get(x, numba.float64) for x in arguments(function))))
+        )
+
+    def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
+        points = (*[(0,) * dimension] * self.takes[0],)
+        given = self._argument_types(name, dimension)
+        wanted = {"potential": 0, "forces": points, "spread": points}.get(name)
+        if wanted is None:
+            wanted = _form(given.get(self.conjugate, returned))
+        if _form(returned) != wanted:
+            form = "a number" if wanted == 0 else f"a tuple of the form {wanted} here, with numbers in place of 0"
+            raise TypeError(f"{name} of {self.title} must return {form}, not {unliteral(returned)}.")
+
+
+def offers_of(variable: str, conjugate: str, shape: Iterable[str] = (), read: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return the functions of a kind of cell, and the arguments that they can take.
+
+    Parameters
+    ----------
+    variable, conjugate : str
+    shape : iterable of str
+        The columns of the shape at rest, which the functions of the kind can take.
+    read : tuple of str
+        Those of them that the functions of an effect can take.
+    """
+    return {
+        conjugate: ("t", variable, "rate", *read),
+        "potential": (variable, *read),
+        "measure": ("x", *shape),
+        "pace": ("x", "v", *shape),
+        "spread": ("x", conjugate, *shape),
+    }
+
+
+def same_points(numbers: Sequence[np.ndarray]) -> bool:
+    """Return whether a link or cell has a point twice."""
+    return any((a == b).any() for a, b in combinations(numbers, 2))
+
+
+def _form(kind: Any) -> Any:
+    """Return the nesting of a type of tuples, with 0 for each number, and None for what is neither."""
+    kind = unliteral(kind)
+    if isinstance(kind, numba.types.BaseTuple):
+        return tuple(_form(part) for part in kind)
+    return 0 if isinstance(kind, REAL) else None
