@@ -56,6 +56,7 @@ class MassContact(Link):
 
     nonnegative = ("stiffness", "reach", "damping")
     cutoff = "reach"
+    mixed = ("stiffness", "reach", "damping")
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
     picture = "discs"
 

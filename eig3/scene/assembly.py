@@ -18,6 +18,7 @@ import numpy as np
 from .cell import Cell
 from .effect import FORCES, RESETS, Body, Effect, Link, Motion
 from .names import words
+from .swarm import Swarm, joined_pairs
 
 #: The columns of the number of each member's event and of the number of its state, among all of the scene.
 EVENT, STATE = "=event", "state"
@@ -42,12 +43,15 @@ class Cloud:
     positions, velocities : ndarray, shape (points, dimension)
     rest : ndarray, shape (points, dimension)
         The positions in which cells have their shape at rest.
+    box : ndarray, shape (dimension,)
+        The sides of the periodic box, m; 0 along an axis without one.
     """
 
     masses: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
     rest: np.ndarray
+    box: np.ndarray
 
     @cached_property
     def free(self) -> np.ndarray:
@@ -181,7 +185,7 @@ class Assembly:
     """The content of a scene's code: its masses, groups of effects, and motions of supports.
 
     `events` are the names of the events, in the order in which their effects were added, and `states` the names of
-    those that have a state.
+    those that have a state. `joined` are the pairs of points that a link or a cell joins.
     """
 
     cloud: Cloud
@@ -189,6 +193,8 @@ class Assembly:
     links: list[Group]
     meshes: list[Mesh]
     supports: Supports
+    swarms: list[Swarm]
+    joined: np.ndarray
     motions: list[Law]
     events: list[str]
     states: list[str]
@@ -215,7 +221,9 @@ class Assembly:
 
     @property
     def laws(self) -> list[Law]:
-        return [*(law for group in self.bodies + self.links for law in group.laws), *(mesh.law for mesh in self.meshes)]
+        of_groups = [law for group in self.bodies + self.links for law in group.laws]
+        of_swarms = [Law(swarm.effect, swarm.columns) for swarm in self.swarms]
+        return [*of_groups, *(mesh.law for mesh in self.meshes), *of_swarms]
 
     @property
     def is_conservative(self) -> bool:
@@ -232,7 +240,9 @@ class Assembly:
         return np.concatenate([values[self.cloud.masses > 0].T.ravel(), np.zeros(len(self.states))])
 
 
-def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> Assembly:
+def assemble(
+    cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm] = (), *, work: bool = False
+) -> Assembly:
     """Group the effects of a scene.
 
     Raises
@@ -247,7 +257,9 @@ def assemble(cloud: Cloud, placements: Sequence[Placement], *, work: bool) -> As
     bodies = _fused(_body_groups(cloud, placements))
     links = _fused(_link_groups(cloud, placements, moves))
     meshes, supports = _meshes(cloud, placements, moves)
-    assembly = Assembly(cloud, bodies, links, meshes, supports, motions, events, states, follows_work=False)
+    joined = joined_pairs(placements if any(swarm.leaves_joined for swarm in swarms) else ())
+    given = bodies, links, meshes, supports, list(swarms), joined, motions, events, states
+    assembly = Assembly(cloud, *given, follows_work=False)
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
@@ -504,6 +516,7 @@ def note(assembly: Assembly) -> str:
     for mesh in assembly.meshes:
         acting[mesh.law.effect.title] += mesh.corners.shape[1]
     lines += [f"{count} x {title}" for title, count in acting.items()]
+    lines += [f"{swarm.effect.title} between all near pairs of {swarm.size} points" for swarm in assembly.swarms]
     if assembly.events:
         others = f" to {assembly.events[-1]!r}" * (len(assembly.events) > 1)
         lines.append(f"{len(assembly.events)} event{'s' * bool(others)}: {assembly.events[0]!r}{others}")

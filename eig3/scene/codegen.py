@@ -32,6 +32,7 @@ from .assembly import STATE, Assembly
 from .effect import FORCES, RESETS
 from .mesh_text import MeshText
 from .packing import Block, Column, Packing, Symbols, entry
+from .swarm_text import SwarmText
 
 _BODY, _LINK = FORCES[:2], FORCES[2:4]
 _TINY = (
@@ -74,7 +75,7 @@ def compiled(assembly: Assembly) -> tuple[Any, Any, dict[str, Event], np.ndarray
 
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-    known = {"jit": jit, "sqrt": math.sqrt, "tiny": _TINY, "index": index, "unchanged": unchanged}
+    known = {"jit": jit, "sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index, "unchanged": unchanged}
     return define(text, "scene", {**known, **dict(names)})
 
 
@@ -127,7 +128,8 @@ class _Source:
         self._motions, self._blocks = packing.motions, packing.bodies + packing.links
         self._bodies = _acting(packing.bodies, _BODY)
         self._links = _acting(packing.links, _LINK)
-        self._meshes = MeshText(assembly, packing)
+        self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing)
+        self._box = packing.box
         self.occasions: list[_Occasion] = []
         self._lines: list[str] = []
         self._depth = 0
@@ -160,6 +162,7 @@ class _Source:
                 elif block is not row and block not in holding:
                     self._pairs(block)
             self._write_all(self._meshes.forces())
+            self._write_all(self._swarms.forces())
             for k in range(self._coordinates, self._work):  # the states
                 self._write(f"a[{k}] = 0.0")
             if self._follows_work:
@@ -191,6 +194,7 @@ class _Source:
                     for axis in self._axes:
                         self._write(f"total -= f{axis} * {self._support('v', block, axis, s)}")
             self._write_all(self._meshes.power())
+            self._write_all(self._swarms.power())
             self._write("return total")
 
     def energy(self) -> None:
@@ -210,6 +214,7 @@ class _Source:
                 with self._near_members(block, "potential") as (s, i, j):
                     self._potentials(block, s, self._length(block, s, i, j, "potential"))
             self._write_all(self._meshes.potentials())
+            self._write_all(self._swarms.potentials())
             self._write("return total")
 
     def events(self) -> None:
@@ -403,6 +408,8 @@ class _Source:
                 self._motion(motion, "moved", name)
         for axis in self._axes:
             self._write(f"d{axis} = {self._difference('u', block, axis, s, i, j)}")
+            if axis in self._box:
+                self._write(f"d{axis} -= {axis}_side * rint(d{axis} / {axis}_side)")
 
     def _length(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         """Compute the values that these functions of a link's laws, and its pull, need; call `_separation` first."""
@@ -603,6 +610,8 @@ class _Source:
         with self._indented(f"def {head}:"):
             if self._weight.is_uniform:
                 self._write(f"w = {self._weight.of('')}")
+            for axis, place in self._box.items():
+                self._write(f"{axis}_side = p[{place}]")
             for number in sorted({number for block in links for number in block.group.motions}):
                 motion = self._motions[number]
                 for line in motion.constants("motion"):

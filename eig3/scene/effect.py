@@ -384,6 +384,8 @@ class Link(Effect):
         The name of a field that holds a distance from which on all functions of the link are 0. Such links are skipped
         before their distance is computed, which makes contacts between many pairs of masses fast. Empty for links
         without a cutoff.
+    mixed : tuple of str
+        The fields that can have a value for each point of a group: see `Scene.add`.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -392,6 +394,7 @@ class Link(Effect):
     }
     needs: ClassVar[tuple[str, ...]] = ("tension", "density", "event")
     takes: ClassVar[tuple[int, ...]] = (2,)
+    mixed: ClassVar[tuple[str, ...]] = ()
     picture: ClassVar[str] = "line"
 
     def check_points(

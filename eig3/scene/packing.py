@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ..kernels import neighbours
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
 from .names import identifier, words
+from .swarm import Listing, Swarm, listed
 
 
 @dataclass(frozen=True)
@@ -209,6 +211,14 @@ class MeshBlock:
 
 
 @dataclass(frozen=True, eq=False)
+class SwarmBlock:
+    """A link between near points in the source: its law with the fields that all pairs share, and its list."""
+
+    law: Symbols
+    listing: Listing
+
+
+@dataclass(frozen=True, eq=False)
 class SupportTable:
     """The fixed points of cells in p: their positions, and laws of motion with 1 + the member for each point, or 0."""
 
@@ -230,6 +240,9 @@ class Packing:
     meshes : list of MeshBlock
     supports : SupportTable or None
         None if no cell has a fixed point.
+    swarms : list of SwarmBlock
+    box : dict of str to int
+        The places of the sides of the periodic box, by the axes that have one.
     """
 
     def __init__(self, assembly: Assembly) -> None:
@@ -237,6 +250,7 @@ class Packing:
         # the names with an underscore in every source; `_name` makes no name without one
         self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}
         self._names |= {"corner_place", "corner_speed"}
+        self._names |= {f"{axis}_{name}" for axis in "xyz" for name in ("here", "rate", "sum", "side")}
         self._names |= {
             f"{axis}_{name}_{number}"
             for axis in "xyz"
@@ -255,6 +269,19 @@ class Packing:
             positions = self._column(assembly.supports.positions, is_place=True)
             moved = [(law, self._column(members)) for law, members in assembly.supports.moved]
             self.supports = SupportTable(positions, moved)
+        self.box = {axis: self._add(side) for axis, side in zip("xyz", assembly.cloud.box, strict=False) if side > 0}
+        self.swarms = [self._swarm(assembly, swarm) for swarm in assembly.swarms]
+        if self.swarms:
+            refresh = neighbours.refreshing(assembly.dimension)
+            self.functions |= {"refresh": refresh, "floats": neighbours.floats, "integers": neighbours.integers}
+
+    def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:
+        law = self._symbols(Law(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))
+        pairs = assembly.joined if swarm.leaves_joined else assembly.joined[:0]
+        u0 = assembly.start(assembly.cloud.positions)
+        listing = listed(swarm, sum(part.size for part in self._parts), assembly.cloud, u0, pairs)
+        self._add(listing.values)
+        return SwarmBlock(law, listing)
 
     @property
     def params(self) -> np.ndarray:

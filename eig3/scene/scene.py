@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.checks import check_span, reals
+from ..functions.checks import check_count, check_flag, check_span, reals
 from ..problem import Problem
 from . import codegen
 from .assembly import Cloud, Placement, assemble, count_states, note, numbered, sources
 from .cell import Cell, same_points
-from .effect import Effect
+from .effect import Effect, Link
 from .mesh import check_cells, is_fixed, lumped
 from .picture import mechanism
+from .swarm import Swarm, check_swarm
 
 __all__ = ["Points", "Scene"]
 
@@ -91,17 +92,22 @@ class Scene:
     Parameters
     ----------
     dimension : {1, 2, 3}
+    box : sequence of float or None, shape (dimension,), optional
+        The sides of a box that repeats itself without end, m; None or 0 along an axis without repetition. A link acts
+        between the nearest images of its points. u does not jump where a point leaves the box.
 
     Raises
     ------
     ValueError
-        If dimension is not 1, 2 or 3.
+        If dimension is not 1, 2 or 3, or the box does not have a side for each dimension.
     """
 
-    def __init__(self, dimension: int) -> None:
+    def __init__(self, dimension: int, box: Sequence[float | None] | None = None) -> None:
         if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension not in (1, 2, 3):
             raise ValueError(f"dimension must be 1, 2 or 3, not {dimension!r}.")
         self.dimension = int(dimension)
+        self._box = self._check_box(box)
+        self._swarms: list[Swarm] = []
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
         self._placements: list[Placement] = []
@@ -152,7 +158,14 @@ class Scene:
         shape = position.shape[:-1]
         return self._added(position, _spread(m, shape, "m"), _spread(velocity, position.shape, "velocity"))
 
-    def add(self, effect: Effect, *points: Points) -> None:
+    def add(
+        self,
+        effect: Effect,
+        *points: Points,
+        near: Points | None = None,
+        leaves_joined: bool = False,
+        room: int | None = None,
+    ) -> None:
         """Add an effect on some points.
 
         Parameters
@@ -164,6 +177,18 @@ class Scene:
             points of the same shape or as one point for many. A `Motion` takes fixed points. A `Cell` takes the points
             of each of its corners, in the same way as a link.
 
+            A `Link` with a cutoff also takes one array of points, and then acts between all pairs of them. The compiled
+            code keeps a list of the pairs that are near each other, so that the time of a step grows as the number of
+            points. Its parameters are numbers; those in `Link.mixed` may have a value for each point, and a pair has
+            the mean of the values of its points.
+        near : Points, optional
+            The link acts between all pairs of a point and one of these. Only the former can have values of their own.
+        leaves_joined : bool
+            Leave out pairs that a link or a cell of the scene joins, such as neighbours in a cloth.
+        room : int, optional
+            The number of pairs of each point for which there is memory. By default it is twice that at the start, and
+            at least that of a dense packing. A run raises a ValueError when it needs more.
+
         Raises
         ------
         TypeError, ValueError
@@ -174,6 +199,13 @@ class Scene:
             raise TypeError(f"effect must be an effect with parameters, such as LinearSpring(10.0), not {given}.")
         effect.check(self.dimension)
         effect = effect.snapshot()
+        if isinstance(effect, Link) and len(points) == 1:
+            self._add_swarm(effect, points[0], near, leaves_joined, room)
+            return
+        if near is not None or leaves_joined or room is not None:
+            raise TypeError(
+                f"near, leaves_joined and room are for a link on one array of points, not for {effect.title}."
+            )
         numbers = self._numbers_of(points, effect)
         if not numbers:  # on all masses; their number is known later
             self._placements.append((effect, (), None))
@@ -188,6 +220,19 @@ class Scene:
         if not flat[0].size:
             return
         self._placements.append((effect, flat, columns))
+
+    def _add_swarm(
+        self, effect: Link, points: Points, near: Points | None, leaves_joined: bool, room: int | None
+    ) -> None:
+        groups = [self._numbers_of([handle], effect)[0] for handle in (points, near) if handle is not None]
+        first, second = groups[0].ravel(), groups[1].ravel() if len(groups) > 1 else np.empty(0, dtype=np.int64)
+        columns = effect.columns(groups[0].shape, self.dimension)
+        columns = {name: column[:1] if (column == column[0]).all() else column for name, column in columns.items()}
+        room = None if room is None else check_count(room, "room")
+        swarm = Swarm(effect, first, second, columns, check_flag(leaves_joined, "leaves_joined"), room)
+        cloud = self._cloud()
+        check_swarm(swarm, cloud.masses, cloud.positions, cloud.box)
+        self._swarms.append(swarm)
 
     def add_mesh(
         self,
@@ -285,7 +330,7 @@ class Scene:
         """
         check_span(t_span)
         cloud = self._cloud()
-        assembly = assemble(cloud, self._placements, work=work)
+        assembly = assemble(cloud, self._placements, self._swarms, work=work)
         rhs, energy, events, params = codegen.compiled(assembly)
         return Problem(
             name=name,
@@ -329,8 +374,17 @@ class Scene:
         if len(self._parts) > 1:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
         if not self._parts:
-            return Cloud(np.empty(0), *(np.empty((0, self.dimension)) for _ in range(3)))
-        return Cloud(*self._parts[0])
+            return Cloud(np.empty(0), *(np.empty((0, self.dimension)) for _ in range(3)), self._box)
+        return Cloud(*self._parts[0], self._box)
+
+    def _check_box(self, box: Sequence[float | None] | None) -> np.ndarray:
+        """Return the sides of the box, which are 0 along axes without repetition."""
+        if box is None:
+            return np.zeros(self.dimension)
+        sides = reals([0.0 if side is None else side for side in np.atleast_1d(np.array(box, dtype=object))], "box")
+        if sides.shape != (self.dimension,) or not (np.isfinite(sides) & (sides >= 0)).all():
+            raise ValueError(f"box must have {self.dimension} sides, each a positive length or None, not {box!r}.")
+        return sides
 
     def _numbers_of(self, points: Sequence[Points], effect: Effect) -> list[np.ndarray]:
         for handle in points:
@@ -339,7 +393,7 @@ class Scene:
                 raise TypeError(f"{effect.title} acts on Points of a scene, not on {type(handle).__name__}{hint}.")
             if handle.scene is not self:
                 raise ValueError(f"{effect.title} was given points of another scene.")
-        if len(points) not in effect.takes:
+        if len(points) not in effect.takes and not isinstance(effect, Link):
             takes = " or ".join(map(str, effect.takes))
             raise TypeError(f"{effect.title} takes {takes} arguments of points, not {len(points)}.")
         numbers = [handle.numbers for handle in points]

@@ -270,9 +270,9 @@ def parts_of(context: Any, builder: Any, kind: Any, array: Any) -> ArrayParts:
 
 
 def array_over(context: Any, builder: Any, kind: Any, data: Any, n: Any, stride: Any) -> Any:
-    """Return a 1-D array of n floats with a stride in bytes, over memory without reference counting."""
+    """Return a 1-D array of n numbers with a stride in bytes, over memory without reference counting."""
     array = arrayobj.make_array(kind)(context, builder)
-    itemsize = context.get_constant(numba.types.intp, 8)
+    itemsize = context.get_constant(numba.types.intp, kind.dtype.bitwidth // 8)
     arrayobj.populate_array(array, data=data, shape=[n], strides=[stride], itemsize=itemsize, meminfo=None)
     return array._getvalue()
 

@@ -1,0 +1,230 @@
+"""Links between all pairs of points that come near each other, by a list that the compiled code keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..kernels import neighbours
+from ..kernels.neighbours import Areas
+from .cell import Cell
+from .effect import Link
+
+_SKIN = 0.2  # as a part of the largest cutoff
+_LEAST_ROOM = {1: 3, 2: 8, 3: 16}  # pairs of each point: those of a dense packing, by the dimension
+_GROWTH = 2.0  # room for so many times the pairs at the start
+
+
+@dataclass(frozen=True, eq=False)
+class Swarm:
+    """A link with a cutoff between all pairs of points of a group, or of two groups.
+
+    Attributes
+    ----------
+    effect : Link
+    first, second : ndarray of int
+        The numbers of the points of the groups; there is one group if `second` is empty.
+    columns : dict of str to ndarray
+        The fields of the effect: one value, or one for each point of the first group.
+    leaves_joined : bool
+        Whether pairs are left out that another effect joins.
+    room : int or None
+        Pairs of each point for which there is memory.
+    """
+
+    effect: Link
+    first: np.ndarray
+    second: np.ndarray
+    columns: dict[str, np.ndarray]
+    leaves_joined: bool
+    room: int | None
+
+    @property
+    def size(self) -> int:
+        """The number of points."""
+        return self.first.size + self.second.size
+
+
+@dataclass(frozen=True, eq=False)
+class Members:
+    """The points of a swarm in the order of its list: masses by their index in the scene, then fixed points.
+
+    Attributes
+    ----------
+    points : ndarray of int
+        Their numbers in the scene.
+    index : ndarray of int
+        The indices of the masses.
+    group : ndarray of int
+        0 for points of the first group, 1 for those of the second.
+    place : ndarray of int
+        The place of each point among those of the first and the second group.
+    """
+
+    points: np.ndarray
+    index: np.ndarray
+    group: np.ndarray
+    place: np.ndarray
+
+    @classmethod
+    def of(cls, swarm: Swarm, free: np.ndarray) -> Members:
+        numbers = np.concatenate([swarm.first, swarm.second])
+        order = np.lexsort((free[numbers], free[numbers] < 0))
+        points = numbers[order]
+        index = free[points]
+        return cls(points, index[index >= 0], (order >= swarm.first.size).astype(int), order)
+
+
+def check_swarm(swarm: Swarm, masses: np.ndarray, positions: np.ndarray, box: np.ndarray) -> None:
+    """Check that a link can act between the points of a swarm.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it cannot. The error names the effect.
+    """
+    effect, numbers = swarm.effect, np.concatenate([swarm.first, swarm.second])
+    title = effect.title
+    if not effect.cutoff:
+        raise TypeError(f"{title} has no cutoff, so that it needs two arguments of points: the ends of each link.")
+    if "event" in effect.functions():
+        raise TypeError(f"{title} has an event, so that it needs two arguments of points: the ends of each link.")
+    if np.unique(numbers).size < numbers.size:
+        raise ValueError(f"{title} was given a point twice: the points of near must not be among the others.")
+    if not (masses[numbers] > 0).any():
+        raise ValueError(f"{title} was given fixed points only, so that it cannot move anything.")
+    for name, column in swarm.columns.items():
+        if len(column) > 1 and name not in effect.mixed:
+            able = " and ".join(effect.mixed) or "no field"
+            raise ValueError(
+                f"{name} of {title} must be a number for the pairs of a group: {able} can have a value for each point."
+            )
+    reach = swarm.columns[effect.cutoff]
+    effect.require(reach > 0, f"{effect.cutoff} must be positive")
+    if (reach.max() > box[box > 0] / 2).any():
+        raise ValueError(
+            f"{effect.cutoff} of {title} must be at most half a side of the box, {box[box > 0].min() / 2:g}."
+        )
+    if np.unique(positions[numbers], axis=0).shape[0] < numbers.size:
+        raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
+
+
+def joined_pairs(placements: Sequence[Any]) -> np.ndarray:
+    """Return the pairs of points that a link or a cell joins, of shape (pairs, 2), the smaller number first."""
+    found = [np.empty((0, 2), dtype=np.int64)]
+    for effect, numbers, _ in placements:
+        if isinstance(effect, Link | Cell):
+            ends = np.column_stack(numbers)
+            found += [ends[:, [i, j]] for i in range(ends.shape[1]) for j in range(i)]
+    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Listing:
+    """The list of a swarm in p.
+
+    Attributes
+    ----------
+    place : int
+    areas : Areas
+    points, masses, room : int
+        The numbers of points, of masses among them, and of pairs for which there is room.
+    own : dict of str to int
+        The places of the fields with a value for each point: that of a pair is the sum of those of its points.
+    begin : int
+        The index of the first mass, if the indices follow each other, or else -1.
+    values : ndarray
+        What is at the place.
+    """
+
+    place: int
+    areas: Areas
+    points: int
+    masses: int
+    room: int
+    own: dict[str, int]
+    begin: int
+    values: np.ndarray
+
+
+def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarray) -> Listing:
+    """Return the list of a swarm as it is at the start, for the place of p from which on there is room."""
+    members, dimension = Members.of(swarm, cloud.free), cloud.positions.shape[1]
+    count, n_masses = members.points.size, members.index.size
+    own, fields = _own_fields(swarm, members, place)
+    begin = place + sum(map(len, fields))
+    apart, apart_mates = _apart(members, pairs, cloud.masses.size)
+    cells, room = 2 * count + 64, int(count * (swarm.room or _LEAST_ROOM[dimension])) + 64
+    while True:
+        areas, end = Areas.of(begin, count, room, cells, apart_mates.size, dimension)
+        p = np.zeros(end)
+        p[place:begin] = np.concatenate([*fields, np.empty(0)])
+        _write(p, begin, swarm, members, cloud, areas, own, room, cells, (apart, apart_mates))
+        has_room = neighbours.refreshed(dimension, u0, p, begin)
+        found = int(_integers(p, areas.first, count + 1)[count])
+        is_enough = has_room and p[begin + neighbours.PRESENT_SKIN] == p[begin + neighbours.SKIN]
+        if is_enough and (swarm.room or _GROWTH * found <= room):
+            break
+        if swarm.room and not is_enough:
+            raise ValueError(
+                f"room of {swarm.effect.title} must be larger: more pairs are near each other at the start."
+            )
+        room = int(_GROWTH * max(found, room)) if is_enough else 2 * room
+    follows = (np.diff(members.index) == 1).all()
+    return Listing(begin, areas, count, n_masses, room, own, int(members.index[0]) if follows else -1, p[place:])
+
+
+def _own_fields(swarm: Swarm, members: Members, place: int) -> tuple[dict[str, int], list[np.ndarray]]:
+    """Return the places and the values of the fields with a value for each point.
+
+    In one group, a pair has the mean of the values of its points. Of two groups, only the first one has values.
+    """
+    own, fields = {}, []
+    for name, column in swarm.columns.items():
+        if len(column) > 1:
+            own[name] = place + sum(map(len, fields))
+            share = column / 2 if not swarm.second.size else column
+            fields.append(np.concatenate([share, np.zeros(swarm.second.size)])[members.place])
+    return own, fields
+
+
+def _apart(members: Members, pairs: np.ndarray, n_points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs of members that are left out: where the mates of each one begin, and the mates."""
+    local = np.full(n_points, -1)
+    local[members.points] = np.arange(members.points.size)
+    ends = np.sort(local[pairs], axis=1)
+    ends = ends[ends[:, 0] >= 0]
+    ends = ends[np.lexsort(ends.T[::-1])]
+    return np.searchsorted(ends[:, 0], np.arange(members.points.size + 1)), ends[:, 1]
+
+
+def _write(
+    p: np.ndarray,
+    begin: int,
+    swarm: Swarm,
+    members: Members,
+    cloud: Any,
+    areas: Areas,
+    own: dict[str, int],
+    room: int,
+    cells: int,
+    apart: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """Write what of a list does not change."""
+    count, cutoff, x = members.points.size, swarm.effect.cutoff, cloud.positions
+    widest = float(swarm.columns[cutoff].max())
+    numbers = (count, members.index.size, np.count_nonzero(cloud.masses), _SKIN * widest, swarm.second.size > 0, widest)
+    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, cells
+    p[begin + neighbours.BOX :][: x.shape[1]] = cloud.box
+    p[begin + neighbours.HEAD :][: len(areas)] = areas
+    p[areas.x :][: x.shape[1] * count] = x[members.points].T.ravel()
+    tables = {"index": members.index, "group": members.group, "apart": apart[0], "apart_mates": apart[1]}
+    for name, table in tables.items():
+        _integers(p, getattr(areas, name), table.size)[:] = table
+
+
+def _integers(p: np.ndarray, begin: int, count: int) -> np.ndarray:
+    return p[begin : begin + (count + 1) // 2].view(np.int32)[:count]
