@@ -5,8 +5,8 @@ A list has the pairs within their cutoff and a skin. It is valid until a point h
 built anew from cells. Pairs beyond their cutoff do not act, and those that act are in the order of their points. So the
 forces have the same bits whenever the list was built: it is a memo, and a run may go on from any copy of it.
 
-The method is that of L. Verlet, Physical Review 159 (1967), with the cells of R. W. Hockney and J. W. Eastwood, Computer
-Simulation Using Particles (1981).
+The method is that of L. Verlet, Physical Review 159 (1967), with the cells of R. W. Hockney and J. W. Eastwood,
+Computer Simulation Using Particles (1981).
 
 All numbers are in p, from the index `place` on: first those of `Fields`, then the areas of the sizes that `Areas` has.
 D is the number of dimensions.
@@ -193,15 +193,15 @@ def build(x, p, place, skin):
 @element
 def is_apart(apart, mates, i, j):
     """Return whether a pair is left out."""
+    found = False
     for q in range(apart[i], apart[i + 1]):
-        if mates[q] == j:
-            return True
-    return False
+        found |= mates[q] == j
+    return found
 
 
 @element
 def around(c, count, side):
-    """Return the range of steps from a cell to those beside it along an axis. A periodic one has 1 cell, or 3 at least."""
+    """Return the range of steps from a cell to those beside it along an axis. A periodic one has 1 cell, or many."""
     if side > 0:
         return (-1, 2) if count > 1 else (0, 1)
     return (-1 if c > 0 else 0), (2 if c < count - 1 else 1)
@@ -227,8 +227,8 @@ def sort(values, begin, end):
 def sort_by_cells(x, p, place, size, order, cell, start):
     """Sort the points by cells at least as long as `size`, and return the numbers of cells along the axes.
 
-    The cells fill the periodic box, or the region of most points. A point beyond it belongs to the cell at its edge: two
-    points in reach of each other are in neighbouring cells then too.
+    The cells fill the periodic box, or the region of most points. A point beyond it belongs to the cell at its edge:
+    two points in reach of each other are in neighbouring cells then too.
     """
     count, room = int(p[place + POINTS]), p[place + CELLS]
     numbers, lows, lengths = floats(p, place + GRID, 3), floats(p, place + GRID + 3, 3), floats(p, place + GRID + 6, 3)
@@ -274,7 +274,7 @@ def sort_by_cells(x, p, place, size, order, cell, start):
 
 
 def region(x, some):
-    """Return the begin and the length of a range with most of the values, from some of them, for which there is room."""
+    """Return the begin and the length of a range with most of the values, from those that are copied to `some`."""
     count = min(len(x), len(some))
     for k in range(count):
         some[k] = x[k * len(x) // count]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..functions.checks import check_index, reals, velocity_refused
 from ..functions.evaluation import accelerations
-from ..functions.guard import evaluation, not_finite
+from ..functions.guard import evaluation, guarded, not_finite
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import (
     ENDED_BY,
@@ -329,6 +329,7 @@ class March:
             vars(other).update(vars(self))
             other._lock = threading.Lock()
             other.state, other.tally = aligned(self.state.shape), self.tally.copy()
+            other.params = guarded(self.params)  # a scene keeps lists of neighbours there
             other.state[...] = self.state
             other._slices = self._slices and self._slices.copy()
             other.look = self.look and self.look.fork()

@@ -1,0 +1,320 @@
+"""Links between all near pairs of points: the lists of neighbours miss nothing, and runs do not depend on them."""
+
+import inspect
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import eig3
+from eig3 import effects
+from eig3.scene import Scene, swarm
+
+from .test_extend import assert_same
+
+RNG = np.random.default_rng(3)
+
+
+def acceleration(problem, u=None, v=None, params=None):
+    """The acceleration in a state, and the parameters with the list that belongs to it."""
+    params = problem.params.copy() if params is None else params
+    u, v = problem.u0 if u is None else u, problem.v0 if v is None else v
+    a = np.full(u.size, np.nan)
+    problem.rhs(0.0, u, v, params, a)
+    return a
+
+
+def contact(**fields):
+    return effects.MassContact(**{"stiffness": 50.0, "reach": 0.7, "damping": 0.1, **fields})
+
+
+def of_all_pairs(scene, effect, points, others=None):
+    """Add the effect as explicit links."""
+    if others is None:
+        i, j = np.triu_indices(len(points), 1)
+        scene.add(effect, points[i], points[j])
+    else:
+        i, j = (x.ravel() for x in np.meshgrid(np.arange(len(points)), np.arange(len(others)), indexing="ij"))
+        scene.add(effect, points[i], others[j])
+
+
+def cloud(dimension, n=60, side=4.0, seed=1):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(0, side, (n, dimension)), rng.normal(size=(n, dimension))
+
+
+BOXES = {"2d": (2, None), "3d": (3, None), "box": (3, (6.0, 6.0, None)), "small box": (2, (4.2, 1.5)), "1d": (1, None)}
+
+
+@pytest.mark.parametrize("case", BOXES)
+def test_near_pairs_have_the_forces_of_all_pairs(case):
+    """They have the same terms in another order."""
+    dimension, box = BOXES[case]
+    x, v = cloud(dimension)
+    x, v = (x[:, 0], v[:, 0]) if dimension == 1 else (x, v)
+    found = []
+    for adds_all in (False, True):
+        scene = Scene(dimension, box=box)
+        points = scene.mass(1.3, x, v)
+        of_all_pairs(scene, contact(), points) if adds_all else scene.add(contact(), points)
+        problem = scene.problem((0, 1), work=True)
+        found.append((acceleration(problem), problem.energy(0.0, problem.u0, problem.v0, problem.params.copy())))
+    (near, energy), (expected, expected_energy) = found
+    np.testing.assert_allclose(near, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    assert np.abs(expected).max() > 10
+    assert energy == pytest.approx(expected_energy, rel=1e-13)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    dimension=st.integers(1, 3),
+    spread=st.sampled_from([0.5, 3.0, 1e3]),
+    far=st.sampled_from([0.0, 1e6]),
+    is_periodic=st.booleans(),
+)
+def test_a_list_misses_no_pair(seed, dimension, spread, far, is_periodic):
+    """Also after jumps, with a point that is far away, and in boxes of few or many cells."""
+    rng = np.random.default_rng(seed)
+    n, reach = 40, 0.4
+    box = rng.uniform(0.9, 4.0, dimension) if is_periodic else None
+    x = rng.uniform(-spread, spread, (n, dimension))
+    x[0] += far
+    scene = Scene(dimension, box=box)
+    scene.add(contact(reach=reach, damping=0.0), scene.mass(1.0, x if dimension > 1 else x[:, 0]), room=n)
+    problem = scene.problem((0, 1))
+    params = problem.params.copy()
+    for size in (0.01, 0.1, 10.0):
+        u = problem.u0 + rng.normal(size=problem.u0.size) * size
+        way = u.reshape(dimension, n)[:, :, None] - u.reshape(dimension, n)[:, None, :]
+        if is_periodic:
+            way -= box[:, None, None] * np.rint(way / box[:, None, None])
+        r = np.sqrt((way**2).sum(axis=0)) + 10 * np.eye(n)
+        push = 50.0 * np.maximum(reach - r, 0) ** 1.5 / r
+        expected = (push * way).sum(axis=2).ravel()
+        atol = (1e-12 + 1e-14 * far) * (1 + np.abs(expected).max())  # the round-off of the coordinates
+        np.testing.assert_allclose(acceleration(problem, u, params=params), expected, rtol=0, atol=atol)
+
+
+def test_forces_have_the_same_bits_whenever_the_list_was_built():
+    x, v = cloud(2, 80)
+    scene = Scene(2)
+    scene.add(contact(), scene.mass(1.0, x, v))
+    problem = scene.problem((0, 1))
+    old = problem.params.copy()
+    u = problem.u0 + RNG.normal(size=problem.u0.size) * 0.02  # less than half of the skin
+    acceleration(problem, params=old)
+    kept = acceleration(problem, u, params=old)
+    moved = problem.params.copy()
+    acceleration(problem, problem.u0 + 100 * RNG.normal(size=u.size), params=moved)
+    np.testing.assert_array_equal(kept, acceleration(problem, u, params=moved))
+
+
+def gas(n=40, box=None, **options):
+    """Discs that move fast, with a spring between some of them, in a box or between walls."""
+    x = np.stack(np.meshgrid(np.arange(8.0), np.arange(n // 8)), axis=-1).reshape(-1, 2)
+    scene = Scene(2, box=box)
+    rng = np.random.default_rng(5)
+    points = scene.mass(rng.uniform(0.5, 2.0, n), x, rng.normal(size=(n, 2)) * 3)
+    scene.add(effects.MassContact(500.0, 0.8), points, **options)
+    if box is None:
+        for normal, offset in (((1, 0), -1.0), ((-1, 0), -8.0), ((0, 1), -1.0), ((0, -1), -5.0)):
+            scene.add(effects.PlaneContact(stiffness=500.0, normal=normal, offset=offset))
+    return scene
+
+
+def test_runs_do_not_depend_on_the_list(monkeypatch, tmp_path):
+    """Other skins, chunks, `extend`, files and forks give the same bits."""
+    problem = gas().problem((0.0, 2.0))
+    run = problem.integrate(h=1e-3)
+    assert run.success
+    halves = problem.with_(t_span=(0.0, 1.0)).integrate(h=1e-3).extend(2.0)
+    assert_same(halves, run)
+    halves.save(tmp_path / "run.npz")
+    assert_same(problem.load(tmp_path / "run.npz").extend(3.0), run.extend(3.0))
+    for skin in (0.01, 0.7):
+        monkeypatch.setattr(swarm, "_SKIN", skin)
+        np.testing.assert_array_equal(gas().problem((0.0, 2.0)).integrate(h=1e-3).u, run.u)
+
+
+@eig3.jit
+def first_at_zero(t, u, v, p):
+    return v[0]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"h": 1e-3, "save_every": 10}, {"rtol": 1e-11, "method": "rk8"}],
+    ids=["fixed", "tolerances"],
+)
+def test_a_run_is_that_with_all_pairs(options):
+    """With events and tolerances too. Collisions make round-off and the errors of steps grow: the span is short."""
+    events = {"turn": eig3.Event(first_at_zero)}
+    found = []
+    for adds_all in (False, True):
+        rng = np.random.default_rng(7)
+        scene = Scene(2, box=(6.0, 6.0))
+        x = np.stack(np.meshgrid(np.arange(6.0), np.arange(6.0)), axis=-1).reshape(-1, 2)
+        points = scene.mass(1.0, x, rng.normal(size=x.shape))
+        effect = effects.MassContact(500.0, 0.9)
+        of_all_pairs(scene, effect, points) if adds_all else scene.add(effect, points)
+        found.append(scene.problem((0.0, 1.0)).integrate(events=events, **options))
+    near, every = found
+    assert near.success
+    assert len(near.events["turn"]) == len(every.events["turn"]) > 0
+    np.testing.assert_allclose(near.u[-1], every.u[-1], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(near.events["turn"].t, every.events["turn"].t, rtol=0, atol=1e-7)
+
+
+def test_energy_and_momentum_are_kept_over_thousands_of_collisions():
+    """The energy with an error of the order of the method: a quarter of it with half of the step."""
+    problem = gas(box=(8.0, 5.0)).problem((0.0, 20.0))
+    drifts = [problem.integrate(h=h, method="cd", save_every=None).drift["energy"] for h in (2e-3, 1e-3)]
+    energy = problem.energy(0.0, problem.u0, problem.v0, problem.params.copy())
+    assert drifts[0] < 1e-2 * energy
+    assert drifts[1] < 0.4 * drifts[0]
+    m, run = 1 / problem.params[:40], problem.integrate(h=1e-3, save_every=None)
+    momentum = run.v.reshape(-1, 2, 40) @ m
+    np.testing.assert_allclose(momentum[-1], momentum[0], rtol=0, atol=1e-11 * np.abs(run.v).max() * m.sum())
+
+
+def test_two_groups_touch_each_other_only():
+    """Masses of a group fly through each other, and bounce from fixed points and masses of the other group."""
+    x, v = cloud(2, 30)
+    walls = np.random.default_rng(4).uniform(0, 4, (20, 2))
+    for is_fixed in (True, False):
+        found = []
+        for adds_all in (False, True):
+            scene = Scene(2)
+            points = scene.mass(1.3, x, v)
+            others = scene.fixed(walls) if is_fixed else scene.mass(2.0, walls)
+            if adds_all:
+                of_all_pairs(scene, contact(), points, others)
+            else:
+                scene.add(contact(), points, near=others)
+            found.append(acceleration(scene.problem((0, 1))))
+        np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-12 * np.abs(found[1]).max())
+        assert np.abs(found[1]).max() > 10
+
+
+def test_points_may_have_sizes_of_their_own():
+    x, v = cloud(2, 50)
+    radii = RNG.uniform(0.05, 0.4, 50)
+    i, j = np.triu_indices(50, 1)
+    near, every = Scene(2), Scene(2)
+    near.add(contact(reach=2 * radii), near.mass(1.3, x, v))
+    points = every.mass(1.3, x, v)
+    every.add(contact(reach=radii[i] + radii[j]), points[i], points[j])
+    expected = acceleration(every.problem((0, 1)))
+    np.testing.assert_allclose(
+        acceleration(near.problem((0, 1))), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+    )
+
+
+def test_joined_points_may_be_left_out():
+    """The masses of a spring overlap, and so do the corners of a triangle."""
+    x = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [0.6, 0.3]])
+    scene = Scene(2)
+    points = scene.mass(1.0, x)
+    scene.add(effects.LinearSpring(10.0), points[[0, 1]], points[[1, 2]])
+    scene.add(contact(damping=0.0), points, leaves_joined=True)
+    expected = Scene(2)
+    others = expected.mass(1.0, x)
+    expected.add(effects.LinearSpring(10.0), others[[0, 1]], others[[1, 2]])
+    expected.add(contact(damping=0.0), others[[0, 0, 1, 2]], others[[2, 3, 3, 3]])
+    np.testing.assert_allclose(
+        acceleration(scene.problem((0, 1))), acceleration(expected.problem((0, 1))), rtol=0, atol=1e-12
+    )
+
+
+def test_a_run_that_needs_more_memory_says_so():
+    """Masses fall on one another towards a point; what was computed is not lost."""
+    x, _ = cloud(2, 100, side=100.0)
+    scene = Scene(2)
+    points = scene.mass(1.0, x - 50)
+    scene.add(contact(reach=1.0, stiffness=0.0), points, room=2)
+    scene.add(effects.LinearSpring(1.0), points, scene.fixed((0.0, 0.0)))
+    with pytest.raises(ValueError, match="give the effect a larger room") as caught:
+        scene.problem((0.0, 2.0)).integrate(h=1e-2)
+    assert 1.0 < caught.value.solution.t[-1] < 1.6
+
+
+def test_a_run_that_diverges_says_so():
+    run = gas().problem((0.0, 50.0)).integrate(h=0.5)
+    assert run.status is eig3.Status.DIVERGED
+
+
+def test_a_scene_without_near_pairs_has_no_code_for_them():
+    scene = Scene(2)
+    points = scene.mass(1.0, [[0.0, 0.0], [1.0, 0.0]])
+    scene.add(effects.LinearSpring(1.0), points[0], points[1])
+    source = inspect.getsource(scene.problem((0, 1)).rhs.py_func)
+    assert not any(word in source for word in ("refresh", "mates", "rint", "side"))
+
+
+def test_the_critical_step_is_that_of_all_pairs():
+    steps = []
+    for adds_all in (False, True):
+        scene = Scene(2)
+        points = scene.mass(1.0, cloud(2, 30)[0])
+        of_all_pairs(scene, contact(damping=0.0), points) if adds_all else scene.add(contact(damping=0.0), points)
+        steps.append(scene.problem((0, 1)).critical_step().h)
+    assert steps[0] == pytest.approx(steps[1], rel=1e-9)
+
+
+def test_members_of_an_ensemble_have_lists_of_their_own():
+    problem = gas().problem((0.0, 0.5))
+    v0 = problem.v0 * np.linspace(0.5, 1.5, 4)[:, None]
+    found = problem.ensemble(v0=v0, h=1e-3, threads=2)
+    for i in range(4):
+        one = problem.with_(v0=v0[i]).integrate(h=1e-3)
+        np.testing.assert_array_equal(found[i].u[-1], one.u[-1])
+
+
+def test_a_fork_of_a_stepper_has_a_list_of_its_own():
+    problem = gas().problem((0.0, 1.0))
+    stepper = problem.stepper(h=1e-3)
+    fork = stepper.fork()
+    assert fork.params is not stepper.params
+    stepper.advance(500)
+    fork.advance(500)
+    np.testing.assert_array_equal(stepper.u, fork.u)
+
+
+@dataclass(frozen=True, eq=False)
+class Sticky(effects.Link):
+    """A link without a cutoff."""
+
+    pull: float
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, pull):
+        return pull
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda s, a: s.add(Sticky(1.0), a), "Sticky has no cutoff"),
+        (lambda s, a: s.add(contact(), a, near=a), "given a point twice"),
+        (lambda s, a: s.add(contact(), s.fixed([[9.0, 9.0], [8.0, 8.0]])), "fixed points only"),
+        (lambda s, a: s.add(contact(reach=3.0), a), "at most half a side of the box, 2.5"),
+        (
+            lambda s, a: s.add(effects.LennardJones([1.0, 1.0, 2.0], 0.3, 0.7), a),
+            "depth of LennardJones must be a number",
+        ),
+        (lambda s, a: s.add(contact(), s.mass(1.0, [[0.0, 0.0], [0.0, 0.0]])), "two points coincide"),
+        (lambda s, a: s.add(contact(), a[0], a[1], near=a), "near, leaves_joined and room are for"),
+        (lambda s, a: s.add(contact(), a, room=0), "room must be"),
+        (lambda s, a: Scene(2, box=(1.0,)), "box must have 2 sides"),
+        (lambda s, a: Scene(2, box=(1.0, -1.0)), "box must have 2 sides"),
+    ],
+)
+def test_errors(act, message):
+    scene = Scene(2, box=(5.0, None))
+    points = scene.mass(1.0, [[0.0, 0.0], [1.0, 0.0], [2.0, 0.5]])
+    with pytest.raises((TypeError, ValueError), match=message):
+        act(scene, points)
