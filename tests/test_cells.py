@@ -547,7 +547,7 @@ def test_a_jelly_comes_to_rest_on_the_table():
 
 def test_butane_turns_to_gauche_and_keeps_its_energy_and_momentum():
     """The walls are far away. The energy of EIG-3 errs by the square of the step, and the momentum by round-off."""
-    problem = problems.butane(side=2, box=1e-6, t_end=1e-12)
+    problem = problems.butane(n=2, box=1e-6, t_end=1e-12)
     masses = np.tile(GROUPS, 8)
     drifts = []
     for h in (1e-15, 5e-16):
