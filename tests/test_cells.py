@@ -10,6 +10,7 @@ import eig3
 from eig3 import Status, problems
 from eig3.effects import (
     Angle,
+    Cell,
     Coulomb,
     Dihedral,
     HarmonicAngle,
@@ -159,6 +160,48 @@ def test_an_effect_of_ones_own_reads_the_rate_of_its_angle():
     turned = np.array([0.0, 0.0, -1.0, 1.0, 0.0, 0.0])
     assert np.abs(acceleration(problem, problem.u0, turned)).max() < 1e-15
     assert problem.integrate(h=1e-3, method="rk4").drift["energy"] < 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Stencil(Cell):
+    """The bending of a beam by differences of three points, as a user writes it."""
+
+    stiffness: float
+
+    takes = (3,)
+
+    @staticmethod
+    @eig3.jit
+    def forces(x, stiffness):
+        pull = stiffness * (x[0][0] - 2 * x[1][0] + x[2][0])
+        return (-pull,), (2 * pull,), (-pull,)
+
+    @staticmethod
+    @eig3.jit
+    def potential(x, stiffness):
+        return stiffness / 2 * (x[0][0] - 2 * x[1][0] + x[2][0]) ** 2
+
+
+def test_a_cell_of_ones_own_in_one_dimension():
+    """A clamped beam of masses that move across it. Its accelerations are those of the matrix, and RK4 keeps the energy to its order."""
+    n, stiffness = 12, 50.0
+    scene = Scene(1)
+    points = scene.fixed([0.0, 0.0])
+    free = scene.mass(1.0, 0.1 * np.random.default_rng(1).standard_normal(n))
+    beam = Stencil(stiffness)
+    scene.add(beam, free[:-2], free[1:-1], free[2:])
+    scene.add(beam, points[0], points[1], free[0])
+    scene.add(beam, points[1], free[0], free[1])
+    problem = scene.problem((0.0, 1.0))
+    matrix = np.zeros((n, n + 2))
+    for k in range(n):
+        matrix[k, k : k + 3] = 1, -2, 1
+    matrix = matrix[:, 2:]
+    a = acceleration(problem, problem.u0, problem.v0)
+    np.testing.assert_allclose(a, -stiffness * matrix.T @ matrix @ problem.u0, rtol=0, atol=1e-13)
+    assert problem.integrate(h=1e-3, method="rk4").drift["energy"] < 1e-7
+    with pytest.raises(TypeError, match=r"Stencil takes 3 arguments of points, not 2."):
+        scene.add(beam, free[:-1], free[1:])
 
 
 # Materials
@@ -363,6 +406,17 @@ def test_a_mesh_has_the_mass_of_its_cells():
     assert volume == pytest.approx(1, rel=1e-14)
 
 
+def test_a_mesh_that_is_refused_leaves_no_points():
+    scene = Scene(2)
+    for wrong in ({"fixed": [0, 1, 2]}, {"velocity": np.ones((2, 2))}):
+        with pytest.raises(ValueError, match=r"only fixed points|velocity of masses must have the shape"):
+            scene.add_mesh(TRIANGLE[:3], [(0, 1, 2)], MEMBRANE, density=1.0, **wrong)
+    with pytest.raises(ValueError, match="which does not match points of shape"):
+        scene.add_mesh(TRIANGLE[:3], [(0, 1, 2)], StVenantKirchhoffTriangle([1.0, 2.0], 0.3, 1.0), density=1.0)
+    assert len(scene.mass(1.0, np.zeros((1, 2))).numbers) == 1
+    assert scene.problem((0, 1)).u0.size == 2
+
+
 def test_a_film_shows_surfaces_and_no_points_in_them():
     points, cells = cube(3)
     scene = Scene(3)
@@ -521,18 +575,18 @@ def test_wrong_cells_are_refused_in_one_sentence(name):
 # The ready scenes
 
 
-def test_a_flag_flies_in_the_wind_and_hangs_without():
-    """The wind, which is steady, keeps the free edge moving; still air and dampers bring it to rest below the pole."""
-    places = {}
-    for wind in (8.0, 0.0):
+def test_a_flag_flies_in_the_wind_and_hangs_in_a_calm():
+    """The wind, which is steady, keeps the free edge moving; calm air and dampers bring it to rest below the pole."""
+    places, calm = {}, 0.01  # in still air the code would be another one, which takes time to compile
+    for wind in (8.0, calm):
         problem = problems.flag(n=5, wind=wind, damping=0.02, t_end=3.0, work=True)
         solution = problem.integrate(h=2e-4, save_every=50)
         places[wind] = solution.u.reshape(len(solution.t), 3, -1, 5)[-100:, :, -1]
         assert solution.drift["energy"] < 0.02 * np.ptp(solution.integrals["work"])
     assert places[8.0][:, 0].mean() > 0.9
     assert np.ptp(places[8.0][:, 1], axis=0).min() > 0.1
-    assert places[0.0][:, 0].mean() < 0.6
-    assert places[0.0][:, 2].mean() < -0.3
+    assert places[calm][:, 0].mean() < 0.6
+    assert places[calm][:, 2].mean() < -0.3
 
 
 def test_a_jelly_comes_to_rest_on_the_table():
