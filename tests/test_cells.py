@@ -126,6 +126,16 @@ def test_a_dihedral_angle_is_that_of_iupac(phi):
     assert dihedrals(u)[0] == pytest.approx(phi % (2 * np.pi), abs=1e-14)
 
 
+def test_a_hinge_has_the_shape_of_its_triangles_at_rest():
+    shape = HingeBending(2.0).shape_columns([point[None] for point in CHAIN])
+    a, b, c, d = CHAIN
+    areas = [np.linalg.norm(np.cross(corner - b, c - b)) / 2 for corner in (a, d)]
+    assert shape["aspect"][0] == pytest.approx(np.sum((c - b) ** 2) / sum(areas), rel=1e-14)
+    normals = np.cross(b - a, c - a), np.cross(c - d, b - d)
+    cosine = normals[0] @ normals[1] / np.linalg.norm(normals[0]) / np.linalg.norm(normals[1])
+    assert np.cos(shape["rest_angle"][0]) == pytest.approx(cosine, rel=1e-14)
+
+
 def test_an_angle_near_a_straight_line_is_well_conditioned():
     """A spring with its rest angle at pi pulls towards the line in proportion to the distance from it."""
     effect, gap = HarmonicAngle(2.0, np.pi), 1e-9
@@ -183,7 +193,7 @@ class Stencil(Cell):
 
 
 def test_a_cell_of_ones_own_in_one_dimension():
-    """A clamped beam of masses that move across it. Its accelerations are those of the matrix, and RK4 keeps the energy to its order."""
+    """A clamped beam: its accelerations are those of the matrix, and RK4 keeps the energy to its order."""
     n, stiffness = 12, 50.0
     scene = Scene(1)
     points = scene.fixed([0.0, 0.0])
@@ -308,6 +318,28 @@ def held_sheet(work):
 @eig3.jit
 def swing(t):
     return 0.02 * np.sin(20 * t), 0.4 * np.cos(20 * t)
+
+
+@pytest.mark.parametrize("laws", [1, 10])
+def test_cells_follow_the_supports(laws):
+    """As if the supports were fixed where the motions bring them. Many motions of one kind share one law."""
+    x = np.array([(0.1 * i, 0.1 * j, 0.0) for i in range(4) for j in range(3)])
+    cells, t, directions = sheet(4, 3), 0.03, np.random.default_rng(2).standard_normal((10, 3))
+    moved = x.copy()
+    for k, direction in enumerate(directions[:laws]):
+        moved[k % 3] += swing(t)[0] * direction
+    found = []
+    for places in (x, moved):
+        scene = Scene(3)
+        material = StVenantKirchhoffTriangle(1e4, 0.3, 1e-3)
+        cloth = scene.add_mesh(places, cells, material, density=300.0, fixed=[0, 1, 2], rest=x)
+        scene.add(HingeBending(1e-3), *cloth[hinges(cells)])
+        for k, direction in enumerate(directions[:laws] if places is x else ()):
+            scene.add(SupportMotion(swing, direction), cloth[k % 3])
+        problem = scene.problem((0, 1))
+        found.append(acceleration(problem, problem.u0, problem.v0, t, rhs=problem.rhs.py_func))
+    assert np.abs(found[1]).max() > 1
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-12 * np.abs(found[1]).max())
 
 
 def test_supports_that_move_cells_do_work():
