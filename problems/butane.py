@@ -22,13 +22,13 @@ SPACING = 5.6e-10, 5.6e-10, 7.6e-10  # of the chains at the start, m
 
 
 def butane(
-    side: int = 3, box: float = 2.6e-9, temperature: float = 700.0, seed: int = 1975, t_end: float = 1e-11
+    n: int = 3, box: float = 2.6e-9, temperature: float = 700.0, seed: int = 1975, t_end: float = 1e-11
 ) -> Problem:
-    """Side x side x side chains of butane in a box of soft walls; they start straight, with random velocities.
+    """Butane: n x n x n chains in a box of soft walls, which start straight, with random velocities.
 
     Parameters
     ----------
-    side : int
+    n : int
         Chains along an edge of the lattice, at least 1.
     box : float
         Edge of the box around the chains, m.
@@ -42,11 +42,11 @@ def butane(
     Raises
     ------
     ValueError
-        For a side below 1, and a box that does not hold the chains at the start.
+        For n below 1, and a box that does not hold the chains at the start.
     """
-    if side < 1:
-        raise ValueError(f"side must be at least 1, not {side}.")
-    places = lattice(side)
+    if n < 1:
+        raise ValueError(f"n must be at least 1, not {n}.")
+    places = lattice(n)
     if not box > 2 * np.abs(places).max():
         raise ValueError(f"box must be longer than {2 * np.abs(places).max():.3g} m to hold the chains, not {box}.")
     v = np.random.default_rng(seed).standard_normal(places.shape) * np.sqrt(K * temperature / GROUPS[:, None])
@@ -72,17 +72,17 @@ def butane(
         problem,
         source="atoms of Ryckaert and Bellemans (1975), with bonds of OPLS (Jorgensen et al., 1984)",
         h=1e-15,
-        draw=partial(draw, side=side),
+        draw=partial(draw, n=n),
         view=view(problem),
     )
 
 
-def lattice(side: int) -> np.ndarray:
+def lattice(n: int) -> np.ndarray:
     """Return the places of straight chains, m, of shape (chains, 4, 3), with their mean at 0."""
     half, across = BOND * np.sin(ANGLE / 2), BOND * np.cos(ANGLE / 2)
     chain = np.array([(0.0, (-1) ** k * across / 2, (k - 1.5) * half) for k in range(4)])
-    index = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
-    return chain + (index - (side - 1) / 2) * SPACING
+    index = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    return chain + (index - (n - 1) / 2) * SPACING
 
 
 def dihedrals(u: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def dihedrals(u: np.ndarray) -> np.ndarray:
     return np.arctan2(sine, np.sum(a * b, axis=-1)) % (2 * np.pi)
 
 
-def view(problem: Problem):
+def view(problem):
     """Show the atoms as small balls, in nm, without the walls."""
     start = np.zeros((problem.u0.size // 3, 3))
     return replace(
@@ -106,11 +106,11 @@ def view(problem: Problem):
     )
 
 
-def draw(figure, solution, side):
-    t, m = solution.t, np.tile(GROUPS, 3 * side**3)
+def draw(figure, solution, n):
+    t, m = solution.t, np.tile(GROUPS, 3 * n**3)
     angles = np.degrees(dihedrals(solution.u))
     axes = drawing.time_panel(figure, "dihedral angle\n(degrees)")
-    drawing.lines(axes, t, angles[:, :3], [f"chain {k}" for k in range(min(3, side**3))])
+    drawing.lines(axes, t, angles[:, :3], [f"chain {k}" for k in range(min(3, n**3))])
     axes.set_yticks([60, 180, 300])
     axes.set_ylim(0, 360)
     axes = drawing.time_panel(figure, "chains in gauche\n(per cent)")

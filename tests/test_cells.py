@@ -10,6 +10,7 @@ import eig3
 from eig3 import Status, problems
 from eig3.effects import (
     Angle,
+    Cell,
     Coulomb,
     Dihedral,
     HarmonicAngle,
@@ -125,6 +126,16 @@ def test_a_dihedral_angle_is_that_of_iupac(phi):
     assert dihedrals(u)[0] == pytest.approx(phi % (2 * np.pi), abs=1e-14)
 
 
+def test_a_hinge_has_the_shape_of_its_triangles_at_rest():
+    shape = HingeBending(2.0).shape_columns([point[None] for point in CHAIN])
+    a, b, c, d = CHAIN
+    areas = [np.linalg.norm(np.cross(corner - b, c - b)) / 2 for corner in (a, d)]
+    assert shape["aspect"][0] == pytest.approx(np.sum((c - b) ** 2) / sum(areas), rel=1e-14)
+    normals = np.cross(b - a, c - a), np.cross(c - d, b - d)
+    cosine = normals[0] @ normals[1] / np.linalg.norm(normals[0]) / np.linalg.norm(normals[1])
+    assert np.cos(shape["rest_angle"][0]) == pytest.approx(cosine, rel=1e-14)
+
+
 def test_an_angle_near_a_straight_line_is_well_conditioned():
     """A spring with its rest angle at pi pulls towards the line in proportion to the distance from it."""
     effect, gap = HarmonicAngle(2.0, np.pi), 1e-9
@@ -159,6 +170,48 @@ def test_an_effect_of_ones_own_reads_the_rate_of_its_angle():
     turned = np.array([0.0, 0.0, -1.0, 1.0, 0.0, 0.0])
     assert np.abs(acceleration(problem, problem.u0, turned)).max() < 1e-15
     assert problem.integrate(h=1e-3, method="rk4").drift["energy"] < 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Stencil(Cell):
+    """The bending of a beam by differences of three points, as a user writes it."""
+
+    stiffness: float
+
+    takes = (3,)
+
+    @staticmethod
+    @eig3.jit
+    def forces(x, stiffness):
+        pull = stiffness * (x[0][0] - 2 * x[1][0] + x[2][0])
+        return (-pull,), (2 * pull,), (-pull,)
+
+    @staticmethod
+    @eig3.jit
+    def potential(x, stiffness):
+        return stiffness / 2 * (x[0][0] - 2 * x[1][0] + x[2][0]) ** 2
+
+
+def test_a_cell_of_ones_own_in_one_dimension():
+    """A clamped beam: its accelerations are those of the matrix, and RK4 keeps the energy to its order."""
+    n, stiffness = 12, 50.0
+    scene = Scene(1)
+    points = scene.fixed([0.0, 0.0])
+    free = scene.mass(1.0, 0.1 * np.random.default_rng(1).standard_normal(n))
+    beam = Stencil(stiffness)
+    scene.add(beam, free[:-2], free[1:-1], free[2:])
+    scene.add(beam, points[0], points[1], free[0])
+    scene.add(beam, points[1], free[0], free[1])
+    problem = scene.problem((0.0, 1.0))
+    matrix = np.zeros((n, n + 2))
+    for k in range(n):
+        matrix[k, k : k + 3] = 1, -2, 1
+    matrix = matrix[:, 2:]
+    a = acceleration(problem, problem.u0, problem.v0)
+    np.testing.assert_allclose(a, -stiffness * matrix.T @ matrix @ problem.u0, rtol=0, atol=1e-13)
+    assert problem.integrate(h=1e-3, method="rk4").drift["energy"] < 1e-7
+    with pytest.raises(TypeError, match=r"Stencil takes 3 arguments of points, not 2."):
+        scene.add(beam, free[:-1], free[1:])
 
 
 # Materials
@@ -267,6 +320,28 @@ def swing(t):
     return 0.02 * np.sin(20 * t), 0.4 * np.cos(20 * t)
 
 
+@pytest.mark.parametrize("laws", [1, 10])
+def test_cells_follow_the_supports(laws):
+    """As if the supports were fixed where the motions bring them. Many motions of one kind share one law."""
+    x = np.array([(0.1 * i, 0.1 * j, 0.0) for i in range(4) for j in range(3)])
+    cells, t, directions = sheet(4, 3), 0.03, np.random.default_rng(2).standard_normal((10, 3))
+    moved = x.copy()
+    for k, direction in enumerate(directions[:laws]):
+        moved[k % 3] += swing(t)[0] * direction
+    found = []
+    for places in (x, moved):
+        scene = Scene(3)
+        material = StVenantKirchhoffTriangle(1e4, 0.3, 1e-3)
+        cloth = scene.add_mesh(places, cells, material, density=300.0, fixed=[0, 1, 2], rest=x)
+        scene.add(HingeBending(1e-3), *cloth[hinges(cells)])
+        for k, direction in enumerate(directions[:laws] if places is x else ()):
+            scene.add(SupportMotion(swing, direction), cloth[k % 3])
+        problem = scene.problem((0, 1))
+        found.append(acceleration(problem, problem.u0, problem.v0, t, rhs=problem.rhs.py_func))
+    assert np.abs(found[1]).max() > 1
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-12 * np.abs(found[1]).max())
+
+
 def test_supports_that_move_cells_do_work():
     """The balance of energy, work of the wind and work of the supports holds to the order of RK4."""
     problem = held_sheet(work=True)
@@ -361,6 +436,17 @@ def test_a_mesh_has_the_mass_of_its_cells():
     for one in points[cells]:
         volume += np.linalg.det(one[1:] - one[0]) / 6
     assert volume == pytest.approx(1, rel=1e-14)
+
+
+def test_a_mesh_that_is_refused_leaves_no_points():
+    scene = Scene(2)
+    for wrong in ({"fixed": [0, 1, 2]}, {"velocity": np.ones((2, 2))}):
+        with pytest.raises(ValueError, match=r"only fixed points|velocity of masses must have the shape"):
+            scene.add_mesh(TRIANGLE[:3], [(0, 1, 2)], MEMBRANE, density=1.0, **wrong)
+    with pytest.raises(ValueError, match="which does not match points of shape"):
+        scene.add_mesh(TRIANGLE[:3], [(0, 1, 2)], StVenantKirchhoffTriangle([1.0, 2.0], 0.3, 1.0), density=1.0)
+    assert len(scene.mass(1.0, np.zeros((1, 2))).numbers) == 1
+    assert scene.problem((0, 1)).u0.size == 2
 
 
 def test_a_film_shows_surfaces_and_no_points_in_them():
@@ -521,18 +607,18 @@ def test_wrong_cells_are_refused_in_one_sentence(name):
 # The ready scenes
 
 
-def test_a_flag_flies_in_the_wind_and_hangs_without():
-    """The wind, which is steady, keeps the free edge moving; still air and dampers bring it to rest below the pole."""
-    places = {}
-    for wind in (8.0, 0.0):
+def test_a_flag_flies_in_the_wind_and_hangs_in_a_calm():
+    """The wind, which is steady, keeps the free edge moving; calm air and dampers bring it to rest below the pole."""
+    places, calm = {}, 0.01  # in still air the code would be another one, which takes time to compile
+    for wind in (8.0, calm):
         problem = problems.flag(n=5, wind=wind, damping=0.02, t_end=3.0, work=True)
         solution = problem.integrate(h=2e-4, save_every=50)
         places[wind] = solution.u.reshape(len(solution.t), 3, -1, 5)[-100:, :, -1]
         assert solution.drift["energy"] < 0.02 * np.ptp(solution.integrals["work"])
     assert places[8.0][:, 0].mean() > 0.9
     assert np.ptp(places[8.0][:, 1], axis=0).min() > 0.1
-    assert places[0.0][:, 0].mean() < 0.6
-    assert places[0.0][:, 2].mean() < -0.3
+    assert places[calm][:, 0].mean() < 0.6
+    assert places[calm][:, 2].mean() < -0.3
 
 
 def test_a_jelly_comes_to_rest_on_the_table():
@@ -547,7 +633,7 @@ def test_a_jelly_comes_to_rest_on_the_table():
 
 def test_butane_turns_to_gauche_and_keeps_its_energy_and_momentum():
     """The walls are far away. The energy of EIG-3 errs by the square of the step, and the momentum by round-off."""
-    problem = problems.butane(side=2, box=1e-6, t_end=1e-12)
+    problem = problems.butane(n=2, box=1e-6, t_end=1e-12)
     masses = np.tile(GROUPS, 8)
     drifts = []
     for h in (1e-15, 5e-16):

@@ -89,23 +89,16 @@ class Cell(Effect):
         given |= {"x": points, "v": points}
         given |= {column: numba.types.UniTuple(numba.float64, size) for column, size in sizes.items()}
         if self.variable and name != "measure":
-            functions = self.functions()
-            measured = self._returned("measure", functions["measure"], given)
+            measure = self.functions()["measure"]
+            types = tuple(given.get(argument, numba.float64) for argument in arguments(measure))
+            measured = unliteral(return_type(compiled(measure, types)))
             given |= dict.fromkeys((self.variable, "rate", self.conjugate), measured)
         return given
 
-    @staticmethod
-    def _returned(name: str, function: Any, given: dict[str, Any]) -> Any:
-        return unliteral(
-            return_type(compiled(function, tuple(given.get(x, numba.float64) for x in arguments(function))))
-        )
-
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
-        points = (*[(0,) * dimension] * self.takes[0],)
-        given = self._argument_types(name, dimension)
-        wanted = {"potential": 0, "forces": points, "spread": points}.get(name)
-        if wanted is None:
-            wanted = _form(given.get(self.conjugate, returned))
+        points = ((0,) * dimension,) * self.takes[0]
+        of_variable = _form(self._argument_types(name, dimension).get(self.conjugate, returned))
+        wanted = {"potential": 0, "forces": points, "spread": points}.get(name, of_variable)
         if _form(returned) != wanted:
             form = "a number" if wanted == 0 else f"a tuple of the form {wanted} here, with numbers in place of 0"
             raise TypeError(f"{name} of {self.title} must return {form}, not {unliteral(returned)}.")

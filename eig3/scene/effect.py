@@ -33,7 +33,8 @@ _ARRAY = numba.types.Array(numba.float64, 1, "C", readonly=True)
 class Effect:
     """The base class of all effects.
 
-    Derive from `Body`, `Link` or `Motion`, and decorate the class with ``@dataclass(frozen=True, eq=False)``.
+    Derive from `Body`, `Link`, `Motion` or a kind of `Cell`, and decorate the class with
+    ``@dataclass(frozen=True, eq=False)``.
 
     The fields are the parameters. A field is a number, or an array with one number for each of the points, unless it is
     named in `vectors` or `arrays`. ``__post_init__`` computes a field with ``init=False``. A field must not have the

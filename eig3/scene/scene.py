@@ -293,6 +293,8 @@ class Scene:
         volumes = effect.shape_columns(list(at_rest[corners.T]))[effect.extent]
         m = lumped(corners, volumes, density, len(places))
         m[is_fixed(fixed, len(places))] = 0.0
+        columns = effect.columns((len(corners),), self.dimension)
+        effect.check_points(list(m[corners.T]), list(places[corners.T]), columns)  # before the points are in the scene
         zero = np.ndim(velocity) == 0 and velocity == 0
         speeds = np.zeros_like(places) if zero else self._vectors(velocity, "velocity of a mesh")
         mesh = self._added(places, m, _spread(speeds, places.shape, "velocity"), at_rest)
