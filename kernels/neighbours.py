@@ -50,7 +50,7 @@ class Areas(NamedTuple):
         The positions of the points, now and when the list was built: D rows of floats.
     first, mates : int
         Where the mates of each point begin, and all mates; these and the following are 32-bit integers.
-    index : int
+    number : int
         The number of each mass among all masses of the scene.
     group : int
         The group of each point.
@@ -64,7 +64,7 @@ class Areas(NamedTuple):
     built: int
     first: int
     mates: int
-    index: int
+    number: int
     group: int
     apart: int
     apart_mates: int

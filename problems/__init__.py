@@ -1,6 +1,7 @@
 """The problems of the library, one per file."""
 
 from .arenstorf import arenstorf
+from .argon import argon
 from .bouncing_ball import bouncing_ball
 from .butane import butane
 from .curtain import curtain
@@ -15,6 +16,7 @@ from .hardening_chain import hardening_chain
 from .hardening_spring import hardening_spring
 from .henon_heiles import henon_heiles
 from .hertz_impact import hertz_impact
+from .hopper import hopper
 from .jelly import jelly
 from .kepler import kepler
 from .outer_solar_system import outer_solar_system
@@ -22,6 +24,7 @@ from .pounding_buildings import pounding_buildings
 from .quarter_car import quarter_car
 from .rail_joint import rail_joint
 from .rotor import rotor
+from .sand_column import sand_column
 from .shear_building import shear_building
 from .single_dof import single_dof
 from .softening_spring import softening_spring
@@ -32,6 +35,7 @@ from .van_der_pol import van_der_pol
 
 __all__ = [
     "arenstorf",
+    "argon",
     "bouncing_ball",
     "butane",
     "curtain",
@@ -46,6 +50,7 @@ __all__ = [
     "hardening_spring",
     "henon_heiles",
     "hertz_impact",
+    "hopper",
     "jelly",
     "kepler",
     "outer_solar_system",
@@ -53,6 +58,7 @@ __all__ = [
     "quarter_car",
     "rail_joint",
     "rotor",
+    "sand_column",
     "shear_building",
     "single_dof",
     "softening_spring",

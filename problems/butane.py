@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 
@@ -57,14 +56,7 @@ def butane(
     scene.add(LinearSpring(stiffness=361.0, length=BOND), atoms[:, :-1], atoms[:, 1:])
     scene.add(HarmonicAngle(stiffness=62500 * K, angle=ANGLE), atoms[:, :-2], atoms[:, 1:-1], atoms[:, 2:])
     scene.add(RyckaertBellemans(TORSION), a, b, c, d)
-    pairs = np.array(list(combinations(range(len(places)), 2)), dtype=int).reshape(-1, 2)
-    if len(pairs):
-        first, second = (atoms[pairs[:, k]] for k in (0, 1))
-        scene.add(
-            LennardJones(DEPTH, SIZE, reach=2.5 * SIZE),
-            first[:, np.repeat(range(4), 4)],
-            second[:, np.tile(range(4), 4)],
-        )
+    scene.add(LennardJones(DEPTH, SIZE, reach=2.5 * SIZE), atoms, leaves_joined=True)
     for normal in (*np.eye(3), *-np.eye(3)):
         scene.add(PlaneContact(WALL, normal, -box / 2))
     problem = scene.problem((0.0, t_end), name="butane")

@@ -963,7 +963,11 @@ BAD = {
     "strings": (lambda: on_two(Stringy((1.0, 2.0))), TypeError, "vectors of Stringy must be a tuple of names"),
     "one point": (lambda: len(two()[1][0]), TypeError, "a single point has no length"),
     "strangers": (strangers, ValueError, "LinearSpring was given points of another scene."),
-    "one end": (lambda: on_two(LinearSpring(1.0), 0), TypeError, "LinearSpring takes 2 arguments of points, not 1."),
+    "one end": (
+        lambda: on_two(LinearSpring(1.0), 0),
+        TypeError,
+        "has no cutoff, so that it needs two arguments of points",
+    ),
     "no handle": (
         lambda: Scene(1).add(LinearSpring(1.0), 0, 1),
         TypeError,

@@ -409,7 +409,7 @@ class _Source:
         for axis in self._axes:
             self._write(f"d{axis} = {self._difference('u', block, axis, s, i, j)}")
             if axis in self._box:
-                self._write(f"d{axis} -= {axis}_side * rint(d{axis} / {axis}_side)")
+                self._write(f"d{axis} -= {axis}_side * rint(d{axis} * {axis}_inverse)")
 
     def _length(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         """Compute the values that these functions of a link's laws, and its pull, need; call `_separation` first."""
@@ -612,6 +612,7 @@ class _Source:
                 self._write(f"w = {self._weight.of('')}")
             for axis, place in self._box.items():
                 self._write(f"{axis}_side = p[{place}]")
+                self._write(f"{axis}_inverse = 1 / {axis}_side")
             for number in sorted({number for block in links for number in block.group.motions}):
                 motion = self._motions[number]
                 for line in motion.constants("motion"):

@@ -250,7 +250,7 @@ class Packing:
         # the names with an underscore in every source; `_name` makes no name without one
         self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}
         self._names |= {"corner_place", "corner_speed"}
-        self._names |= {f"{axis}_{name}" for axis in "xyz" for name in ("here", "rate", "sum", "side")}
+        self._names |= {f"{axis}_{name}" for axis in "xyz" for name in ("here", "rate", "sum", "side", "inverse")}
         self._names |= {
             f"{axis}_{name}_{number}"
             for axis in "xyz"

@@ -13,6 +13,7 @@ from .assembly import STATE, Cloud, Placement
 from .cell import Cell
 from .effect import Body, Link, Motion, arguments
 from .mesh import surface
+from .swarm import Swarm
 
 _TRAILS = 3  # masses of a scene with trails, at most
 _PLANES = 20  # planes of effects that are drawn, at most
@@ -54,7 +55,7 @@ class Places:
         return np.concatenate([across, x] if self.upright else [x, across], axis=2)
 
 
-def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
+def mechanism(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm] = ()) -> Mechanism:
     """Return the view of a scene.
 
     Parameters
@@ -63,7 +64,8 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement]) -> Mechanism:
     placements : sequence of Placement
         Effects whose columns contain the numbers of their states, and all of which have columns.
     """
-    dimension, masses, radii = cloud.positions.shape[1], np.flatnonzero(cloud.free >= 0), _radii(cloud, placements)
+    dimension, masses = cloud.positions.shape[1], np.flatnonzero(cloud.free >= 0)
+    radii = _radii(cloud, placements, swarms)
     upright = dimension == 1 and any(effect.picture == "weight" for effect, _, _ in placements)
     links: dict[tuple[int, int], str] = {}
     strings: dict[tuple[int, int], int] = {}
@@ -125,7 +127,7 @@ def _argument(effect: Motion, name: str, column: np.ndarray) -> Any:
     return tuple(column[0].tolist()) if name in effect.vectors else float(column[0])
 
 
-def _radii(cloud: Cloud, placements: Sequence[Placement]) -> np.ndarray:
+def _radii(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm]) -> np.ndarray:
     """Return the radius of each point, so that two points touch at the reach of their contact; 0 without a contact.
 
     If the contacts leave a choice, as between two balls, it is the one with the least sum of squares: equal radii. The
@@ -139,8 +141,12 @@ def _radii(cloud: Cloud, placements: Sequence[Placement]) -> np.ndarray:
     ]
     count = cloud.masses.size
     radii = np.zeros(count)
+    for swarm in swarms:
+        if swarm.effect.picture == "discs" and not swarm.second.size:
+            radii[swarm.first] = swarm.columns["reach"] / 2
     if not given:
         return radii
+    of_swarms, radii = radii, np.zeros(count)
     i, j, reach = (np.concatenate(parts) for parts in zip(*given, strict=True))
     i, j, reach = (values[reach > 0] for values in (i, j, reach))  # a reach of 0 is not one of radii
 
@@ -158,7 +164,7 @@ def _radii(cloud: Cloud, placements: Sequence[Placement]) -> np.ndarray:
         radii, residual = radii + step * way, residual - step * change
         before, square = square, residual @ residual
         way = residual + square / before * way
-    return np.maximum(radii, 0.0)
+    return np.where(of_swarms > 0, of_swarms, np.maximum(radii, 0.0))
 
 
 def _planes(

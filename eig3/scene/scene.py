@@ -348,7 +348,7 @@ class Scene:
             units=("m",) * assembly.coordinates + ("-",) * len(assembly.states) if assembly.states else "m",
             integrals=("work",) if assembly.follows_work else (),
             events=events,
-            view=mechanism(cloud, numbered(cloud, self._placements)[0]),
+            view=mechanism(cloud, numbered(cloud, self._placements)[0], self._swarms),
         )
 
     def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:
@@ -376,8 +376,10 @@ class Scene:
         if len(self._parts) > 1:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
         if not self._parts:
-            return Cloud(np.empty(0), *(np.empty((0, self.dimension)) for _ in range(3)), self._box)
-        return Cloud(*self._parts[0], self._box)
+            none = np.empty((0, self.dimension))
+            return Cloud(np.empty(0), none, none, none, self._box)
+        masses, positions, velocities, rest = self._parts[0]
+        return Cloud(masses, positions, velocities, rest, self._box)
 
     def _check_box(self, box: Sequence[float | None] | None) -> np.ndarray:
         """Return the sides of the box, which are 0 along axes without repetition."""

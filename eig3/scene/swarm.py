@@ -14,7 +14,7 @@ from .cell import Cell
 from .effect import Link
 
 _SKIN = 0.2  # as a part of the largest cutoff
-_LEAST_ROOM = {1: 3, 2: 8, 3: 16}  # pairs of each point: those of a dense packing, by the dimension
+_DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
 _GROWTH = 2.0  # room for so many times the pairs at the start
 
 
@@ -153,28 +153,45 @@ class Listing:
 def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarray) -> Listing:
     """Return the list of a swarm as it is at the start, for the place of p from which on there is room."""
     members, dimension = Members.of(swarm, cloud.free), cloud.positions.shape[1]
-    count, n_masses = members.points.size, members.index.size
     own, fields = _own_fields(swarm, members, place)
-    begin = place + sum(map(len, fields))
-    apart, apart_mates = _apart(members, pairs, cloud.masses.size)
-    cells, room = 2 * count + 64, int(count * (swarm.room or _LEAST_ROOM[dimension])) + 64
-    while True:
-        areas, end = Areas.of(begin, count, room, cells, apart_mates.size, dimension)
+    begin = place + sum(field.size for field in fields)
+    apart, count = _apart(members, pairs, cloud.masses.size), members.points.size
+
+    def attempt(room: int, skin: float) -> tuple[np.ndarray, Areas, int | None]:
+        """Return p, the areas, and the number of pairs, or None if there is no room for them."""
+        areas, end = Areas.of(begin, count, room, 2 * count + 64, apart[1].size, dimension)
         p = np.zeros(end)
         p[place:begin] = np.concatenate([*fields, np.empty(0)])
-        _write(p, begin, swarm, members, cloud, areas, own, room, cells, (apart, apart_mates))
+        _write(p, begin, swarm, members, cloud, areas, own, room, skin, apart)
         has_room = neighbours.refreshed(dimension, u0, p, begin)
-        found = int(_integers(p, areas.first, count + 1)[count])
-        is_enough = has_room and p[begin + neighbours.PRESENT_SKIN] == p[begin + neighbours.SKIN]
-        if is_enough and (swarm.room or _GROWTH * found <= room):
+        is_whole = has_room and p[begin + neighbours.PRESENT_SKIN] == skin
+        return p, areas, int(_integers(p, areas.first, count + 1)[count]) if is_whole else None
+
+    room, skin, is_first = int(count * (swarm.room or _DENSE[dimension])) + 64, 0.0, True
+    while True:
+        p, areas, found = attempt(room, skin)
+        if found is None and swarm.room:
+            raise ValueError(f"room of {swarm.effect.title} must be larger: more pairs are near at the start.")
+        if found is None:
+            room *= 2
+        elif is_first:
+            skin, is_first = _skin(swarm, found / count, dimension), False
+        elif swarm.room or _GROWTH * found <= room:
             break
-        if swarm.room and not is_enough:
-            raise ValueError(
-                f"room of {swarm.effect.title} must be larger: more pairs are near each other at the start."
-            )
-        room = int(_GROWTH * max(found, room)) if is_enough else 2 * room
+        else:
+            room = int(_GROWTH * found) + 64
     follows = (np.diff(members.index) == 1).all()
-    return Listing(begin, areas, count, n_masses, room, own, int(members.index[0]) if follows else -1, p[place:])
+    first = int(members.index[0]) if follows else -1
+    return Listing(begin, areas, count, members.index.size, room, own, first, p[place:])
+
+
+def _skin(swarm: Swarm, found: float, dimension: int) -> float:
+    """Return the skin of a list, from the number of pairs within the cutoff for each point.
+
+    Where many points are within the cutoff, the skin is a part of their distances.
+    """
+    widest = float(swarm.columns[swarm.effect.cutoff].max())
+    return _SKIN * widest * min(1.0, (_DENSE[dimension] / (2 * found + 1)) ** (1 / dimension))
 
 
 def _own_fields(swarm: Swarm, members: Members, place: int) -> tuple[dict[str, int], list[np.ndarray]]:
@@ -182,10 +199,11 @@ def _own_fields(swarm: Swarm, members: Members, place: int) -> tuple[dict[str, i
 
     In one group, a pair has the mean of the values of its points. Of two groups, only the first one has values.
     """
-    own, fields = {}, []
+    own: dict[str, int] = {}
+    fields: list[np.ndarray] = []
     for name, column in swarm.columns.items():
         if len(column) > 1:
-            own[name] = place + sum(map(len, fields))
+            own[name] = place + sum(field.size for field in fields)
             share = column / 2 if not swarm.second.size else column
             fields.append(np.concatenate([share, np.zeros(swarm.second.size)])[members.place])
     return own, fields
@@ -210,18 +228,18 @@ def _write(
     areas: Areas,
     own: dict[str, int],
     room: int,
-    cells: int,
+    skin: float,
     apart: tuple[np.ndarray, np.ndarray],
 ) -> None:
     """Write what of a list does not change."""
     count, cutoff, x = members.points.size, swarm.effect.cutoff, cloud.positions
     widest = float(swarm.columns[cutoff].max())
-    numbers = (count, members.index.size, np.count_nonzero(cloud.masses), _SKIN * widest, swarm.second.size > 0, widest)
-    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, cells
+    numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, swarm.second.size > 0, widest)
+    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, 2 * count + 64
     p[begin + neighbours.BOX :][: x.shape[1]] = cloud.box
     p[begin + neighbours.HEAD :][: len(areas)] = areas
     p[areas.x :][: x.shape[1] * count] = x[members.points].T.ravel()
-    tables = {"index": members.index, "group": members.group, "apart": apart[0], "apart_mates": apart[1]}
+    tables = {"number": members.index, "group": members.group, "apart": apart[0], "apart_mates": apart[1]}
     for name, table in tables.items():
         _integers(p, getattr(areas, name), table.size)[:] = table
 

@@ -62,7 +62,7 @@ class SwarmText:
         yield f"firsts = integers(p, {areas.first}, {listing.points + 1})"
         yield f"mates = integers(p, {areas.mates}, {listing.room})"
         if listing.begin < 0:
-            yield f"indices = integers(p, {areas.index}, {listing.masses})"
+            yield f"indices = integers(p, {areas.number}, {listing.masses})"
         yield from block.law.constants(*functions)
 
     def _point(self, block: SwarmBlock, reads_rate: bool) -> Iterator[str]:
@@ -81,7 +81,7 @@ class SwarmText:
         for k, axis in enumerate(self._axes):
             yield f"    d{axis} = {entry('places', k * block.listing.points, 'mate')} - {axis}_here"
             if axis in self._box:
-                yield f"    d{axis} -= {axis}_side * rint(d{axis} / {axis}_side)"
+                yield f"    d{axis} -= {axis}_side * rint(d{axis} * {axis}_inverse)"
         yield f"    square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}"
         if cutoff == "cutoff":
             yield f"    cutoff = {self._own(block, block.law.cutoff)}"

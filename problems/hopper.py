@@ -1,0 +1,86 @@
+"""A hopper: discs that fall through the opening of a funnel onto the floor."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from eig3 import drawing
+from eig3.effects import Gravity, MassContact, PlaneContact
+from eig3.problem import Problem
+from eig3.scene import Scene
+
+G = 9.81
+DIAMETER = 0.01  # m
+MASS = 2500.0 * np.pi / 4 * DIAMETER**3  # kg; the discs are as thick as wide
+STIFFNESS, DAMPING = 2e5, 0.3  # N/m^(3/2), s/m
+WIDTH, OPENING, FLOOR = 70, 9, 30  # of the discs above the funnel, of its opening, and below it, in diameters
+
+
+def hopper(n: int = 5000, opening: float = OPENING, seed: int = 1895, t_end: float = 0.5) -> Problem:
+    """Discs in a funnel with walls at 45 degrees and an opening at the height 0.
+
+    Parameters
+    ----------
+    n : int
+        Number of discs, at least 1.
+    opening : float
+        Its width, in diameters of a disc, below 70.
+    seed : int
+        Of the small differences of the sizes of the discs, at least 0.
+    t_end : float
+        Duration, s.
+
+    Raises
+    ------
+    ValueError
+        For no disc, or an opening that is not between 1 and 70 diameters.
+    """
+    if n < 1:
+        raise ValueError(f"n must be at least 1, not {n}.")
+    if not 1 <= opening < WIDTH:
+        raise ValueError(f"opening must be from 1 to {WIDTH} diameters, not {opening}.")
+    rng = np.random.default_rng(seed)
+    scene = Scene(dimension=2)
+    grains = scene.mass(MASS, filling(n, opening) + rng.uniform(-0.01, 0.01, (n, 2)) * DIAMETER)
+    walls = scene.fixed(funnel(n, opening))
+    scene.add(MassContact(STIFFNESS, DIAMETER * rng.uniform(0.9, 1.0, n), DAMPING), grains)
+    scene.add(MassContact(STIFFNESS, DIAMETER, DAMPING), grains, near=walls)
+    scene.add(PlaneContact(STIFFNESS, (0, 1), -FLOOR * DIAMETER, DAMPING), grains)
+    scene.add(Gravity((0, -G)))
+    problem = scene.problem((0.0, t_end), name="hopper")
+    return replace(
+        problem,
+        source="contacts of Hertz with damping",
+        h=1e-4,
+        draw=partial(draw, n=n),
+    )
+
+
+def funnel(n: int, opening: float) -> np.ndarray:
+    """Return the places of the discs of the walls, m, half a diameter from each other."""
+    slope = np.arange(0.0, (WIDTH - opening) / 2 + 0.25, 0.25 * np.sqrt(2))
+    top = slope[-1] + 1.5 * n / WIDTH
+    shaft = np.arange(slope[-1] + 0.5, top, 0.5)
+    along, up = np.concatenate([slope, np.full(shaft.size, slope[-1])]), np.concatenate([slope, shaft])
+    right = np.column_stack([opening / 2 + 0.5 + along, up])
+    return DIAMETER * np.concatenate([right, right * (-1, 1)])
+
+
+def filling(n: int, opening: float) -> np.ndarray:
+    """Return the places of the discs at the start, m: rows above the opening, as wide as the funnel."""
+    rows, y = [], 2.0
+    while sum(map(len, rows)) < n:
+        half = min(opening / 2 + y - 1.5, (WIDTH - 1) / 2)
+        x = np.arange(-half, half + 1e-9, 1.05)
+        rows.append(np.column_stack([x - x.mean(), np.full(x.size, y)]))
+        y += 1.05
+    return DIAMETER * np.concatenate(rows)[:n]
+
+
+def draw(figure, solution, n):
+    y = solution.u[:, n:]
+    axes = drawing.time_panel(figure, "discs below\nthe opening")
+    axes.plot(solution.t, (y < 0).sum(axis=1))
+    axes = drawing.time_panel(figure, "kinetic energy\n(J)")
+    axes.plot(solution.t, MASS / 2 * np.einsum("ij,ij->i", solution.v, solution.v))
