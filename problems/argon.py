@@ -48,18 +48,24 @@ def argon(
     atoms = scene.mass(MASS, places, v - v.mean(axis=0))
     scene.add(LennardJones(DEPTH, SIZE, reach=2.5 * SIZE), atoms)
     problem = scene.problem((0.0, t_end), name="argon")
-    radii, start = np.full(len(places), SIZE / 2 * 1e9), np.zeros_like(places)
-    view = replace(problem.view, places=Magnified(problem.view.places, 1e9, start), radii=radii, labels=_NANOMETRES)
     return replace(
         problem,
         source="the liquid of A. Rahman, Physical Review 136 (1964) A405, with a shifted force",
         h=4e-15,
         draw=draw,
-        view=view,
+        view=view(problem),
     )
 
 
-_NANOMETRES = "x (nm)", "y (nm)", "z (nm)"
+def view(problem):
+    """Show the atoms as balls that touch at the distance at which their potential is 0, in nm."""
+    start = np.zeros((problem.u0.size // 3, 3))
+    return replace(
+        problem.view,
+        places=Magnified(problem.view.places, 1e9, start),
+        radii=np.full(len(start), SIZE / 2 * 1e9),
+        labels=("x (nm)", "y (nm)", "z (nm)"),
+    )
 
 
 def draw(figure, solution):

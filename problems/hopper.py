@@ -69,8 +69,9 @@ def funnel(n: int, opening: float) -> np.ndarray:
 
 def filling(n: int, opening: float) -> np.ndarray:
     """Return the places of the discs at the start, m: rows above the opening, as wide as the funnel."""
-    rows, y = [], 2.0
-    while sum(map(len, rows)) < n:
+    rows: list[np.ndarray] = []
+    y = 2.0
+    while sum(len(row) for row in rows) < n:
         half = min(opening / 2 + y - 1.5, (WIDTH - 1) / 2)
         x = np.arange(-half, half + 1e-9, 1.05)
         rows.append(np.column_stack([x - x.mean(), np.full(x.size, y)]))

@@ -18,7 +18,7 @@ SLENDERNESS = 2.0  # the height of the column beside its diameter
 DRAG = 2e-4  # kg/m, of a fluid around the spheres
 
 
-def sand_column(n: int = 20_000, seed: int = 2004, t_end: float = 0.05) -> Problem:
+def sand_column(n: int = 20_000, seed: int = 2004, t_end: float = 0.3) -> Problem:
     """About n spheres in a cylinder, which are released at t = 0.
 
     Parameters

@@ -17,7 +17,8 @@ _MARGIN = 0.08  # around the motion, as a part of its size
 _SHAPE = 1.35  # width of the axes as a part of their height
 _LEAST = 0.5  # least side of the box in space as a part of its longest side
 _TRAIL = 0.7  # seconds of the film
-_CORNERS = 32  # of the outline of a ball in space
+_CORNERS, _FEW_CORNERS = 32, 8  # of the outline of a ball in space; of one among many
+_MANY = 1000  # balls or discs, which are too small for a dark outline
 _LIGHT = np.array([0.6, -0.64, 0.48])  # direction of the light on faces in space
 _FACE = np.array([0.35, 0.62, 0.9])  # colour of a face that the light meets straight on
 _SIZES = (30, 7.0), (300, 3.0)  # up to this number of points: size of the dots
@@ -240,9 +241,10 @@ class _Plane:
         """Add discs; return the function that moves their centres."""
         from matplotlib.collections import EllipseCollection
 
-        across, style = 2 * radii, {"facecolor": color, "edgecolor": "0.2", "linewidth": 0.6, "alpha": 0.8}
+        style: dict[str, Any] = {"facecolor": color, "edgecolor": "0.2", "alpha": 0.8}
+        style["linewidth"] = 0.6 if radii.size < _MANY else 0.1
         discs = EllipseCollection(
-            across, across, 0 * radii, units="xy", offsets=np.zeros((radii.size, 2)), zorder=2.5, **style
+            2 * radii, 2 * radii, 0 * radii, units="xy", offsets=np.zeros((radii.size, 2)), zorder=2.5, **style
         )
         discs.set_offset_transform(self.axes.transData)
         return self.axes.add_collection(discs, autolim=False).set_offsets
@@ -288,10 +290,12 @@ class _Space:
         azimuth, elevation = np.radians([self.axes.azim, self.axes.elev])
         right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         sight = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-        angle = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)[:, None]
+        corners, width = (_CORNERS, 0.6) if radii.size < _MANY else (_FEW_CORNERS, 0.1)
+        angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)[:, None]
         outline = radii[:, None, None] * (np.cos(angle) * right + np.sin(angle) * np.cross(sight, right))
-        discs = Poly3DCollection(outline, facecolor=color, edgecolor="0.2", linewidth=0.6, alpha=0.8)
+        discs = Poly3DCollection(outline, facecolor=color, edgecolor="0.2", linewidth=width, alpha=0.8, zorder=1.5)
         self.axes.add_collection3d(discs)
+        self.axes.computed_zorder = False  # a large plane would otherwise cover what lies on it
         return lambda x: discs.set_verts(x[:, None] + outline)
 
     def faces(self) -> Callable[[np.ndarray], None]:
@@ -300,7 +304,7 @@ class _Space:
 
         faces = Poly3DCollection(np.zeros((1, 3, 3)), linewidth=0, antialiased=False, zorder=1.5)
         self.axes.add_collection3d(faces)
-        self.axes.computed_zorder = False  # a large plane would otherwise cover what lies on it
+        self.axes.computed_zorder = False  # as for discs
 
         def move(corners: np.ndarray) -> None:
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
