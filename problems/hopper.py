@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
-from eig3.effects import Gravity, MassContact, PlaneContact
+from eig3.effects import Gravity, MassContact, PlaneContact, QuadraticDrag
 from eig3.problem import Problem
 from eig3.scene import Scene
 
@@ -14,11 +14,13 @@ G = 9.81
 DIAMETER = 0.01  # m
 MASS = 2500.0 * np.pi / 4 * DIAMETER**3  # kg; the discs are as thick as wide
 STIFFNESS, DAMPING = 2e5, 0.3  # N/m^(3/2), s/m
+DRAG = 0.5 * 1.2 * DIAMETER**2  # kg/m, of a disc in air
+SPACING = 0.98  # at the start, in diameters: the largest discs touch
 WIDTH, OPENING, FLOOR = 70, 9, 30  # of the discs above the funnel, of its opening, and below it, in diameters
 
 
 def hopper(n: int = 5000, opening: float = OPENING, seed: int = 1895, t_end: float = 0.5) -> Problem:
-    """Discs in a funnel with walls at 45 degrees and an opening at the height 0.
+    """Discs without friction in a funnel with walls at 45 degrees and an opening at the height 0.
 
     Parameters
     ----------
@@ -47,6 +49,7 @@ def hopper(n: int = 5000, opening: float = OPENING, seed: int = 1895, t_end: flo
     scene.add(MassContact(STIFFNESS, DIAMETER * rng.uniform(0.9, 1.0, n), DAMPING), grains)
     scene.add(MassContact(STIFFNESS, DIAMETER, DAMPING), grains, near=walls)
     scene.add(PlaneContact(STIFFNESS, (0, 1), -FLOOR * DIAMETER, DAMPING), grains)
+    scene.add(QuadraticDrag(DRAG))
     scene.add(Gravity((0, -G)))
     problem = scene.problem((0.0, t_end), name="hopper")
     return replace(
@@ -73,9 +76,9 @@ def filling(n: int, opening: float) -> np.ndarray:
     y = 2.0
     while sum(len(row) for row in rows) < n:
         half = min(opening / 2 + y - 1.5, (WIDTH - 1) / 2)
-        x = np.arange(-half, half + 1e-9, 1.05)
+        x = np.arange(-half, half + 1e-9, SPACING)
         rows.append(np.column_stack([x - x.mean(), np.full(x.size, y)]))
-        y += 1.05
+        y += SPACING
     return DIAMETER * np.concatenate(rows)[:n]
 
 
