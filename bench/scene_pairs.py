@@ -15,14 +15,17 @@ import numpy as np
 
 import eig3
 from eig3.effects import (
+    Coulomb,
     CoulombFriction,
     Gravity,
     HardeningSpring,
     HarmonicForce,
+    LennardJones,
     LinearDamper,
     LinearSpring,
     Link,
     MassContact,
+    Morse,
     Motion,
     PlaneContact,
     QuadraticDrag,
@@ -188,7 +191,7 @@ def swing(t):
 def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
     """Every effect that a scene of this dimension can have, with its usual strength times `strength`.
 
-    Effects with an event are left out: they would add events to every scene.
+    Effects with an event are left out: they would add events to every scene. So are cells, which need more points.
     """
     up = np.eye(dimension)[-1]
     yield Gravity(-9.81 * strength * up)
@@ -199,6 +202,9 @@ def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
     yield HardeningSpring(1.0 * strength, 0.1, 1.0)
     yield PlaneContact(10.0 * strength, up, -50.0)
     yield MassContact(10.0 * strength, 0.5)
+    yield LennardJones(strength, 0.1, 0.5)
+    yield Coulomb(strength, 0.5)
+    yield Morse(strength, 1.0, 1.0)
     yield CoulombFriction(0.1 * strength, 9.81)
     if dimension > 1:
         yield RotatingFrame(strength * 0.01 * (np.ones(1) if dimension == 2 else up))

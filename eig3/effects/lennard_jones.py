@@ -13,14 +13,15 @@ from .shifted import Shifted, shifted_potential, shifted_tension
 
 @element
 def tension_of(r, depth, size):
-    s = (size / r) ** 2
+    inverse = 1 / r  # the only division, which the code of a scene shares
+    s = (size * inverse) ** 2
     s6 = s * s * s
-    return 24 * depth * s6 * (1 - 2 * s6) / r
+    return 24 * depth * s6 * (1 - 2 * s6) * inverse
 
 
 @element
 def potential_of(r, depth, size):
-    s = (size / r) ** 2
+    s = (size * (1 / r)) ** 2
     s6 = s * s * s
     return 4 * depth * s6 * (s6 - 1)
 
