@@ -64,7 +64,7 @@ def _sphere_row(n: int, repeats: int) -> list[str]:
 
 
 def _argon_row(side: int, repeats: int) -> list[str]:
-    problem = argon(side=side)
+    problem = argon(n=side)
     n = problem.u0.size // 3
     steps = max(20, _PARTICLE_STEPS // (10 * n))
     run = lammps_run(problem)

@@ -15,13 +15,13 @@ DEPTH, SIZE = 119.8 * K, 3.405e-10  # J, m
 
 
 def argon(
-    side: int = 10, density: float = 1374.0, temperature: float = 190.0, seed: int = 1964, t_end: float = 4e-12
+    n: int = 10, density: float = 1374.0, temperature: float = 190.0, seed: int = 1964, t_end: float = 4e-12
 ) -> Problem:
-    """4 side^3 atoms of argon in a periodic cube, which start on a lattice with random velocities.
+    """4 n^3 atoms of argon in a periodic cube, which start on a lattice with random velocities.
 
     Parameters
     ----------
-    side : int
+    n : int
         Cells of the lattice along an edge of the cube, at least 4.
     density : float
         kg/m^3.
@@ -35,16 +35,16 @@ def argon(
     Raises
     ------
     ValueError
-        For a side below 4, and a box that is shorter than twice the reach of the forces.
+        For n below 4, and a cube that is shorter than twice the reach of the forces.
     """
-    if side < 4:
-        raise ValueError(f"side must be at least 4, not {side}.")
+    if n < 4:
+        raise ValueError(f"n must be at least 4, not {n}.")
     cell = (4 * MASS / density) ** (1 / 3)
     corners = np.array([(0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 0)]) / 2
-    index = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    index = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     places = cell * (index + corners + 0.25).reshape(-1, 3)
     v = np.random.default_rng(seed).standard_normal(places.shape) * np.sqrt(K * temperature / MASS)
-    scene = Scene(dimension=3, box=[side * cell] * 3)
+    scene = Scene(dimension=3, box=[n * cell] * 3)
     atoms = scene.mass(MASS, places, v - v.mean(axis=0))
     scene.add(LennardJones(DEPTH, SIZE, reach=2.5 * SIZE), atoms)
     problem = scene.problem((0.0, t_end), name="argon")

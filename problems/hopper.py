@@ -84,7 +84,7 @@ def filling(n: int, opening: float) -> np.ndarray:
 
 def draw(figure, solution, n):
     y = solution.u[:, n:]
-    axes = drawing.time_panel(figure, "discs below\nthe opening")
+    axes = drawing.time_panel(figure, "discs below the\nopening (number)")
     axes.plot(solution.t, (y < 0).sum(axis=1))
     axes = drawing.time_panel(figure, "kinetic energy\n(J)")
     axes.plot(solution.t, MASS / 2 * np.einsum("ij,ij->i", solution.v, solution.v))

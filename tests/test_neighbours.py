@@ -94,7 +94,7 @@ def test_a_list_misses_no_pair(seed, dimension, spread, far, is_periodic):
         r = np.sqrt((way**2).sum(axis=0)) + 10 * np.eye(n)
         push = 50.0 * np.maximum(reach - r, 0) ** 1.5 / r
         expected = (push * way).sum(axis=2).ravel()
-        atol = (1e-12 + 1e-14 * far) * (1 + np.abs(expected).max())  # the round-off of the coordinates
+        atol = 1e-13 * (10 + spread + far) * (1 + np.abs(expected).max())  # the round-off of the coordinates
         np.testing.assert_allclose(acceleration(problem, u, params=params), expected, rtol=0, atol=atol)
 
 

