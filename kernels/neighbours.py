@@ -1,4 +1,3 @@
-# ruff: noqa: F821
 """Lists of the points that are near each other, kept in the memory that a run has at the end of its parameters.
 
 A list has the pairs within their cutoff and a skin. It is valid until a point has moved by half of the skin; then it is
@@ -8,24 +7,24 @@ forces have the same bits whenever the list was built: it is a memo, and a run m
 The method is that of L. Verlet, Physical Review 159 (1967), with the cells of R. W. Hockney and J. W. Eastwood,
 Computer Simulation Using Particles (1981).
 
-All numbers are in p, from the index `place` on: first those of `Fields`, then the areas of the sizes that `Areas` has.
-D is the number of dimensions.
+All numbers are in p, from the index `place` on: first the numbers below, then the areas that `Areas` names. The number
+of dimensions d is a constant in each of the three functions at the end, so that the compiler unrolls the loops over it.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numba.extending import intrinsic
-from numba.types import Array, boolean, int32, int64, intp
+from numba.types import Array, int32, int64, intp
 
-from .compile.jit import KERNEL_OPTIONS, bound, element, linked, outlined
+from .compile.cache import keep_on_disk
+from .compile.jit import KERNEL_OPTIONS, element
 from .compile.numba_internals import array_over, parts_of
-from .protocol import VECTOR, vector_type
+from .protocol import vector_type
 
 #: The numbers of a list: of its points, of the masses among them (which come first), and of all masses of the scene;
 #: the skin; 1 if only pairs of different groups count; the largest cutoff, and where in p each point has its cutoff, or
@@ -47,7 +46,7 @@ class Areas(NamedTuple):
     Attributes
     ----------
     x, built : int
-        The positions of the points, now and when the list was built: D rows of floats.
+        The positions of the points, now and when the list was built: d rows of floats.
     first, mates : int
         Where the mates of each point begin, and all mates; these and the following are 32-bit integers.
     number : int
@@ -82,7 +81,6 @@ class Areas(NamedTuple):
 
 
 _integers, _floats = Array(int32, 1, "C"), vector_type
-_given = VECTOR.rhs.args[1]
 
 
 @intrinsic
@@ -114,16 +112,17 @@ def area(p, place, k):
     return int(p[place + HEAD + k])
 
 
-def refresh(u, p, place):
+@element
+def refresh(u, p, place, d):
     """Copy the positions of the masses, build the list anew if it may miss a pair, and return whether it has room."""
     count, masses, stride = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + STRIDE])
     head = floats(p, place, HEAD)
-    x, built = floats(p, area(p, place, 0), D * count), floats(p, area(p, place, 1), D * count)
+    x, built = floats(p, area(p, place, 0), d * count), floats(p, area(p, place, 1), d * count)
     index = integers(p, area(p, place, 4), count)
     worst = 0.0
     for i in range(masses):
         at, square = int(index[i]), 0.0
-        for k in range(D):
+        for k in range(d):
             now = u[k * stride + at]
             way = now - built[k * count + i]
             x[k * count + i] = now
@@ -132,10 +131,10 @@ def refresh(u, p, place):
     limit = head[PRESENT_SKIN] / 2
     if head[IS_VALID] == 1 and worst <= limit * limit:
         return True
-    for j in range(D * count):
+    for j in range(d * count):
         built[j] = x[j]
     skin = head[SKIN]
-    while not BUILD(x, p, place, skin):
+    while not build(x, p, place, skin, d):
         if skin == 0:
             head[IS_VALID] = 0.0
             return False
@@ -144,7 +143,8 @@ def refresh(u, p, place):
     return True
 
 
-def build(x, p, place, skin):
+@element
+def build(x, p, place, skin, d):
     """Write the pairs within their cutoffs and the skin to the list; return whether there is room for them."""
     count, masses, room = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + ROOM])
     first, mates = integers(p, area(p, place, 2), count + 1), integers(p, area(p, place, 3), room)
@@ -154,7 +154,7 @@ def build(x, p, place, skin):
     order, cell = integers(p, area(p, place, 8), count), integers(p, area(p, place, 9), count)
     start = integers(p, area(p, place, 10), int(p[place + CELLS]) + 1)
     box, own, widest = place + BOX, int(p[place + OWN_CUTOFFS]), p[place + CUTOFF]
-    nx, ny, nz = SORT(x, p, place, widest + skin, order, cell, start)
+    nx, ny, nz = sort_by_cells(x, p, place, widest + skin, order, cell, start, d)
     k = 0
     for i in range(masses):
         first[i] = begin = k
@@ -173,7 +173,7 @@ def build(x, p, place, skin):
                         if j <= i or (has_groups and group[i] == group[j]):
                             continue
                         square = 0.0
-                        for axis in range(D):
+                        for axis in range(d):
                             way, side = x[axis * count + j] - x[axis * count + i], p[box + axis]
                             if side > 0:
                                 way -= side * np.rint(way / side)
@@ -224,7 +224,8 @@ def sort(values, begin, end):
         values[k] = value
 
 
-def sort_by_cells(x, p, place, size, order, cell, start):
+@element
+def sort_by_cells(x, p, place, size, order, cell, start, d):
     """Sort the points by cells at least as long as `size`, and return the numbers of cells along the axes.
 
     The cells fill the periodic box, or the region of most points. A point beyond it belongs to the cell at its edge:
@@ -234,12 +235,12 @@ def sort_by_cells(x, p, place, size, order, cell, start):
     numbers, lows, lengths = floats(p, place + GRID, 3), floats(p, place + GRID + 3, 3), floats(p, place + GRID + 6, 3)
     for k in range(3):
         numbers[k] = 1.0
-    for k in range(D):
+    for k in range(d):
         lows[k], lengths[k] = 0.0, p[place + BOX + k]
         if lengths[k] == 0:
-            lows[k], lengths[k] = REGION(x[k * count : (k + 1) * count], floats(p, place + SOME, _SAMPLES))
+            lows[k], lengths[k] = region(x[k * count : (k + 1) * count], floats(p, place + SOME, _SAMPLES))
     while True:
-        for k in range(D):
+        for k in range(d):
             numbers[k] = max(1.0, math.floor(min(lengths[k] / size, room)))
             if p[place + BOX + k] > 0 and numbers[k] < 3:
                 numbers[k] = 1.0
@@ -251,7 +252,7 @@ def sort_by_cells(x, p, place, size, order, cell, start):
         start[c] = 0
     for i in range(count):
         c, rows = 0, 1
-        for k in range(D):
+        for k in range(d):
             part = (x[k * count + i] - lows[k]) / lengths[k]
             if p[place + BOX + k] > 0:
                 part -= math.floor(part)
@@ -273,6 +274,7 @@ def sort_by_cells(x, p, place, size, order, cell, start):
     return int(numbers[0]), int(numbers[1]), int(numbers[2])
 
 
+@element
 def region(x, some):
     """Return the begin and the length of a range with most of the values, from those that are copied to `some`."""
     count = min(len(x), len(some))
@@ -286,21 +288,27 @@ def region(x, some):
     return (low - margin if is_range else 0.0), (length if is_range else 1.0)
 
 
-@functools.cache
-def refreshing(dimension: int) -> Any:
-    """Return the element ``refresh(u, p, place)`` for scenes of some dimension."""
-    names: dict[str, Any] = {"D": dimension, "REGION": outlined(region)}
-    names["SORT"] = outlined(bound(sort_by_cells, names))
-    names["BUILD"] = outlined(bound(build, names))
-    return linked(refresh, names, boolean(_given, _given, int64), f"{dimension}d")
+def _kept(function: Any) -> Any:
+    """Decorate a function that scenes call, and that is kept on the disk."""
+    return keep_on_disk(numba.njit(**KERNEL_OPTIONS)(function))
 
 
-@functools.cache
-def _refresh_of(dimension: int) -> Any:
-    refresh_list = refreshing(dimension)
-    return numba.njit(boolean(_given, _given, int64), **KERNEL_OPTIONS)(lambda u, p, place: refresh_list(u, p, place))
+@_kept
+def refresh_1d(u, p, place):
+    """Call `refresh` in one dimension."""
+    return refresh(u, p, place, 1)
 
 
-def refreshed(dimension: int, u: np.ndarray, p: np.ndarray, place: int) -> bool:
-    """Call `refresh` from Python."""
-    return bool(_refresh_of(dimension)(u, p, place))
+@_kept
+def refresh_2d(u, p, place):
+    """Call `refresh` in two dimensions."""
+    return refresh(u, p, place, 2)
+
+
+@_kept
+def refresh_3d(u, p, place):
+    """Call `refresh` in three dimensions."""
+    return refresh(u, p, place, 3)
+
+
+REFRESH = {1: refresh_1d, 2: refresh_2d, 3: refresh_3d}

@@ -272,7 +272,7 @@ class Packing:
         self.box = {axis: self._add(side) for axis, side in zip("xyz", assembly.cloud.box, strict=False) if side > 0}
         self.swarms = [self._swarm(assembly, swarm) for swarm in assembly.swarms]
         if self.swarms:
-            refresh = neighbours.refreshing(assembly.dimension)
+            refresh = neighbours.REFRESH[assembly.dimension]
             self.functions |= {"refresh": refresh, "floats": neighbours.floats, "integers": neighbours.integers}
 
     def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:

@@ -163,7 +163,7 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         p = np.zeros(end)
         p[place:begin] = np.concatenate([*fields, np.empty(0)])
         _write(p, begin, swarm, members, cloud, areas, own, room, skin, apart)
-        has_room = neighbours.refreshed(dimension, u0, p, begin)
+        has_room = neighbours.REFRESH[dimension](_fixed(u0), _fixed(p), begin)
         is_whole = has_room and p[begin + neighbours.PRESENT_SKIN] == skin
         return p, areas, int(_integers(p, areas.first, count + 1)[count]) if is_whole else None
 
@@ -242,6 +242,13 @@ def _write(
     tables = {"number": members.index, "group": members.group, "apart": apart[0], "apart_mates": apart[1]}
     for name, table in tables.items():
         _integers(p, getattr(areas, name), table.size)[:] = table
+
+
+def _fixed(values: np.ndarray) -> np.ndarray:
+    """Return a view that cannot be written, which is what a right-hand side gets."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
 
 
 def _integers(p: np.ndarray, begin: int, count: int) -> np.ndarray:
