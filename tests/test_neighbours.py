@@ -283,6 +283,15 @@ def test_a_fork_of_a_stepper_has_a_list_of_its_own():
     np.testing.assert_array_equal(stepper.u, fork.u)
 
 
+def test_walls_that_move_are_refused():
+    scene = Scene(2)
+    wall, balls = scene.fixed([[0.0, 0.0]]), scene.mass(1.0, [[1.0, 0.0], [2.0, 0.0]])
+    scene.add(contact(), balls, near=wall)
+    scene.add(effects.SampledMotion([0.0, 1.0], [0.0, 1.0], direction=(1.0, 0.0)), wall)
+    with pytest.raises(ValueError, match="of which a motion moves a fixed one"):
+        scene.problem((0, 1))
+
+
 @dataclass(frozen=True, eq=False)
 class Sticky(effects.Link):
     """A link without a cutoff."""

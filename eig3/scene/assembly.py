@@ -18,7 +18,7 @@ import numpy as np
 from .cell import Cell
 from .effect import FORCES, RESETS, Body, Effect, Link, Motion
 from .names import words
-from .swarm import Swarm, joined_pairs
+from .swarm import Swarm, check_rest, joined_pairs
 
 #: The columns of the number of each member's event and of the number of its state, among all of the scene.
 EVENT, STATE = "=event", "state"
@@ -257,6 +257,7 @@ def assemble(
     bodies = _fused(_body_groups(cloud, placements))
     links = _fused(_link_groups(cloud, placements, moves))
     meshes, supports = _meshes(cloud, placements, moves)
+    check_rest(swarms, placements)
     joined = joined_pairs(placements if any(swarm.leaves_joined for swarm in swarms) else ())
     given = bodies, links, meshes, supports, list(swarms), joined, motions, events, states
     assembly = Assembly(cloud, *given, follows_work=False)

@@ -11,7 +11,7 @@ import numpy as np
 from ..kernels import neighbours
 from ..kernels.neighbours import Areas
 from .cell import Cell
-from .effect import Link
+from .effect import Link, Motion
 
 _SKIN = 0.2  # as a part of the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
@@ -110,6 +110,23 @@ def check_swarm(swarm: Swarm, masses: np.ndarray, positions: np.ndarray, box: np
         )
     if np.unique(positions[numbers], axis=0).shape[0] < numbers.size:
         raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
+
+
+def check_rest(swarms: Sequence[Swarm], placements: Sequence[Any]) -> None:
+    """Refuse swarms with fixed points that a motion moves: a list has their places at the start.
+
+    Raises
+    ------
+    ValueError
+        The error names the effect.
+    """
+    moved = [numbers[0] for effect, numbers, _ in placements if isinstance(effect, Motion)]
+    for swarm in swarms:
+        if moved and np.isin(np.concatenate(moved), np.concatenate([swarm.first, swarm.second])).any():
+            raise ValueError(
+                f"{swarm.effect.title} acts between near points, of which a motion moves a fixed one: give it two "
+                "arguments of points, the ends of each link."
+            )
 
 
 def joined_pairs(placements: Sequence[Any]) -> np.ndarray:
