@@ -15,14 +15,17 @@ import numpy as np
 
 import eig3
 from eig3.effects import (
+    Coulomb,
     CoulombFriction,
     Gravity,
     HardeningSpring,
     HarmonicForce,
+    LennardJones,
     LinearDamper,
     LinearSpring,
     Link,
     MassContact,
+    Morse,
     Motion,
     PlaneContact,
     QuadraticDrag,
@@ -199,6 +202,9 @@ def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
     yield HardeningSpring(1.0 * strength, 0.1, 1.0)
     yield PlaneContact(10.0 * strength, up, -50.0)
     yield MassContact(10.0 * strength, 0.5)
+    yield LennardJones(0.1 * strength, 0.5, 1.25)
+    yield Coulomb(0.1 * strength, 1.25)
+    yield Morse(0.1 * strength, 0.5, 1.0)
     yield CoulombFriction(0.1 * strength, 9.81)
     if dimension > 1:
         yield RotatingFrame(strength * 0.01 * (np.ones(1) if dimension == 2 else up))
