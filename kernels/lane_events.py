@@ -154,11 +154,14 @@ def look_alone(lane, alone, control, own, of, block, sight, look):
     if outcome != PASSED and outcome != RESET and outcome != TERMINAL:
         of.bad[lane] = BAD
         return DENSE_COST
-    write_times(t, step, t_end, t_stop, coefficients, u_end, v_end, m, tally, sight, watch)
-    if outcome == TERMINAL:
-        before = watch.log[first]
-        near = t_stop + NEAR * EPSILON * max(abs(control.t0), abs(t_stop))
-        write_times(t, step, t_stop, near, coefficients, before[2:], before[2 + N :], m, tally, sight, watch)
+    if outcome != TERMINAL:
+        write_times(t, step, t_end, t_stop, coefficients, u_end, v_end, m, tally, sight, watch)
+    else:  # times at the event, but for round-off, have the state before it
+        before, near = watch.log[first], NEAR * EPSILON * max(abs(control.t0), abs(t_stop))
+        last = t_stop - EPSILON * abs(t_stop)
+        write_times(t, step, t_end, last, coefficients, u_end, v_end, m, tally, sight, watch)
+        there = before[2:], before[2 + N :]
+        write_times(t, part * step, last, t_stop + near, coefficients, *there, m, tally, sight, watch)
         sight.stops[m, 0], sight.stops[m, 1] = t_stop, tally[ENDED_BY]
         of.bad[lane] = STOPPED
     sight.due[lane] = due_after(tally, watch.times)

@@ -283,6 +283,15 @@ def test_a_fork_of_a_stepper_has_a_list_of_its_own():
     np.testing.assert_array_equal(stepper.u, fork.u)
 
 
+def test_groups_without_pairs_do_nothing():
+    scene = Scene(2)
+    one, none = scene.mass(1.0, [[0.0, 0.0]]), scene.mass(1.0, np.zeros((0, 2)))
+    scene.add(contact(), one)
+    scene.add(contact(), none)
+    scene.add(contact(), one, near=none)
+    np.testing.assert_array_equal(acceleration(scene.problem((0, 1))), 0.0)
+
+
 def test_walls_that_move_are_refused():
     scene = Scene(2)
     wall, balls = scene.fixed([[0.0, 0.0]]), scene.mass(1.0, [[1.0, 0.0], [2.0, 0.0]])
@@ -316,6 +325,7 @@ class Sticky(effects.Link):
             "depth of LennardJones must be a number",
         ),
         (lambda s, a: s.add(contact(), s.mass(1.0, [[0.0, 0.0], [0.0, 0.0]])), "two points coincide"),
+        (lambda s, a: s.add(contact(), s.mass(1.0, [[0.0, 0.0], [5.0, 0.0]])), "two points coincide"),
         (lambda s, a: s.add(contact(), a[0], a[1], near=a), "near, leaves_joined and room are for"),
         (lambda s, a: s.add(contact(), a, room=0), "room must be"),
         (lambda s, a: Scene(2, box=(1.0,)), "box must have 2 sides"),

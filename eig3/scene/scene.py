@@ -227,6 +227,8 @@ class Scene:
         groups = [self._numbers_of([handle], effect)[0] for handle in (points, near) if handle is not None]
         first, second = groups[0].ravel(), groups[1].ravel() if len(groups) > 1 else np.empty(0, dtype=np.int64)
         columns = effect.columns(groups[0].shape, self.dimension)
+        if not first.size or (near is not None and not second.size):
+            return
         columns = {name: column[:1] if (column == column[0]).all() else column for name, column in columns.items()}
         room = None if room is None else check_count(room, "room")
         swarm = Swarm(effect, first, second, columns, check_flag(leaves_joined, "leaves_joined"), room)

@@ -108,7 +108,9 @@ def check_swarm(swarm: Swarm, masses: np.ndarray, positions: np.ndarray, box: np
         raise ValueError(
             f"{effect.cutoff} of {title} must be at most half a side of the box, {box[box > 0].min() / 2:g}."
         )
-    if np.unique(positions[numbers], axis=0).shape[0] < numbers.size:
+    places = positions[numbers].copy()
+    places[:, box > 0] %= box[box > 0]
+    if np.unique(places, axis=0).shape[0] < numbers.size:
         raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
 
 
