@@ -36,6 +36,9 @@ BOX, IS_VALID, PRESENT_SKIN, GRID, SOME = 9, 12, 13, 14, 23
 _SAMPLES = 64  # points, from which the region of the cells is chosen
 HEAD = SOME + _SAMPLES
 
+#: The areas, in the order of `Areas`.
+X, BUILT, FIRST, MATES, NUMBER, GROUP, APART, APART_MATES, ORDER, CELL, START = range(11)
+
 _PART = 12  # a part of 1/12 of them may lie beyond it at each end
 _MARGIN = 0.25  # of the region beyond these points, as a part of its length
 
@@ -117,8 +120,8 @@ def refresh(u, p, place, d):
     """Copy the positions of the masses, build the list anew if it may miss a pair, and return whether it has room."""
     count, masses, stride = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + STRIDE])
     head = floats(p, place, HEAD)
-    x, built = floats(p, area(p, place, 0), d * count), floats(p, area(p, place, 1), d * count)
-    index = integers(p, area(p, place, 4), count)
+    x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
+    index = integers(p, area(p, place, NUMBER), count)
     worst = 0.0
     for i in range(masses):
         at, square = int(index[i]), 0.0
@@ -147,12 +150,12 @@ def refresh(u, p, place, d):
 def build(x, p, place, skin, d):
     """Write the pairs within their cutoffs and the skin to the list; return whether there is room for them."""
     count, masses, room = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + ROOM])
-    first, mates = integers(p, area(p, place, 2), count + 1), integers(p, area(p, place, 3), room)
-    group, has_groups = integers(p, area(p, place, 5), count), p[place + HAS_GROUPS] == 1
-    apart = integers(p, area(p, place, 6), count + 1)
-    apart_mates = integers(p, area(p, place, 7), int(apart[count]))
-    order, cell = integers(p, area(p, place, 8), count), integers(p, area(p, place, 9), count)
-    start = integers(p, area(p, place, 10), int(p[place + CELLS]) + 1)
+    first, mates = integers(p, area(p, place, FIRST), count + 1), integers(p, area(p, place, MATES), room)
+    group, has_groups = integers(p, area(p, place, GROUP), count), p[place + HAS_GROUPS] == 1
+    apart = integers(p, area(p, place, APART), count + 1)
+    apart_mates = integers(p, area(p, place, APART_MATES), int(apart[count]))
+    order, cell = integers(p, area(p, place, ORDER), count), integers(p, area(p, place, CELL), count)
+    start = integers(p, area(p, place, START), int(p[place + CELLS]) + 1)
     box, own, widest = place + BOX, int(p[place + OWN_CUTOFFS]), p[place + CUTOFF]
     nx, ny, nz = sort_by_cells(x, p, place, widest + skin, order, cell, start, d)
     k = 0
