@@ -20,6 +20,7 @@ from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
 from .functions.checks import check_names, check_params, check_span, check_state, reals
 from .functions.events import Event
+from .functions.guard import guarded
 from .functions.layout import Layout
 from .functions.named import has_names, in_layout, named
 from .functions.quantities import EnergyLessWork
@@ -355,7 +356,7 @@ class Problem:
         if self.energy is None:
             raise ValueError(f"{self.name} has no energy; for a scene's, make it with scene.problem(..., work=True).")
         energy = check_callback(self.energy, "invariant", check_state(self.u0, self.v0)[2], "energy")
-        params = check_params(self.params)
+        params = guarded(check_params(self.params))  # a scene keeps lists of neighbours there
 
         def of(t: Any, u: ArrayLike, v: ArrayLike) -> float:
             u, v, _ = check_state(u, v)

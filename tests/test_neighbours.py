@@ -1,6 +1,7 @@
 """Links between all near pairs of points: the lists of neighbours miss nothing, and runs do not depend on them."""
 
 import inspect
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 import eig3
 from eig3 import effects
+from eig3.kernels import neighbours
 from eig3.scene import Scene, swarm
 
 from .test_extend import assert_same
@@ -229,16 +231,97 @@ def test_joined_points_may_be_left_out():
     )
 
 
-def test_a_run_that_needs_more_memory_says_so():
-    """Masses fall on one another towards a point; what was computed is not lost."""
-    x, _ = cloud(2, 100, side=100.0)
-    scene = Scene(2)
-    points = scene.mass(1.0, x - 50)
-    scene.add(contact(reach=1.0, stiffness=0.0), points, room=2)
-    scene.add(effects.LinearSpring(1.0), points, scene.fixed((0.0, 0.0)))
-    with pytest.raises(ValueError, match="give the effect a larger room") as caught:
-        scene.problem((0.0, 2.0)).integrate(h=1e-2)
-    assert 1.0 < caught.value.solution.t[-1] < 1.6
+def test_a_list_that_outgrows_its_memory_misses_nothing():
+    """Masses fall on one another towards a point, and fly apart again; the list of the first is built in parts."""
+    x, _ = cloud(2, 100, side=20.0)
+    found, listed, energies = [], [], []
+    for room in (1, 100):
+        scene = Scene(2)
+        points = scene.mass(1.0, x - 10)
+        scene.add(contact(reach=1.0, damping=0.0), points, room=room)
+        scene.add(effects.LinearSpring(1.0), points, scene.fixed((0.0, 0.0)))
+        problem = scene.problem((0.0, 3.0))
+        found.append(problem.integrate(h=1e-2))
+        place = np.flatnonzero(problem.params == 100)[0]
+        energies.append(problem.energy_of(found[0].u[150], found[0].v[150]))
+        params = problem.params.copy()
+        for t in (0, 150, 150, 300):
+            acceleration(problem, found[0].u[t], found[0].v[t], params)
+            listed.append(params[place + neighbours.LISTED])
+    np.testing.assert_array_equal(found[0].u, found[1].u)
+    assert len(set(energies)) == 1
+    assert listed[0] == listed[3] == 100  # all points
+    assert listed[1] == listed[2] < 50
+    assert listed[4:] == [100] * 4
+
+
+def near_places(x, reach=1.0):
+    """A problem of spheres at some places, and its parameters after an evaluation."""
+    scene = Scene(3)
+    scene.add(contact(reach=reach), scene.mass(1.0, x))
+    problem = scene.problem((0, 1))
+    return problem, problem.params.copy()
+
+
+PLACES = {
+    "two clusters": lambda x, i: x + np.where(i % 2, 1e4, 0.0)[:, None],
+    "a line": lambda x, i: 0.6 * i[:, None] * np.ones(3),
+    "a part that flies away": lambda x, i: np.where(i[:, None] % 5, x, 1e3 * x),
+    "a cloud that explodes": lambda x, i: 1e200 * x,
+}
+
+
+@pytest.mark.parametrize("case", PLACES)
+def test_a_list_looks_at_few_points_wherever_they_are(case):
+    """The time of a search would grow as the sum of the squares of the numbers of points in the buckets."""
+    i = np.arange(1000)
+    x = np.stack(np.divmod(i, 100)[:1] + np.divmod(i % 100, 10), axis=1) * 1.0
+    problem, params = near_places(x)
+    u = PLACES[case](x, i).T.ravel()
+    acceleration(problem, u, params=params)
+    place = np.flatnonzero(params == 1000)[0]
+    areas = neighbours.Areas(*params[place + neighbours.HEAD :][: len(neighbours.Areas._fields)].astype(int))
+    start = params[areas.start :].view(np.int32)[: int(params[place + neighbours.BUCKETS]) + 1]
+    assert start[-1] == 1000
+    assert (np.diff(start) ** 2).sum() < 4000
+
+
+def test_points_without_a_place_are_near_to_none():
+    """The others have the forces that they would have without them."""
+    rng = np.random.default_rng(2)
+    x = rng.uniform(0, 3, (50, 3))
+    problem, params = near_places(x)
+    u = problem.u0.copy()
+    for number, value in ((0, np.nan), (60, np.inf), (120, -np.inf)):
+        u[number] = value
+    a = acceleration(problem, u, params=params).reshape(3, 50)
+    lost = [0, 10, 20]
+    assert (a[:, lost] == 0).all()
+    others = np.delete(np.arange(50), lost)
+    expected, params = near_places(x[others])
+    np.testing.assert_allclose(a[:, others].ravel(), acceleration(expected), rtol=0, atol=1e-11)
+
+
+def test_threads_may_share_a_solution_and_a_problem():
+    """Evaluations on shared parameters would write to one list: such threads crash within some calls."""
+    problem = gas().problem((0.0, 1.0))
+    run = problem.integrate(h=1e-3, save_every=10)
+    precise = problem.integrate(rtol=1e-4)
+    t = np.linspace(0, 1, 301)
+    expected = [run.at(t)[0], precise.at(t)[0], problem.energy_of(run.u, run.v)]
+
+    def evaluate(seed):
+        some = np.random.default_rng(seed).permutation(t.size)
+        back = slice(None, None, -1 if seed % 2 else 1)
+        return all(
+            np.array_equal(run.at(t[some])[0], expected[0][some])
+            and np.array_equal(precise.at(t[some])[0], expected[1][some])
+            and np.array_equal(problem.energy_of(run.u[back], run.v[back]), expected[2][back])
+            for _ in range(20)
+        )
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(pool.map(evaluate, range(16)))
 
 
 def test_a_run_that_diverges_says_so():
@@ -271,6 +354,21 @@ def test_members_of_an_ensemble_have_lists_of_their_own():
     for i in range(4):
         one = problem.with_(v0=v0[i]).integrate(h=1e-3)
         np.testing.assert_array_equal(found[i].u[-1], one.u[-1])
+
+
+def test_members_of_a_small_scene_run_alone():
+    """In lanes, the values of a member are not neighbours in memory, and a list of integers cannot be among them."""
+    scene = Scene(2, box=(3.0, 3.0))
+    balls = scene.mass(1.0, [[0.0, 0.0], [1.0, 0.2], [0.5, 1.2]], [[1.0, 0.0], [-1.0, 0.3], [0.0, -1.0]])
+    scene.add(contact(reach=0.8), balls)
+    problem = scene.problem((0.0, 1.0))
+    v0 = problem.v0 * np.linspace(0.5, 1.5, 20)[:, None]
+    for options in ({"h": 1e-2}, {"rtol": 1e-6, "save_every": None}):
+        for params in ({}, {"params": np.tile(problem.params, (20, 1))}):
+            found = problem.ensemble(v0=v0, threads=2, **options, **params)
+            for i in (0, 19):
+                one = problem.with_(v0=v0[i]).integrate(**options)
+                np.testing.assert_array_equal(found[i].u[-1], one.u[-1])
 
 
 def test_a_fork_of_a_stepper_has_a_list_of_its_own():

@@ -7,6 +7,7 @@ import numpy as np
 from ..kernels.loops.evaluation import rows_kernel
 from ..kernels.protocol import SCALAR, VECTOR
 from .callbacks import Callback
+from .guard import guarded
 
 _CHUNK_VALUES = 2**18  # values in the states of one call, after which Python can answer Ctrl-C
 
@@ -18,7 +19,7 @@ def accelerations(rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarra
     ----------
     rhs : Callback
     params : ndarray
-        The parameters, from `guarded`.
+        A copy is made for this call, because a scene keeps lists of neighbours there.
     t : ndarray, shape (m,)
     u, v : ndarray, shape (m,) or (m, n)
 
@@ -42,10 +43,10 @@ def energies(energy: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray,
 def _evaluate(
     function: Callback, kind: str, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, values: np.ndarray
 ) -> None:
-    kernel = rows_kernel(SCALAR if u.ndim == 1 else VECTOR, kind)
+    kernel, own = rows_kernel(SCALAR if u.ndim == 1 else VECTOR, kind), guarded(params)
     t, u, v = (np.ascontiguousarray(x, dtype=np.float64) for x in (t, u, v))
     u, v, values = (x.reshape(len(t), x[:1].size) for x in (u, v, values))
     rows = max(1, _CHUNK_VALUES // max(1, u.shape[1]))
     for first in range(0, len(t), rows):
         chunk = slice(first, first + rows)
-        kernel(function.address, params, t[chunk], u[chunk], v[chunk], values[chunk])
+        kernel(function.address, own, t[chunk], u[chunk], v[chunk], values[chunk])

@@ -396,7 +396,7 @@ class Pilots:
     def _drift(self, first: int, spacing: float, u: np.ndarray, v: np.ndarray) -> float:
         """The largest relative change of the energy over states with this spacing."""
         assert self._energy is not None
-        t0, params = self.window[0], check_params(self.problem.params)
+        t0, params = self.window[0], guarded(check_params(self.problem.params))
         start = self._energy.call(t0, self._u0, self._v0, params)
         t = t0 + spacing * np.arange(first, first + len(u))
         changes = np.abs(energies(self._energy, params, t, u, v) - start)

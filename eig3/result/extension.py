@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..functions.callbacks import Callback
+from ..functions.guard import guarded
 from ..kernels.loops.extension import extension_kernel
 from ..kernels.loops.formulas import variable_formulas
 from ..kernels.protocol import SCALAR, VECTOR
@@ -19,7 +20,7 @@ def states_between(
     ----------
     rhs : Callback
     params : ndarray
-        The parameters, from `guarded`.
+        A copy is made for this call, because a scene keeps lists of neighbours there.
     pair : str
         The file of methods with the formulas of the steps.
     t : ndarray, shape (m,)
@@ -44,7 +45,7 @@ def states_between(
         kernel, formulas = extension_kernel(pair, SCALAR if u.ndim == 1 else VECTOR), variable_formulas(pair)
         work = np.empty((formulas.rows + 2 * formulas.terms, n))
         t = np.ascontiguousarray(t)
-        kernel(rhs.address, params, t, *rows, left[inside], times[inside], *out, work)
+        kernel(rhs.address, guarded(params), t, *rows, left[inside], times[inside], *out, work)
         for x, values in zip(found, out, strict=True):
             x[inside] = values.reshape(x[inside].shape)
     return found

@@ -272,8 +272,9 @@ class Packing:
         self.box = {axis: self._add(side) for axis, side in zip("xyz", assembly.cloud.box, strict=False) if side > 0}
         self.swarms = [self._swarm(assembly, swarm) for swarm in assembly.swarms]
         if self.swarms:
-            refresh = neighbours.REFRESH[assembly.dimension]
-            self.functions |= {"refresh": refresh, "floats": neighbours.floats, "integers": neighbours.integers}
+            refresh, listed_from = neighbours.FUNCTIONS[assembly.dimension]
+            views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
+            self.functions |= {"refresh": refresh, "listed": listed_from, **views}
 
     def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:
         law = self._symbols(Law(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))

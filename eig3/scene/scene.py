@@ -186,8 +186,9 @@ class Scene:
         leaves_joined : bool
             Leave out pairs that a link or a cell of the scene joins, such as neighbours in a cloth.
         room : int, optional
-            The number of pairs of each point for which there is memory. By default it is twice that at the start, and
-            at least that of a dense packing. A run raises a ValueError when it needs more.
+            The number of pairs of each point for which the list has memory. By default it is twice that at the start,
+            and at least that of a dense packing. A state with more pairs costs more time: they are then looked for in
+            each evaluation.
 
         Raises
         ------

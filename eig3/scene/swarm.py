@@ -178,27 +178,25 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
 
     def attempt(room: int, skin: float) -> tuple[np.ndarray, Areas, int | None]:
         """Return p, the areas, and the number of pairs, or None if there is no room for them."""
-        areas, end = Areas.of(begin, count, room, 2 * count + 64, apart[1].size, dimension)
+        areas, end = Areas.of(begin, count, room, _buckets(count), apart[1].size, dimension)
         p = np.zeros(end)
         p[place:begin] = np.concatenate([*fields, np.empty(0)])
         _write(p, begin, swarm, members, cloud, areas, own, room, skin, apart)
-        has_room = neighbours.REFRESH[dimension](_fixed(u0), _fixed(p), begin)
-        is_whole = has_room and p[begin + neighbours.PRESENT_SKIN] == skin
+        refresh, _ = neighbours.FUNCTIONS[dimension]
+        refresh(u0, p, begin)
+        is_whole = p[begin + neighbours.LISTED] == members.index.size and p[begin + neighbours.PRESENT_SKIN] == skin
         return p, areas, int(_integers(p, areas.first, count + 1)[count]) if is_whole else None
 
-    room, skin, is_first = int(count * (swarm.room or _DENSE[dimension])) + 64, 0.0, True
-    while True:
+    room = count * (swarm.room or _DENSE[dimension]) + 64
+    p, areas, found = attempt(room, 0.0)
+    while found is None and swarm.room is None:
+        room *= 2
+        p, areas, found = attempt(room, 0.0)
+    skin = _skin(swarm, (room if found is None else found) / count, dimension)
+    p, areas, found = attempt(room, skin)
+    while swarm.room is None and (found is None or _GROWTH * found > room):
+        room = 2 * room if found is None else int(_GROWTH * found) + 64
         p, areas, found = attempt(room, skin)
-        if found is None and swarm.room:
-            raise ValueError(f"room of {swarm.effect.title} must be larger: more pairs are near at the start.")
-        if found is None:
-            room *= 2
-        elif is_first:
-            skin, is_first = _skin(swarm, found / count, dimension), False
-        elif swarm.room or _GROWTH * found <= room:
-            break
-        else:
-            room = int(_GROWTH * found) + 64
     follows = (np.diff(members.index) == 1).all()
     first = int(members.index[0]) if follows else -1
     return Listing(begin, areas, count, members.index.size, room, own, first, p[place:])
@@ -254,8 +252,9 @@ def _write(
     count, cutoff, x = members.points.size, swarm.effect.cutoff, cloud.positions
     widest = float(swarm.columns[cutoff].max())
     numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, swarm.second.size > 0, widest)
-    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, 2 * count + 64
+    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count)
     p[begin + neighbours.BOX :][: x.shape[1]] = cloud.box
+    p[begin + neighbours.PRESENT_SKIN] = skin
     p[begin + neighbours.HEAD :][: len(areas)] = areas
     p[areas.x :][: x.shape[1] * count] = x[members.points].T.ravel()
     tables = {"number": members.index, "group": members.group, "apart": apart[0], "apart_mates": apart[1]}
@@ -263,11 +262,9 @@ def _write(
         _integers(p, getattr(areas, name), table.size)[:] = table
 
 
-def _fixed(values: np.ndarray) -> np.ndarray:
-    """Return a view that cannot be written, which is what a right-hand side gets."""
-    view = values.view()
-    view.flags.writeable = False
-    return view
+def _buckets(count: int) -> int:
+    """Return the number of buckets of the cells of some points: a power of two, so that most buckets are empty."""
+    return 1 << (8 * count - 1).bit_length()
 
 
 def _integers(p: np.ndarray, begin: int, count: int) -> np.ndarray:

@@ -6,12 +6,10 @@ masses.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from .assembly import Assembly
 from .packing import Packing, SwarmBlock, entry
-
-_FULL = "more points are near each other than there is room for in memory: give the effect a larger room"
 
 
 class SwarmText:
@@ -25,45 +23,49 @@ class SwarmText:
         """Add the forces between near points to the accelerations of their masses."""
         for block in self._swarms:
             yield from self._refreshed(block, "tension", "density")
-            yield f"for point in range({block.listing.masses}):"
-            yield from _indented(self._point(block, self._reads_rate(block)))
-            yield f"    {' = '.join(f'{axis}_sum' for axis in self._axes)} = 0.0"
-            yield from _indented(self._mates(block, self._pull(block)))
-            for k, axis in enumerate(self._axes):
-                yield f"    {self._at('a', k, 'i')} += {axis}_sum * {self._w('i')}"
+            inside = [*self._point(block, self._reads_rate(block))]
+            inside.append(f"{' = '.join(f'{axis}_sum' for axis in self._axes)} = 0.0")
+            inside += self._mates(block, self._pull(block))
+            inside += [f"{self._at('a', k, 'i')} += {axis}_sum * {self._w('i')}" for k, axis in enumerate(self._axes)]
+            yield from self._points(block, inside)
 
     def potentials(self) -> Iterator[str]:
         """Add the potentials of near points to the total."""
         for block in self._swarms:
             if "potential" in block.law.functions:
                 yield from self._refreshed(block, "potential")
-                yield f"for point in range({block.listing.masses}):"
-                yield from _indented(self._point(block, False))
                 offered = self._offered(block)
                 inside = ["r = sqrt(tiny + square)", f"total += {block.law.call('potential', '', offered)}"]
-                yield from _indented(self._mates(block, inside))
+                yield from self._points(block, [*self._point(block, False), *self._mates(block, inside)])
 
     def power(self) -> Iterator[str]:
         """Add the power of the forces without a potential."""
         for block in self._swarms:
             if "potential" not in block.law.functions:
                 yield from self._refreshed(block, "tension", "density")
-                yield f"for point in range({block.listing.masses}):"
-                yield from _indented(self._point(block, True))
                 inside = [*self._length(block, True), f"total -= ({self._tension(block)}) * rate"]
-                yield from _indented(self._mates(block, inside))
+                yield from self._points(block, [*self._point(block, True), *self._mates(block, inside)])
 
     def _refreshed(self, block: SwarmBlock, *functions: str) -> Iterator[str]:
         """Refresh the list, and read what all pairs share."""
         listing, areas = block.listing, block.listing.areas
-        yield f"if not refresh(u, p, {listing.place}):"
-        yield f'    raise ValueError("{_FULL}")'
-        yield f"places = floats(p, {areas.x}, {len(self._axes) * listing.points})"
-        yield f"firsts = integers(p, {areas.first}, {listing.points + 1})"
-        yield f"mates = integers(p, {areas.mates}, {listing.room})"
+        yield f"kept, place = memory(p), index({listing.place})"
+        yield "refresh(memory(u), kept, place)"
+        yield f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})"
+        yield f"firsts = integers(kept, {areas.first}, {listing.points + 1})"
+        yield f"mates = integers(kept, {areas.mates}, {listing.room})"
         if listing.begin < 0:
-            yield f"indices = integers(p, {areas.number}, {listing.masses})"
+            yield f"indices = integers(kept, {areas.number}, {listing.masses})"
         yield from block.law.constants(*functions)
+
+    def _points(self, block: SwarmBlock, inside: Iterable[str]) -> Iterator[str]:
+        """Loop over the masses of the list, which has the pairs of some of them at a time if it has no room for all."""
+        listing = block.listing
+        yield "stop = index(0)"
+        yield f"while stop < {listing.masses}:"
+        yield "    begin, stop = stop, index(listed(kept, place, stop))"
+        yield "    for point in range(begin, stop):"
+        yield from (f"        {line}" for line in inside)
 
     def _point(self, block: SwarmBlock, reads_rate: bool) -> Iterator[str]:
         """Read the position of a point, and its velocity."""
@@ -142,7 +144,3 @@ class SwarmText:
 
     def _w(self, i: str) -> str:
         return "w" if self._weight.is_uniform else self._weight.of(i)
-
-
-def _indented(lines: Iterator[str]) -> Iterator[str]:
-    return (f"    {line}" for line in lines)

@@ -406,11 +406,11 @@ class March:
         shape = () if self.form is SCALAR else (self.n,)
         if not u.shape == v.shape == shape:
             raise ValueError(f"u and v must have the shape of u0, {shape}, not {u.shape}, {v.shape}.")
-        call = self.system.callback.call
+        call, params = self.system.callback.call, guarded(self.params)  # another thread may take steps
         if self.form is SCALAR:
-            return call(float(t), float(u), float(v), self.params)
+            return call(float(t), float(u), float(v), params)
         a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
-        call(t, u, v, self.params, a)
+        call(t, u, v, params, a)
         return a
 
     def find_unwritten(self, t: float) -> int | None:

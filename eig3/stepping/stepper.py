@@ -231,7 +231,7 @@ class Stepper(March):
 
     def restarted(self, h: float) -> Stepper:
         """Return a new stepper at t0, u0 and v0, with the step h, and the same events."""
-        return Stepper.of(self.system, self.t0, h, *self.start, self.params)
+        return Stepper.of(self.system, self.t0, h, *self.start, guarded(self.params))
 
     @property
     def notes(self) -> tuple[str, ...]:

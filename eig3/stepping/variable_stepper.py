@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..functions.guard import guarded
 from ..functions.inlining import inlined
 from ..kernels.loops import variable
 from ..kernels.loops.fixed import STACKED_DEGREES
@@ -168,7 +169,8 @@ class VariableStepper(March):
 
     def restarted(self, t_end: float, times: np.ndarray | None) -> VariableStepper:
         """Return an independent stepper at the start, for a run to another end."""
-        return VariableStepper(self.system, (self.t0, t_end), *self.start, self.params, self.tolerances, times)
+        start = *self.start, guarded(self.params)
+        return VariableStepper(self.system, (self.t0, t_end), *start, self.tolerances, times)
 
 
 def _kernel(system: System, module: str, n: int) -> Kernel:
