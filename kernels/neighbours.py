@@ -34,9 +34,10 @@ from .protocol import vector_type
 #: the skin; 1 if only pairs of different groups count; the largest cutoff, and where in p each point has its cutoff, or
 #: 0; the number of pairs for which there is room; and the number of buckets, a power of two.
 POINTS, MASSES, STRIDE, SKIN, HAS_GROUPS, CUTOFF, OWN_CUTOFFS, ROOM, BUCKETS = range(9)
-#: The sides of the periodic box, 0 for none; the number of the first points whose pairs are in the list, which is valid
+#: The sides of the periodic box, 0 for none, and the rate at which it shears; the time when the list was built, and by
+#: how much the images above were moved then; the number of the first points whose pairs are in the list, which is valid
 #: if these are all masses; the skin that it has; and room for the grid of cells and for some positions.
-BOX, LISTED, PRESENT_SKIN, GRID, SOME = 9, 12, 13, 14, 23
+BOX, SHEAR, BUILT_AT, TILT, LISTED, PRESENT_SKIN, GRID, SOME = 9, 12, 13, 14, 15, 16, 17, 26
 _SAMPLES = 64  # points, from which the region of the cells is chosen
 HEAD = SOME + _SAMPLES
 #: The parts of the grid: numbers of cells, 0 for an axis without end; where the cells begin; and cells in a metre.
@@ -143,29 +144,38 @@ def memory(typingctx, array):  # type: ignore[no-untyped-def]
 
 
 @element
-def refresh(u, p, place, d):
-    """Copy the positions of the masses, and build the list anew if it may miss a pair."""
+def refresh(t, u, p, place, d):
+    """Copy the positions of the masses, and build the list anew if it may miss a pair.
+
+    In a box that shears, what a point moves with the flow since then counts for the way between two points only.
+    """
     count, masses, stride = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + STRIDE])
     x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
     index = integers(p, area(p, place, NUMBER), count)
-    worst = 0.0
+    worst, strain = 0.0, p[place + SHEAR] * (t - p[place + BUILT_AT])
     for i in range(masses):
         at, square = int(index[i]), 0.0
         for k in range(d):
             now = u[k * stride + at]
             way = now - built[k * count + i]
+            if k == 0 and d > 1:
+                way -= strain * built[count + i]
             x[k * count + i] = now
             square += way * way
         worst = square if not square <= worst else worst  # NaN stays
-    limit = p[place + PRESENT_SKIN] / 2
-    if p[place + LISTED] == masses and worst <= limit * limit:
+    skin = p[place + PRESENT_SKIN]
+    limit = (skin - abs(strain) * (p[place + CUTOFF] + skin)) / 2
+    if p[place + LISTED] == masses and limit >= 0 and worst <= limit * limit:
         return
+    p[place + BUILT_AT], shift = t, p[place + SHEAR] * p[place + BOX + 1] * t
+    p[place + TILT] = nearest(shift, p[place + BOX])
     for j in range(d * count):
         built[j] = x[j]
     skin = first_skin(p, place)
     while True:
         sort_by_cells(x, p, place, p[place + CUTOFF] + skin, d)
-        p[place + LISTED], p[place + PRESENT_SKIN] = build(x, p, place, 0, skin, d), skin
+        begin = np.int64(0)  # for a literal, Numba would compile the function once more
+        p[place + LISTED], p[place + PRESENT_SKIN] = build(x, p, place, begin, skin, d), skin
         if p[place + LISTED] == masses or skin == 0:
             return
         skin = skin / 2 if skin > p[place + SKIN] / 4 else 0.0
@@ -210,7 +220,7 @@ def build(x, p, place, begin, skin, d):
     start, mask = integers(p, area(p, place, START), int(p[place + BUCKETS]) + 1), int(p[place + BUCKETS]) - 1
     own, widest = int(p[place + OWN_CUTOFFS]), p[place + CUTOFF]
     # what is read here need not be read again in the loops, in which the list is written
-    side_x, side_y, side_z = p[place + BOX], p[place + BOX + 1], p[place + BOX + 2]
+    side_x, side_y, side_z, tilt = p[place + BOX], p[place + BOX + 1], p[place + BOX + 2], p[place + TILT]
     nx, ny, nz = int(p[place + _NUMBERS]), int(p[place + _NUMBERS + 1]), int(p[place + _NUMBERS + 2])
     low_x, high_x = around(nx)
     low_y, high_y = around(ny)
@@ -235,11 +245,13 @@ def build(x, p, place, begin, skin, d):
                         j = int(order[q])
                         if j <= i or (has_groups and group[i] == group[j]):
                             continue
-                        way = nearest(x[j] - x_here, side_x)
-                        square = way * way
+                        square, turns = 0.0, 0.0
                         if d > 1:
-                            way = nearest(x[count + j] - y_here, side_y)
-                            square += way * way
+                            way = x[count + j] - y_here
+                            turns = np.rint(way / side_y) if side_y > 0 else 0.0
+                            square = (way - side_y * turns) ** 2
+                        way = nearest(x[j] - x_here - tilt * turns, side_x)
+                        square += way * way
                         if d > 2:
                             way = nearest(x[2 * count + j] - z_here, side_z)
                             square += way * way
@@ -345,7 +357,8 @@ def divide(x, p, place, size, d):
     for k in range(d):
         side = head[BOX + k]
         if side > 0:
-            number = math.floor(min(side / size, _CELLS))
+            slant = p[place + TILT] / head[BOX + 1] if k == 0 and p[place + TILT] != 0 else 0.0
+            number = math.floor(min(side / (size * math.sqrt(1 + slant * slant)), _CELLS))
             number = number if number >= 3 else 1.0
             head[_NUMBERS + k], head[_LOWS + k], head[_SCALES + k] = number, 0.0, number / side
         else:
@@ -359,7 +372,11 @@ def cell(x, p, place, k, i, d):
     """Return the number of the cell of a point along an axis."""
     if k >= d:
         return 0
-    along = (x[k * int(p[place + POINTS]) + i] - p[place + _LOWS + k]) * p[place + _SCALES + k]
+    count, tilt = int(p[place + POINTS]), p[place + TILT]
+    along = x[k * count + i] - p[place + _LOWS + k]
+    if k == 0 and tilt != 0:  # then there are more dimensions, and a side along y
+        along -= tilt / p[place + BOX + 1] * x[count + i]
+    along *= p[place + _SCALES + k]
     number = p[place + _NUMBERS + k]
     if number > 0:
         return int(min(along - number * np.floor(along / number), number - 1))
@@ -387,21 +404,21 @@ def _kept(function: Any) -> Any:
 
 
 @_kept
-def refresh_1d(u, p, place):
+def refresh_1d(t, u, p, place):
     """Call `refresh` in one dimension."""
-    return refresh(u, p, place, 1)
+    return refresh(t, u, p, place, 1)
 
 
 @_kept
-def refresh_2d(u, p, place):
+def refresh_2d(t, u, p, place):
     """Call `refresh` in two dimensions."""
-    return refresh(u, p, place, 2)
+    return refresh(t, u, p, place, 2)
 
 
 @_kept
-def refresh_3d(u, p, place):
+def refresh_3d(t, u, p, place):
     """Call `refresh` in three dimensions."""
-    return refresh(u, p, place, 3)
+    return refresh(t, u, p, place, 3)
 
 
 @_kept

@@ -45,6 +45,8 @@ class Cloud:
         The positions in which cells have their shape at rest.
     box : ndarray, shape (dimension,)
         The sides of the periodic box, m; 0 along an axis without one.
+    shear : float
+        The rate at which the box shears, 1/s.
     """
 
     masses: np.ndarray
@@ -52,6 +54,7 @@ class Cloud:
     velocities: np.ndarray
     rest: np.ndarray
     box: np.ndarray
+    shear: float
 
     @cached_property
     def free(self) -> np.ndarray:
@@ -229,7 +232,7 @@ class Assembly:
     def is_conservative(self) -> bool:
         """Whether the sum of the kinetic energy and the potentials is constant."""
         moves = bool(self.supports.moved) or any(group.motions for group in self.links)
-        return all(law.is_conservative for law in self.laws) and not moves
+        return all(law.is_conservative for law in self.laws) and not moves and not self.cloud.shear
 
     @property
     def reads_velocity(self) -> bool:

@@ -29,6 +29,7 @@ from ..functions.families import Family
 from ..kernels.compile.jit import element
 from ..kernels.compile.source import define
 from .assembly import STATE, Assembly
+from .box_text import BoxText
 from .effect import FORCES, RESETS
 from .mesh_text import MeshText
 from .packing import Block, Column, Packing, Symbols, entry
@@ -129,7 +130,7 @@ class _Source:
         self._bodies = _acting(packing.bodies, _BODY)
         self._links = _acting(packing.links, _LINK)
         self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing)
-        self._box = packing.box
+        self._box = BoxText(packing)
         self.occasions: list[_Occasion] = []
         self._lines: list[str] = []
         self._depth = 0
@@ -193,6 +194,10 @@ class _Source:
                     self._pull(block, s, i, j)
                     for axis in self._axes:
                         self._write(f"total -= f{axis} * {self._support('v', block, axis, s)}")
+            for block in self._links if self._box.shears else []:
+                with self._near_members(block, *_LINK) as (s, i, j):
+                    self._pull(block, s, i, j)
+                    self._write_all(self._box.power())
             self._write_all(self._meshes.power())
             self._write_all(self._swarms.power())
             self._write("return total")
@@ -408,8 +413,7 @@ class _Source:
                 self._motion(motion, "moved", name)
         for axis in self._axes:
             self._write(f"d{axis} = {self._difference('u', block, axis, s, i, j)}")
-            if axis in self._box:
-                self._write(f"d{axis} -= {axis}_side * rint(d{axis} * {axis}_inverse)")
+        self._write_all(self._box.nearest())
 
     def _length(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         """Compute the values that these functions of a link's laws, and its pull, need; call `_separation` first."""
@@ -419,6 +423,7 @@ class _Source:
         if needs_rate:
             for axis in self._axes:
                 self._write(f"e{axis} = {self._difference('v', block, axis, s, i, j)}")
+            self._write_all(self._box.rate())
         if len(self._axes) == 1:
             return {"t": "t", "r": "dx", "rate": "ex"}
         if needs_inverse or block.reads("r", *functions):
@@ -610,9 +615,7 @@ class _Source:
         with self._indented(f"def {head}:"):
             if self._weight.is_uniform:
                 self._write(f"w = {self._weight.of('')}")
-            for axis, place in self._box.items():
-                self._write(f"{axis}_side = p[{place}]")
-                self._write(f"{axis}_inverse = 1 / {axis}_side")
+            self._write_all(self._box.constants())
             for number in sorted({number for block in links for number in block.group.motions}):
                 motion = self._motions[number]
                 for line in motion.constants("motion"):

@@ -243,13 +243,15 @@ class Packing:
     swarms : list of SwarmBlock
     box : dict of str to int
         The places of the sides of the periodic box, by the axes that have one.
+    shear : int or None
+        The place of the rate at which it shears; None if it does not.
     """
 
     def __init__(self, assembly: Assembly) -> None:
         self._parts: list[np.ndarray] = []
         # the names with an underscore in every source; `_name` makes no name without one
         self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}
-        self._names |= {"corner_place", "corner_speed"}
+        self._names |= {"corner_place", "corner_speed", "image_speed", "image_shift"}
         self._names |= {f"{axis}_{name}" for axis in "xyz" for name in ("here", "rate", "sum", "side", "inverse")}
         self._names |= {
             f"{axis}_{name}_{number}"
@@ -270,6 +272,7 @@ class Packing:
             moved = [(law, self._column(members)) for law, members in assembly.supports.moved]
             self.supports = SupportTable(positions, moved)
         self.box = {axis: self._add(side) for axis, side in zip("xyz", assembly.cloud.box, strict=False) if side > 0}
+        self.shear = self._add(np.array(assembly.cloud.shear)) if assembly.cloud.shear else None
         self.swarms = [self._swarm(assembly, swarm) for swarm in assembly.swarms]
         if self.swarms:
             refresh, listed_from = neighbours.FUNCTIONS[assembly.dimension]

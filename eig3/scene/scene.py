@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -95,18 +96,27 @@ class Scene:
     box : sequence of float or None, shape (dimension,), optional
         The sides of a box that repeats itself without end, m; None or 0 along an axis without repetition. A link acts
         between the nearest images of its points. u does not jump where a point leaves the box.
+    shear : float
+        The rate at which the box shears, 1/s: the images at y + box[1] move along x, by shear box[1] t at the time t.
+        Give the masses the velocity shear y along x, or they start with another flow.
 
     Raises
     ------
     ValueError
-        If dimension is not 1, 2 or 3, or the box does not have a side for each dimension.
+        If dimension is not 1, 2 or 3, the box does not have a side for each dimension, or it shears without sides
+        along x and y.
     """
 
-    def __init__(self, dimension: int, box: Sequence[float | None] | None = None) -> None:
+    def __init__(self, dimension: int, box: Sequence[float | None] | None = None, shear: float = 0.0) -> None:
         if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension not in (1, 2, 3):
             raise ValueError(f"dimension must be 1, 2 or 3, not {dimension!r}.")
         self.dimension = int(dimension)
         self._box = self._check_box(box)
+        self._shear = float(reals(shear, "shear"))
+        if not math.isfinite(self._shear):
+            raise ValueError(f"shear must be finite, not {shear!r}.")
+        if self._shear and not (self.dimension > 1 and (self._box[:2] > 0).all()):
+            raise ValueError("shear needs a box with sides along x and y, such as box=(1.0, 1.0).")
         self._swarms: list[Swarm] = []
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
@@ -234,7 +244,7 @@ class Scene:
         room = None if room is None else check_count(room, "room")
         swarm = Swarm(effect, first, second, columns, check_flag(leaves_joined, "leaves_joined"), room)
         cloud = self._cloud()
-        check_swarm(swarm, cloud.masses, cloud.positions, cloud.box)
+        check_swarm(swarm, cloud)
         self._swarms.append(swarm)
 
     def add_mesh(
@@ -380,9 +390,9 @@ class Scene:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
         if not self._parts:
             none = np.empty((0, self.dimension))
-            return Cloud(np.empty(0), none, none, none, self._box)
+            return Cloud(np.empty(0), none, none, none, self._box, self._shear)
         masses, positions, velocities, rest = self._parts[0]
-        return Cloud(masses, positions, velocities, rest, self._box)
+        return Cloud(masses, positions, velocities, rest, self._box, self._shear)
 
     def _check_box(self, box: Sequence[float | None] | None) -> np.ndarray:
         """Return the sides of the box, which are 0 along axes without repetition."""

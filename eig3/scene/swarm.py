@@ -78,7 +78,7 @@ class Members:
         return cls(points, index[index >= 0], (order >= swarm.first.size).astype(int), order)
 
 
-def check_swarm(swarm: Swarm, masses: np.ndarray, positions: np.ndarray, box: np.ndarray) -> None:
+def check_swarm(swarm: Swarm, cloud: Any) -> None:
     """Check that a link can act between the points of a swarm.
 
     Raises
@@ -86,7 +86,8 @@ def check_swarm(swarm: Swarm, masses: np.ndarray, positions: np.ndarray, box: np
     TypeError, ValueError
         If it cannot. The error names the effect.
     """
-    effect, numbers = swarm.effect, np.concatenate([swarm.first, swarm.second])
+    effect, numbers, box = swarm.effect, np.concatenate([swarm.first, swarm.second]), cloud.box
+    is_mass = cloud.masses[numbers] > 0
     title = effect.title
     if not effect.cutoff:
         raise TypeError(f"{title} has no cutoff, so that it needs two arguments of points: the ends of each link.")
@@ -94,8 +95,10 @@ def check_swarm(swarm: Swarm, masses: np.ndarray, positions: np.ndarray, box: np
         raise TypeError(f"{title} has an event, so that it needs two arguments of points: the ends of each link.")
     if np.unique(numbers).size < numbers.size:
         raise ValueError(f"{title} was given a point twice: the points of near must not be among the others.")
-    if not (masses[numbers] > 0).any():
+    if not is_mass.any():
         raise ValueError(f"{title} was given fixed points only, so that it cannot move anything.")
+    if cloud.shear and not is_mass.all():
+        raise ValueError(f"{title} was given fixed points, which do not move with a box that shears: give masses.")
     for name, column in swarm.columns.items():
         if len(column) > 1 and name not in effect.mixed:
             able = " and ".join(effect.mixed) or "no field"
@@ -108,7 +111,7 @@ def check_swarm(swarm: Swarm, masses: np.ndarray, positions: np.ndarray, box: np
         raise ValueError(
             f"{effect.cutoff} of {title} must be at most half a side of the box, {box[box > 0].min() / 2:g}."
         )
-    places = positions[numbers].copy()
+    places = cloud.positions[numbers].copy()
     places[:, box > 0] %= box[box > 0]
     if np.unique(places, axis=0).shape[0] < numbers.size:
         raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
@@ -183,7 +186,7 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         p[place:begin] = np.concatenate([*fields, np.empty(0)])
         _write(p, begin, swarm, members, cloud, areas, own, room, skin, apart)
         refresh, _ = neighbours.FUNCTIONS[dimension]
-        refresh(u0, p, begin)
+        refresh(0.0, u0, p, begin)
         is_whole = p[begin + neighbours.LISTED] == members.index.size and p[begin + neighbours.PRESENT_SKIN] == skin
         return p, areas, int(_integers(p, areas.first, count + 1)[count]) if is_whole else None
 
@@ -254,7 +257,7 @@ def _write(
     numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, swarm.second.size > 0, widest)
     p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count)
     p[begin + neighbours.BOX :][: x.shape[1]] = cloud.box
-    p[begin + neighbours.PRESENT_SKIN] = skin
+    p[begin + neighbours.SHEAR], p[begin + neighbours.PRESENT_SKIN] = cloud.shear, skin
     p[begin + neighbours.HEAD :][: len(areas)] = areas
     p[areas.x :][: x.shape[1] * count] = x[members.points].T.ravel()
     tables = {"number": members.index, "group": members.group, "apart": apart[0], "apart_mates": apart[1]}

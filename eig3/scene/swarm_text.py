@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from .assembly import Assembly
+from .box_text import BoxText
 from .packing import Packing, SwarmBlock, entry
 
 
@@ -17,7 +18,7 @@ class SwarmText:
 
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
         self._n, self._axes, self._weight = assembly.n, "xyz"[: assembly.dimension], packing.weight
-        self._box, self._swarms = packing.box, packing.swarms
+        self._box, self._swarms = BoxText(packing), packing.swarms
 
     def forces(self) -> Iterator[str]:
         """Add the forces between near points to the accelerations of their masses."""
@@ -39,18 +40,21 @@ class SwarmText:
                 yield from self._points(block, [*self._point(block, False), *self._mates(block, inside)])
 
     def power(self) -> Iterator[str]:
-        """Add the power of the forces without a potential."""
+        """Add the power of the forces without a potential, and of the images in a box that shears."""
         for block in self._swarms:
-            if "potential" not in block.law.functions:
+            loses = "potential" not in block.law.functions
+            if loses or self._box.shears:
                 yield from self._refreshed(block, "tension", "density")
-                inside = [*self._length(block, True), f"total -= ({self._tension(block)}) * rate"]
+                inside = [*self._length(block, True), f"force = {self._tension(block)}"]
+                inside += ["total -= force * rate"] * loses
+                inside += ["fx = force * inverse * dx", *self._box.power()] if self._box.shears else []
                 yield from self._points(block, [*self._point(block, True), *self._mates(block, inside)])
 
     def _refreshed(self, block: SwarmBlock, *functions: str) -> Iterator[str]:
         """Refresh the list, and read what all pairs share."""
         listing, areas = block.listing, block.listing.areas
         yield f"kept, place = memory(p), index({listing.place})"
-        yield "refresh(memory(u), kept, place)"
+        yield f"refresh({'t' if self._box.shears else '0.0'}, memory(u), kept, place)"
         yield f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})"
         yield f"firsts = integers(kept, {areas.first}, {listing.points + 1})"
         yield f"mates = integers(kept, {areas.mates}, {listing.room})"
@@ -82,8 +86,7 @@ class SwarmText:
         yield "    mate = index(mates[q])"
         for k, axis in enumerate(self._axes):
             yield f"    d{axis} = {entry('places', k * block.listing.points, 'mate')} - {axis}_here"
-            if axis in self._box:
-                yield f"    d{axis} -= {axis}_side * rint(d{axis} * {axis}_inverse)"
+        yield from (f"    {line}" for line in self._box.nearest())
         yield f"    square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}"
         if cutoff == "cutoff":
             yield f"    cutoff = {self._own(block, block.law.cutoff)}"
@@ -107,7 +110,7 @@ class SwarmText:
             lines += [f"e{axis} = -{axis}_rate" for axis in self._axes]
             of_mate = [f"j = {self._mass(block, 'mate')}"]
             of_mate += [f"e{axis} += {self._at('v', k, 'j')}" for k, axis in enumerate(self._axes)]
-            lines += self._if_mass(block, of_mate)
+            lines += [*self._if_mass(block, of_mate), *self._box.rate()]
             lines.append(f"rate = ({' + '.join(f'd{axis} * e{axis}' for axis in self._axes)}) * inverse")
         return lines
 
