@@ -308,12 +308,14 @@ def sort(values, begin, end):
     for q in range(begin, end):
         value, k = values[q], stop
         while k > begin and values[k - 1] > value:
+            values[k] = values[k - 1]
             k -= 1
         if k == begin or values[k - 1] < value:
-            for later in range(stop, k, -1):
-                values[later] = values[later - 1]
             values[k] = value
             stop += 1
+        else:  # move those above back
+            for above in range(k, stop):
+                values[above] = values[above + 1]
     return stop
 
 
