@@ -36,8 +36,10 @@ from .protocol import vector_type
 POINTS, MASSES, STRIDE, SKIN, HAS_GROUPS, CUTOFF, OWN_CUTOFFS, ROOM, BUCKETS = range(9)
 #: The sides of the periodic box, 0 for none, and the rate at which it shears; the time when the list was built, and by
 #: how much the images above were moved then; the number of the first points whose pairs are in the list, which is valid
-#: if these are all masses; the skin that it has; and room for the grid of cells and for some positions.
-BOX, SHEAR, BUILT_AT, TILT, LISTED, PRESENT_SKIN, GRID, SOME = 9, 12, 13, 14, 15, 16, 17, 26
+#: if these are all masses; the skin that it has; room for the grid of cells; the mark of a list; and room for some
+#: positions.
+BOX, SHEAR, BUILT_AT, TILT, LISTED, PRESENT_SKIN, GRID, MARK, SOME = 9, 12, 13, 14, 15, 16, 17, 26, 27
+IS_LIST = 0.1  # the mark, which a conversion to single precision changes as it does the integers of a list
 _SAMPLES = 64  # points, from which the region of the cells is chosen
 HEAD = SOME + _SAMPLES
 #: The parts of the grid: numbers of cells, 0 for an axis without end; where the cells begin; and cells in a metre.
@@ -149,6 +151,8 @@ def refresh(t, u, p, place, d):
 
     In a box that shears, what a point moves with the flow since then counts for the way between two points only.
     """
+    if p[place + MARK] != IS_LIST:
+        raise ValueError("params must be those of scene.problem in double precision: there are lists of neighbours among them.")
     count, masses, stride = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + STRIDE])
     x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
     index = integers(p, area(p, place, NUMBER), count)

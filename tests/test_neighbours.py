@@ -371,6 +371,14 @@ def test_members_of_a_small_scene_run_alone():
                 np.testing.assert_array_equal(found[i].u[-1], one.u[-1])
 
 
+def test_params_that_are_no_list_are_refused():
+    """The integers of a list do not survive a conversion to single precision: all indices would be 0."""
+    problem = gas().problem((0.0, 1.0))
+    params = problem.params.astype(np.float32)
+    with pytest.raises(ValueError, match="params must be those of scene.problem in double precision"):
+        eig3.integrate(problem.rhs, (0.0, 1.0), problem.u0, problem.v0, params=params, h=1e-3)
+
+
 def test_a_fork_of_a_stepper_has_a_list_of_its_own():
     problem = gas().problem((0.0, 1.0))
     stepper = problem.stepper(h=1e-3)

@@ -1,4 +1,4 @@
-"""Boxes that shear: links act between the nearest images, which move, and their lists of neighbours miss nothing."""
+"""Periodic boxes, also those that shear: links act between the nearest images, and lists of neighbours miss nothing."""
 
 import inspect
 import itertools
@@ -124,6 +124,31 @@ def test_momentum_is_kept_and_the_work_is_that_of_the_images():
     assert runs[1].drift["energy"] < 0.1 * runs[0].drift["energy"]
     momentum = points.of(runs[0].v).sum(axis=1)
     np.testing.assert_allclose(momentum[-1], momentum[0], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("length", [0.2, 0.5])
+def test_a_link_on_a_line_acts_across_the_border(length):
+    """The masses at 0.1 m and 9.9 m of a box of 10 m are 0.2 m apart."""
+    scene = Scene(1, box=(10.0,))
+    scene.add(effects.LinearSpring(100.0, length=length), scene.mass(1.0, 0.1), scene.mass(2.0, 9.9))
+    problem = scene.problem((0, 1))
+    pull = 100 * (0.2 - length)
+    found = acceleration(problem, 0.0, problem.u0, problem.v0, problem.params)
+    np.testing.assert_allclose(found, [-pull, pull / 2], rtol=0, atol=1e-11)  # round-off of 10 m times 100 N/m
+    assert problem.energy_of(problem.u0, problem.v0) == pytest.approx(50 * (0.2 - length) ** 2, abs=1e-12)
+
+
+def test_a_row_on_a_line_oscillates_as_a_ring():
+    """A wave along n masses has the frequency 2 sqrt(k/m) sin(pi q / n), also across the border and past half the box."""
+    n, q, stiffness = 12, 2, 40.0
+    scene = Scene(1, box=(float(n),))
+    wave = 1e-3 * np.cos(2 * np.pi * q * np.arange(n) / n)
+    ring = scene.mass(1.0, np.arange(n) + wave)
+    scene.add(effects.LinearSpring(stiffness, length=1.0), ring, ring[(np.arange(n) + 1) % n])
+    period = np.pi / (np.sqrt(stiffness) * np.sin(np.pi * q / n))
+    run = scene.problem((0.0, period)).integrate(rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(run.u[-1], run.u[0], rtol=0, atol=1e-9)
+    assert np.abs(run.u - run.u[0]).max() > 1e-3
 
 
 def test_a_box_without_shear_has_no_code_for_it():

@@ -426,13 +426,14 @@ def _moved(fixed: np.ndarray, moves: _Moves) -> list[tuple[int, np.ndarray]]:
 def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Group, np.ndarray]:
     """Turn links so that the fixed end, or else the mass with the lower index, comes first.
 
-    Also return, for each link, whether it has a fixed end, and the sign of its group in one dimension.
+    Also return, for each link, whether it has a fixed end, and the sign of its group: -1 on a line without end, if the
+    end that comes first is the one with the larger x.
     """
     free, x = cloud.free, cloud.positions
     swapped = (free[b] < 0) | ((free[a] >= 0) & (free[a] > free[b]))
-    sign = np.where(x[b, 0] >= x[a, 0], 1, -1) if x.shape[1] == 1 else np.ones(a.size, dtype=np.int64)
-    if x.shape[1] == 1:
-        sign = np.where(swapped, -sign, sign)
+    sign = np.ones(a.size, dtype=np.int64)
+    if x.shape[1] == 1 and not cloud.box.any():
+        sign = np.where((x[b, 0] >= x[a, 0]) ^ swapped, 1, -1)
     a, b = np.where(swapped, b, a), np.where(swapped, a, b)
     anchored = free[a] < 0
     first = np.where(anchored, free[b], free[a])

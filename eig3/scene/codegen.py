@@ -131,6 +131,8 @@ class _Source:
         self._links = _acting(packing.links, _LINK)
         self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing)
         self._box = BoxText(packing)
+        # on a line without end, a link has a sign: its ends may pass through each other
+        self._is_signed = len(self._axes) == 1 and not packing.box
         self.occasions: list[_Occasion] = []
         self._lines: list[str] = []
         self._depth = 0
@@ -363,7 +365,7 @@ class _Source:
             self._write(f"impulse = change / ({self._w(i)} + {self._w(j)})")
             ends = [("-=", i, f"impulse * {self._w(i)}"), ("+=", j, f"impulse * {self._w(j)}")]
         for axis in self._axes:
-            along = f" * d{axis} * inverse" if len(self._axes) > 1 else " * -1" * (block.group.sign < 0)
+            along = f" * d{axis} * inverse" if not self._is_signed else " * -1" * (block.group.sign < 0)
             for sign, end, kick in ends:
                 self._write(f"{self._at('v', axis, end)} {sign} {kick}{along}")
 
@@ -424,7 +426,7 @@ class _Source:
             for axis in self._axes:
                 self._write(f"e{axis} = {self._difference('v', block, axis, s, i, j)}")
             self._write_all(self._box.rate())
-        if len(self._axes) == 1:
+        if self._is_signed:
             return {"t": "t", "r": "dx", "rate": "ex"}
         if needs_inverse or block.reads("r", *functions):
             self._write(f"r = sqrt(tiny + {self._square})")
@@ -479,7 +481,7 @@ class _Source:
         """Compute the force on the first end of a link, times a factor, after `_separation`."""
         offered = self._length(block, s, i, j, *_LINK)
         tensions, densities = ([law.call(f, s, offered) for law in block.having(f)] for f in _LINK)
-        if len(self._axes) == 1:
+        if self._is_signed:
             pulls = _sum(tensions + [f"{density} * dx" for density in densities])
             self._write(f"fx = {'-' if block.group.sign < 0 else ''}{pulls}{factor}")
             return
@@ -552,12 +554,12 @@ class _Source:
     def _near_members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
         """Write a loop over links that computes their separation and skips links beyond the cutoffs of all their laws.
 
-        It compares squares and thus needs no square root. In one dimension no link has a square root to avoid.
+        It compares squares and thus needs no square root. A link with a sign has no square root to avoid.
         """
         with self._members(block, *functions) as (s, i, j):
             self._separation(block, s, i, j)
             cutoffs = [law.cutoff_of(s) for law in block.laws if law.cutoff]
-            if len(self._axes) == 1 or len(cutoffs) < len(block.laws):
+            if self._is_signed or len(cutoffs) < len(block.laws):
                 yield s, i, j
                 return
             near = " or ".join(f"square < {cutoff} * {cutoff}" for cutoff in cutoffs)

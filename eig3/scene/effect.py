@@ -371,8 +371,9 @@ class Link(Effect):
     A class has ``tension``, the force that pulls the points together, or ``density``, that force divided by the
     distance. It may have ``potential``, an energy; the tension is then its derivative with respect to the distance.
     Their arguments can be the time t, the distance r, the rate at which r grows, rate, and fields; see `Body` for
-    `vectors`, `arrays` and `nonnegative`. In one dimension r has a sign: it is positive while the two points are in the
-    same order as at the start, and negative after they have passed each other.
+    `vectors`, `arrays` and `nonnegative`. In one dimension the r of a link between two given points has a sign: it is
+    positive while they are in the same order as at the start, and negative after they have passed each other. Near
+    points and the points of a periodic box have no order: r is their distance.
 
     The function ``event`` and what happens there, ``rate_after`` and ``state_after``, can take the same arguments as a
     tension: see `Effect`. The scene gives the two ends the velocities that have the new rate and the same momentum.

@@ -257,6 +257,7 @@ def _write(
     numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, swarm.second.size > 0, widest)
     p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count)
     p[begin + neighbours.BOX :][: x.shape[1]] = cloud.box
+    p[begin + neighbours.MARK] = neighbours.IS_LIST
     p[begin + neighbours.SHEAR], p[begin + neighbours.PRESENT_SKIN] = cloud.shear, skin
     p[begin + neighbours.HEAD :][: len(areas)] = areas
     p[areas.x :][: x.shape[1] * count] = x[members.points].T.ravel()
