@@ -152,7 +152,7 @@ def refresh(t, u, p, place, d):
     In a box that shears, what a point moves with the flow since then counts for the way between two points only.
     """
     if p[place + MARK] != IS_LIST:
-        raise ValueError("params must be those of scene.problem in double precision: there are lists of neighbours among them.")
+        raise ValueError("params must be those of the scene in double precision: lists of neighbours are among them.")
     count, masses, stride = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + STRIDE])
     x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
     index = integers(p, area(p, place, NUMBER), count)

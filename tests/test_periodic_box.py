@@ -139,7 +139,7 @@ def test_a_link_on_a_line_acts_across_the_border(length):
 
 
 def test_a_row_on_a_line_oscillates_as_a_ring():
-    """A wave along n masses has the frequency 2 sqrt(k/m) sin(pi q / n), also across the border and past half the box."""
+    """A wave along n masses has the frequency 2 sqrt(k/m) sin(pi q / n), also across the border."""
     n, q, stiffness = 12, 2, 40.0
     scene = Scene(1, box=(float(n),))
     wave = 1e-3 * np.cos(2 * np.pi * q * np.arange(n) / n)
