@@ -44,7 +44,7 @@ class Session:
         for place, speed in zip(places.tolist(), speeds.tolist(), strict=True):
             point = itemInterface.NodePoint(referenceCoordinates=place, initialVelocities=speed)
             node = self.system.AddNode(point)
-            self.system.AddObject(itemInterface.MassPoint(physicsMass=1.0, nodeNumber=node))
+            self.system.AddObject(itemInterface.MassPoint(mass=1.0, nodeNumber=node))
             marker = self.system.AddMarker(itemInterface.MarkerNodePosition(nodeNumber=node))
             contact.AddSphereWithMarker(
                 marker,
@@ -73,15 +73,14 @@ class Session:
         settings = exudyn.SimulationSettings()
         settings.parallel.numberOfThreads = self.threads
         settings.linearSolver.solverType = exudyn.LinearSolverType.EigenSparse  # else the masses are a full matrix
-        settings.solutionSettings.writeSolutionToFile = False
-        settings.solutionSettings.writeInitialValues = False
+        settings.solution.file.write = settings.solution.file.writeInitialValues = False
         times = settings.timeIntegration
         times.numberOfSteps, times.endTime = steps, steps * self.h
         times.automaticStepSize = times.adaptiveStep = False
-        times.explicitIntegration.computeEndOfStepAccelerations = False
-        times.explicitIntegration.computeMassMatrixInversePerBody = True
-        times.explicitIntegration.eliminateConstraints = False
-        times.explicitIntegration.useLieGroupIntegration = False
+        times.explicit.computeEndOfStepAccelerations = False
+        times.explicit.computeMassMatrixInversePerBody = True
+        times.explicit.eliminateConstraints = False
+        times.explicit.useLieGroupIntegration = False
         return settings
 
     def speeds(self) -> np.ndarray:
