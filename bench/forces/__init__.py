@@ -1,0 +1,1 @@
+"""Forces of effects on a few points, beside those that LAMMPS and OpenMM compute."""

@@ -1,0 +1,86 @@
+"""The forces of OpenMM on the six points: by its own ones of a chain, and by formulas of which it takes derivatives."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..rivals.openmm import Session
+from .systems import ANGLE, BOND, CONTACT, DAMPING, DIAMETER, MORSE, POINTS, REACH, TORSION, chains, places
+
+
+def forces(name: str) -> np.ndarray:
+    """Return the forces on the points, of shape (6, 3)."""
+    force = _of_pairs(name) if name in _POTENTIALS else _OF_THE_CHAIN[name]()
+    x = places()
+    return Session([force], x, 0 * x, h=1e-3).forces()
+
+
+def _shifted(potential: str, slope: float) -> str:
+    """Return a potential whose force is 0 at the reach, but for a constant."""
+    return f"step({REACH} - r) * (u - r * ({slope:.17g})); u = {potential}"
+
+
+def _slope_of_charges(damping: float) -> float:
+    s = damping * REACH
+    return -(math.erfc(s) / REACH + 2 / math.sqrt(math.pi) * damping * math.exp(-s * s)) / REACH
+
+
+_S6 = REACH**-6
+_POTENTIALS = {
+    "contact": f"{2 / 5 * CONTACT} * max(0, {DIAMETER} - r)^2.5",
+    "lennard-jones": _shifted("4 / r^12 - 4 / r^6", 24 * _S6 * (1 - 2 * _S6) / REACH),
+    "coulomb": _shifted("1 / r", _slope_of_charges(0.0)),
+    "damped coulomb": _shifted(f"erfc({DAMPING} * r) / r", _slope_of_charges(DAMPING)),
+}
+
+
+def _of_pairs(name: str) -> Any:
+    import openmm
+
+    force = openmm.CustomNonbondedForce(_POTENTIALS[name])
+    for _ in range(POINTS):
+        force.addParticle([])
+    return force
+
+
+def _spring() -> Any:
+    import openmm
+
+    force = openmm.HarmonicBondForce()
+    for i, j in chains(2):
+        force.addBond(i, j, BOND[1], BOND[0])
+    return force
+
+
+def _morse() -> Any:
+    import openmm
+
+    depth, width, length = MORSE
+    force = openmm.CustomBondForce(f"{depth} * (1 - exp(({length} - r) / {width}))^2")
+    for i, j in chains(2):
+        force.addBond(i, j, [])
+    return force
+
+
+def _angle() -> Any:
+    import openmm
+
+    force = openmm.HarmonicAngleForce()
+    for ids in chains(3):
+        force.addAngle(*ids, ANGLE[1], ANGLE[0])
+    return force
+
+
+def _torsion() -> Any:
+    import openmm
+
+    force = openmm.RBTorsionForce()
+    for ids in chains(4):
+        force.addTorsion(*ids, *TORSION)
+    return force
+
+
+_OF_THE_CHAIN = {"spring": _spring, "morse": _morse, "angle": _angle, "torsion": _torsion}

@@ -1,0 +1,54 @@
+"""Six points in space with one effect: a law between all pairs, or one along their chain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eig3.effects import Coulomb, HarmonicAngle, LennardJones, LinearSpring, MassContact, Morse, RyckaertBellemans
+from eig3.problem import Problem
+from eig3.scene import Scene
+
+POINTS = 6
+REACH, DAMPING = 2.5, 0.8
+CONTACT, DIAMETER = 500.0, 1.4
+BOND, ANGLE = (40.0, 1.1), (15.0, 1.9)  # stiffness, and length or angle
+MORSE = 8.0, 0.4, 1.1  # depth, width, length
+TORSION = (9.28, 12.16, -13.12, -3.06, 26.24, -31.5)
+
+_BETWEEN_PAIRS = {
+    "contact": MassContact(CONTACT, DIAMETER),
+    "lennard-jones": LennardJones(1.0, 1.0, REACH),
+    "coulomb": Coulomb(1.0, REACH),
+    "damped coulomb": Coulomb(1.0, REACH, DAMPING),
+}
+_ALONG_THE_CHAIN = {
+    "spring": LinearSpring(*BOND),
+    "morse": Morse(*MORSE),
+    "angle": HarmonicAngle(*ANGLE),
+    "torsion": RyckaertBellemans(TORSION),
+}
+NAMES = (*_BETWEEN_PAIRS, *_ALONG_THE_CHAIN)
+
+
+def places() -> np.ndarray:
+    """Return the places of the points, of shape (6, 3): a bent and twisted chain."""
+    k = np.arange(POINTS)
+    return np.column_stack([0.9 * np.cos(1.3 * k), 0.9 * np.sin(1.3 * k), 0.35 * k + 0.1 * np.sin(5.0 * k)])
+
+
+def chains(length: int) -> list[list[int]]:
+    """Return the numbers of the points of each part of the chain with so many points."""
+    return [list(range(k, k + length)) for k in range(POINTS - length + 1)]
+
+
+def problem(name: str) -> Problem:
+    """Return the scene of masses of 1 kg with this effect."""
+    scene = Scene(3)
+    points = scene.mass(1.0, places())
+    if name in _BETWEEN_PAIRS:
+        scene.add(_BETWEEN_PAIRS[name], points)
+    else:
+        effect = _ALONG_THE_CHAIN[name]
+        length = {"spring": 2, "morse": 2, "angle": 3, "torsion": 4}[name]
+        scene.add(effect, *(points[list(column)] for column in zip(*chains(length), strict=True)))
+    return scene.problem((0.0, 1.0))
