@@ -275,9 +275,9 @@ class Packing:
         self.shear = self._add(np.array(assembly.cloud.shear)) if assembly.cloud.shear else None
         self.swarms = [self._swarm(assembly, swarm) for swarm in assembly.swarms]
         if self.swarms:
-            refresh, listed_from = neighbours.FUNCTIONS[assembly.dimension]
             views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
-            self.functions |= {"refresh": refresh, "listed": listed_from, **views}
+            tasks = {name: getattr(neighbours, name) for name in ("REFRESH", "REACH")}
+            self.functions |= {"lists": neighbours.LISTS[assembly.dimension], **tasks, **views}
 
     def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:
         law = self._symbols(Law(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))

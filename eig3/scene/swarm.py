@@ -185,10 +185,9 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         p = np.zeros(end)
         p[place:begin] = np.concatenate([*fields, np.empty(0)])
         _write(p, begin, swarm, members, cloud, areas, own, room, skin, apart)
-        refresh, _ = neighbours.FUNCTIONS[dimension]
-        refresh(0.0, u0, p, begin)
+        neighbours.LISTS[dimension](neighbours.REFRESH, 0.0, u0, p, begin, 0, 0)
         is_whole = p[begin + neighbours.LISTED] == members.index.size and p[begin + neighbours.PRESENT_SKIN] == skin
-        return p, areas, int(_integers(p, areas.first, count + 1)[count]) if is_whole else None
+        return p, areas, int(_integers(p, areas.stop, members.index.size)[-1]) if is_whole else None
 
     room = count * (swarm.room or _DENSE[dimension]) + 64
     p, areas, found = attempt(room, 0.0)
@@ -255,9 +254,9 @@ def _write(
     count, cutoff, x = members.points.size, swarm.effect.cutoff, cloud.positions
     widest = float(swarm.columns[cutoff].max())
     numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, swarm.second.size > 0, widest)
-    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count)
+    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count), neighbours.IS_LIST
     p[begin + neighbours.BOX :][: x.shape[1]] = cloud.box
-    p[begin + neighbours.MARK] = neighbours.IS_LIST
+    p[begin + neighbours.PARTS] = p[begin + neighbours.WANTED] = 1
     p[begin + neighbours.SHEAR], p[begin + neighbours.PRESENT_SKIN] = cloud.shear, skin
     p[begin + neighbours.HEAD :][: len(areas)] = areas
     p[areas.x :][: x.shape[1] * count] = x[members.points].T.ravel()

@@ -54,9 +54,10 @@ class SwarmText:
         """Refresh the list, and read what all pairs share."""
         listing, areas = block.listing, block.listing.areas
         yield f"kept, place = memory(p), index({listing.place})"
-        yield f"refresh({'t' if self._box.shears else '0.0'}, memory(u), kept, place)"
+        yield f"lists(REFRESH, {'t' if self._box.shears else '0.0'}, memory(u), kept, place, place, place)"
         yield f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})"
-        yield f"firsts = integers(kept, {areas.first}, {listing.points + 1})"
+        yield f"above = integers(kept, {areas.above}, {listing.masses})"
+        yield f"stops = integers(kept, {areas.stop}, {listing.masses})"
         yield f"mates = integers(kept, {areas.mates}, {listing.room})"
         if listing.begin < 0:
             yield f"indices = integers(kept, {areas.number}, {listing.masses})"
@@ -67,7 +68,7 @@ class SwarmText:
         listing = block.listing
         yield "stop = index(0)"
         yield f"while stop < {listing.masses}:"
-        yield "    begin, stop = stop, index(listed(kept, place, stop))"
+        yield f"    begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({listing.masses})))"
         yield "    for point in range(begin, stop):"
         yield from (f"        {line}" for line in inside)
 
@@ -82,7 +83,7 @@ class SwarmText:
     def _mates(self, block: SwarmBlock, inside: Sequence[str]) -> Iterator[str]:
         """Loop over the mates of a point that are within the cutoff."""
         cutoff = block.law.value(block.law.cutoff, "") if block.law.cutoff in block.law.columns else "cutoff"
-        yield "for q in range(firsts[point], firsts[point + 1]):"
+        yield "for q in range(above[point], stops[point]):"
         yield "    mate = index(mates[q])"
         for k, axis in enumerate(self._axes):
             yield f"    d{axis} = {entry('places', k * block.listing.points, 'mate')} - {axis}_here"
