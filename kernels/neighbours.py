@@ -274,7 +274,7 @@ def listed(p, place, start, end, d):
     Otherwise the pairs of the points before `start` have been looked at, and the list goes on with those that follow:
     then it has one part, for which there is no room at once.
     """
-    if start == first_of(p, place, 0, 1) or p[place + LISTED] == p[place + MASSES]:
+    if start == 0 or p[place + LISTED] == p[place + MASSES]:
         return min(end, int(p[place + LISTED]))
     return pairs_of(p, place, start, end, np.int64(0), np.int64(0), int(p[place + ROOM]), d)
 

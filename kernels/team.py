@@ -22,13 +22,16 @@ from .protocol import vector_type
 
 #: The places on the board, each of those that change often in a cache line of its own: the ticket, the number of parts
 #: that are done, whether a part has failed, whether the threads shall leave, and the job with the six numbers of its
-#: arrays: where u, v, p and a are, and the sizes of u and p.
-TICKET, DONE, FAILED, LEAVE, JOB = 0, 8, 16, 24, 32
+#: arrays: where u, v, p and a are, and the sizes of u and p. The number of threads is last.
+TICKET, DONE, FAILED, LEAVE, JOB, THREADS = 0, 8, 16, 24, 32, 40
 SIZE = 48
 _PHASE, _TIME, _U, _V, _P, _A, _U_SIZE, _P_SIZE = range(JOB, JOB + 8)
 _PARTS, _NEXT, _MASK = 2**16, 1, 2**16 - 1  # a ticket is (job number, parts, next part), of 32, 16 and 16 bits
-_PATIENCE = 2**16  # looks at the ticket before a thread sleeps: some tenths of a millisecond
+_PATIENCE = 2**20  # looks at the ticket before a thread sleeps: some milliseconds
 
+#: The places of the team in p: the address of the board, or 0; that of p itself, because a copy of p has no team; and
+#: the number of threads that is wanted, or 0 for one on each core.
+BOARD, SELF, WANTED = range(3)
 #: ``share(phase, part, parts, t, u, v, p, a)`` does a part of a job.
 SHARE = none(int64, int64, int64, float64, *[vector_type] * 4)
 _board = Array(int64, 1, "C")
@@ -114,6 +117,12 @@ def replace(typingctx, board, place, old, new):  # type: ignore[no-untyped-def]
 
 
 @element
+def board_of(p, place):
+    """Return the address of the board of a run with the parameters p, or 0 if no other thread is there."""
+    return int(p[place + BOARD]) if p[place + SELF] == address_of_vector(p) else 0
+
+
+@element
 def do_part(share, board, part, parts):
     """Do one part of the job at a board, and note an exception."""
     n, t = board[_U_SIZE], vector_at(address_of_vector(board), SIZE)[_TIME]
@@ -178,6 +187,8 @@ def serve() -> Any:
     return compile_kernel(serving, {"FUNCTION": function_at(SHARE)}, boolean(_board, int64), "team")
 
 
-def new_board() -> np.ndarray:
-    """Return a board without a job."""
-    return np.zeros(SIZE, dtype=np.int64)
+def new_board(threads: int) -> np.ndarray:
+    """Return a board without a job, for the thread that posts and others."""
+    board = np.zeros(SIZE, dtype=np.int64)
+    board[THREADS] = threads
+    return board
