@@ -7,7 +7,7 @@ from .team import THREADS, board_at, board_of, together
 #: What the threads share of each list, the number of which they multiply by STAGES: the stages of `add_forces`.
 SCANNING, BUILDING, ACTING = range(3)
 STAGES = 3
-_PARTS_OF_A_THREAD = 2  # a thread that is late leaves a part to the others
+_PARTS_OF_A_THREAD = 1
 MOST = MOST_PARTS // _PARTS_OF_A_THREAD  # threads
 
 
