@@ -1,7 +1,7 @@
 """Let threads share a list of neighbours, and the forces between its points."""
 
 from .compile.jit import element
-from .neighbours import BEGIN, BUILD, CHECK, FINISH, MOST_PARTS, PARTS, REFRESH, SCAN
+from .neighbours import BEGIN, CHECK, FINISH, MOST_PARTS, PARTS, REFRESH
 from .team import THREADS, board_at, board_of, together
 
 #: What the threads share of each list, the number of which they multiply by STAGES: the stages of `add_forces`.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..kernels import neighbours, shared_forces
+from ..kernels.protocol import stack_rows
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
 from .names import identifier, words
@@ -282,6 +283,7 @@ class Packing:
         self.team = self._add(np.array([0, 0, threads])) if is_large else None
         if self.swarms:
             views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
+            views["stack_rows"] = stack_rows
             tasks = {name: getattr(neighbours, name) for name in ("REFRESH", "SCAN", "BUILD", "REACH")}
             self.functions |= {"lists": neighbours.LISTS[assembly.dimension], **tasks, **views}
         if self.team is not None:

@@ -351,7 +351,9 @@ class Scene:
         check_span(t_span)
         cloud = self._cloud()
         assembly = assemble(cloud, self._placements, self._swarms, work=work)
-        rhs, energy, events, params = codegen.compiled(assembly, 0 if threads is None else check_count(threads, "threads"))
+        rhs, energy, events, params = codegen.compiled(
+            assembly, 0 if threads is None else check_count(threads, "threads")
+        )
         return Problem(
             name=name,
             rhs=rhs,

@@ -15,6 +15,7 @@ from .effect import Link, Motion
 
 _SKIN = 0.2  # as a part of the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
+_MANY_MATES = 8  # pairs of a point, from which on their distances are computed before their forces
 _GROWTH = 2.0  # room for so many times the pairs at the start
 
 
@@ -158,6 +159,8 @@ class Listing:
         The places of the fields with a value for each point: that of a pair is the sum of those of its points.
     begin : int
         The index of the first mass, if the indices follow each other, or else -1.
+    is_dense : bool
+        Whether points have many mates at the start.
     values : ndarray
         What is at the place.
     """
@@ -169,6 +172,7 @@ class Listing:
     room: int
     own: dict[str, int]
     begin: int
+    is_dense: bool
     values: np.ndarray
 
 
@@ -201,7 +205,8 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         p, areas, found = attempt(room, skin)
     follows = (np.diff(members.index) == 1).all()
     first = int(members.index[0]) if follows else -1
-    return Listing(begin, areas, count, members.index.size, room, own, first, p[place:])
+    is_dense = (room if found is None else found) >= _MANY_MATES * count
+    return Listing(begin, areas, count, members.index.size, room, own, first, is_dense, p[place:])
 
 
 def _skin(swarm: Swarm, found: float, dimension: int) -> float:

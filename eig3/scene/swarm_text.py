@@ -13,7 +13,7 @@ from .assembly import Assembly
 from .box_text import BoxText
 from .packing import Packing, SwarmBlock, entry
 
-
+_BATCH = 64  # mates of a point that are looked at together
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
 
 
@@ -113,6 +113,9 @@ class SwarmText:
         yield f"above = integers(kept, {areas.above}, {listing.masses})"
         yield f"stops = integers(kept, {areas.stop}, {listing.masses})"
         yield f"mates = integers(kept, {areas.mates}, {listing.room})"
+        if listing.is_dense:
+            yield f"{', '.join(f'{axis}_ways' for axis in self._axes)}, squares, some = stack_rows({_BATCH}, {len(self._axes) + 2})"
+            yield f"which = integers(some, 0, {_BATCH})"
         if listing.begin < 0:
             yield f"indices = integers(kept, {areas.number}, {listing.masses})"
         yield from block.law.constants(*functions)
@@ -140,17 +143,51 @@ class SwarmText:
 
     def _mates(self, block: SwarmBlock, inside: Sequence[str], mates: str = _ABOVE) -> Iterator[str]:
         """Loop over the mates of a point that are within the cutoff."""
-        cutoff = block.law.value(block.law.cutoff, "") if block.law.cutoff in block.law.columns else "cutoff"
+        if block.listing.is_dense and not self._box.shears:
+            yield from self._batches(block, inside, mates)
+            return
         yield f"for q in range({mates}):"
         yield "    mate = index(mates[q])"
-        for k, axis in enumerate(self._axes):
-            yield f"    d{axis} = {entry('places', k * block.listing.points, 'mate')} - {axis}_here"
-        yield from (f"    {line}" for line in self._box.nearest())
-        yield f"    square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}"
-        if cutoff == "cutoff":
-            yield f"    cutoff = {self._own(block, block.law.cutoff)}"
-        yield f"    if square < {cutoff} * {cutoff}:"
+        yield from _indented(self._way(block))
+        yield f"    if {self._is_near(block, 'square')}:"
         yield from (f"        {line}" for line in inside)
+
+    def _batches(self, block: SwarmBlock, inside: Sequence[str], mates: str) -> Iterator[str]:
+        """Do so for many mates, in three loops: the compiler vectorises the first, and the second has no branch."""
+        ways = [f"{axis}_ways" for axis in self._axes]
+        yield f"low_mate, high_mate = {mates}"
+        yield f"for batch in range(low_mate, high_mate, {_BATCH}):"
+        yield f"    size, near = min({_BATCH}, high_mate - batch), index(0)"
+        yield "    for k in range(size):"
+        yield "        mate = index(mates[batch + k])"
+        yield from (f"        {line}" for line in self._way(block))
+        yield f"        {', '.join(f'{way}[k]' for way in ways)}, squares[k] = {self._ways}, square"
+        yield "    for k in range(size):"
+        yield "        mate = index(mates[batch + k])"
+        yield "        which[near] = k"
+        yield f"        near += {self._is_near(block, 'squares[k]')}"
+        yield "    for q in range(near):"
+        yield "        k = index(which[q])"
+        yield "        mate = index(mates[batch + k])"
+        yield f"        {self._ways}, square = {', '.join(f'{way}[k]' for way in ways)}, squares[k]"
+        yield from (f"        {line}" for line in inside)
+
+    def _way(self, block: SwarmBlock) -> Iterator[str]:
+        """Compute the way from a point to its mate, and the square of its length."""
+        for k, axis in enumerate(self._axes):
+            yield f"d{axis} = {entry('places', k * block.listing.points, 'mate')} - {axis}_here"
+        yield from self._box.nearest()
+        yield f"square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}"
+
+    @property
+    def _ways(self) -> str:
+        return ", ".join(f"d{axis}" for axis in self._axes)
+
+    def _is_near(self, block: SwarmBlock, square: str) -> str:
+        """The condition that two points are within the cutoff."""
+        law = block.law
+        cutoff = law.value(law.cutoff, "") if law.cutoff in law.columns else self._own(block, law.cutoff)
+        return f"{square} < {cutoff} * {cutoff}"
 
     def _force(self, block: SwarmBlock) -> list[str]:
         """Compute the force between two points."""

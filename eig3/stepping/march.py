@@ -246,9 +246,7 @@ class March:
         with team(self.system.shares, self.params, count):
             return self._take(end, kernel, every, row, rows, cancels)
 
-    def _take(
-        self, end: int, kernel: Kernel, every: int, row: int, rows: Rows, cancels: tuple[Cancel, ...]
-    ) -> int:
+    def _take(self, end: int, kernel: Kernel, every: int, row: int, rows: Rows, cancels: tuple[Cancel, ...]) -> int:
         arguments = self.look and self.look.arguments
         slices = self._slices = self._slices or self._new_slices()
         while self.index < end:
