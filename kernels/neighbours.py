@@ -32,7 +32,7 @@ from numba.types import Array, int32, int64, intp
 from .compile.cache import keep_on_disk
 from .compile.jit import KERNEL_OPTIONS, element, outlined
 from .compile.numba_internals import array_over, parts_of
-from .protocol import vector_type
+from .protocol import stack_rows, vector_type
 
 #: The numbers of a list: of its points, of the masses among them (which come first), and of all masses of the scene;
 #: the skin; 1 if only pairs of different groups count; the largest cutoff, and where in p each point has its cutoff, or
@@ -48,22 +48,25 @@ MARK, BOX, SHEAR, BUILT_AT, TILT, LISTED, PRESENT_SKIN, PARTS, WANTED = 9, 10, *
 MOST_PARTS = 64
 _MOVED, _REACHED = WANTED + 1, WANTED + 1 + MOST_PARTS
 _GRID = _REACHED + MOST_PARTS
-_SOME, _SAMPLES = _GRID + 9, 64  # points, from which the region of the cells is chosen
+_SOME, _SAMPLES = _GRID + 12, 64  # points, from which the region of the cells is chosen
 HEAD = _SOME + _SAMPLES
-#: The parts of the grid: numbers of cells, 0 for an axis without end; where the cells begin; and cells in a metre.
-_NUMBERS, _LOWS, _SCALES = _GRID, _GRID + 3, _GRID + 6
+#: The parts of the grid: numbers of cells, 0 for an axis without end; where the cells begin; cells in a metre; and the
+#: steps between the buckets of neighbouring cells.
+_NUMBERS, _LOWS, _SCALES, _STEPS = _GRID, _GRID + 3, _GRID + 6, _GRID + 9
 
 #: The areas, in the order of `Areas`.
-X, BUILT, FIRST, ABOVE, STOP, MATES, NUMBER, GROUP, APART, APART_MATES, ORDER, BUCKET, START = range(13)
+X, BUILT, SORTED, FIRST, ABOVE, STOP, MATES, NUMBER, GROUP, APART, APART_MATES, ORDER, BUCKET, START = range(14)
 
 IS_LIST = 0.1  # the mark, which a conversion to single precision changes as it does the integers of a list
-_PART = 12  # a part of 1/12 of the points may lie beyond the region at each end
+_PART = 12  # a part of 1/12 of the points may lie beyond the region at each end, which is then
+_BEYOND = 1.25  # times as long
 _CELLS = 2.0**20  # along the region at most, and along a side of the box
 _FAR = 2.0**30  # cells from the middle of the region on which points share a cell
 _ROUND_OFF = 1e-6  # a part of a cell that is larger than the round-off so far from the middle
 _LARGEST = np.finfo(np.float64).max
 _ULPS = 1e-12  # a part of a cutoff that is larger than the round-off of a distance
-_ROW, _LAYER = 2654435761, 2246822519  # odd, with bits that follow no pattern: the steps between buckets of rows
+_ROW, _LAYER = 2654435761, 2246822519  # steps between buckets, odd and with bits that follow no pattern
+_BATCH = 64  # points that are looked at together
 
 
 class Areas(NamedTuple):
@@ -71,8 +74,8 @@ class Areas(NamedTuple):
 
     Attributes
     ----------
-    x, built : int
-        The positions of the points, now and when the list was built: d rows of floats.
+    x, built, ordered : int
+        The positions of the points, now, when the list was built, and in the order of their buckets: d rows of floats.
     first, above, stop : int
         Where in the list the mates of each mass begin, where those with a larger number begin, and where they end. The
         former are in other parts. These and the following are 32-bit integers.
@@ -90,6 +93,7 @@ class Areas(NamedTuple):
 
     x: int
     built: int
+    ordered: int
     first: int
     above: int
     stop: int
@@ -105,7 +109,7 @@ class Areas(NamedTuple):
     @classmethod
     def of(cls, place: int, points: int, room: int, buckets: int, n_apart: int, dimension: int) -> tuple[Areas, int]:
         """Return the areas of a list at a place of p, and where they end."""
-        floats = [dimension * points] * 2
+        floats = [dimension * points] * 3
         integers = [*[points] * 3, room, points, points, points + 1, n_apart, points, points, buckets + 1]
         begins = np.cumsum([place + HEAD + len(cls._fields), *floats, *((size + 1) // 2 for size in integers)])
         return cls(*begins[:-1].tolist()), int(begins[-1])
@@ -302,15 +306,20 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
     apart = integers(p, area(p, place, APART), count + 1)
     apart_mates = integers(p, area(p, place, APART_MATES), int(apart[count]))
     order, bucket = integers(p, area(p, place, ORDER), count), integers(p, area(p, place, BUCKET), count)
+    ordered = area(p, place, SORTED)
+    above_x, above_y = ordered + count, ordered + 2 * count
     starts, mask = integers(p, area(p, place, START), int(p[place + BUCKETS]) + 1), int(p[place + BUCKETS]) - 1
     own, widest = int(p[place + OWN_CUTOFFS]), p[place + CUTOFF]
     # what is read here need not be read again in the loops, in which the list is written
     side_x, side_y, side_z, tilt = p[place + BOX], p[place + BOX + 1], p[place + BOX + 2], p[place + TILT]
+    inverse_x, inverse_y, inverse_z = inverse(side_x), inverse(side_y), inverse(side_z)
     nx, ny, nz = int(p[place + _NUMBERS]), int(p[place + _NUMBERS + 1]), int(p[place + _NUMBERS + 2])
     low_x, high_x = around(nx)
     low_y, high_y = around(ny)
     low_z, high_z = around(nz)
-    k = low
+    across, over = floats(p, place + _STEPS, 3)[1:]
+    squares, some = stack_rows(_BATCH, 2)
+    k, which, furthest = low, integers(some, 0, _BATCH), ((1 + _ULPS) * (skin + widest)) ** 2
     for i in range(start, end):
         first[i] = above[i] = stop[i] = begin_of_mates = k
         if bucket[i] < 0:
@@ -321,27 +330,40 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
         x_here, y_here, z_here = x[i], x[count + i] if d > 1 else 0.0, x[2 * count + i] if d > 2 else 0.0
         for oz in range(low_z, high_z):
             for oy in range(low_y, high_y):
-                row = _ROW * within(cy + oy, ny) + _LAYER * within(cz + oz, nz)
+                row = int(across) * within(cy + oy, ny) + int(over) * within(cz + oz, nz)
                 c = (row + cx) & mask
                 in_row = 0 < c < mask and (nx == 0 or 0 < cx < nx - 1)  # three buckets follow each other
                 for ox in range(0 if in_row else low_x, 1 if in_row else high_x):
                     c = c if in_row else (row + within(cx + ox, nx)) & mask
-                    for q in range(starts[c - in_row], starts[c + 1 + in_row]):
-                        j = int(order[q])
-                        if lowest <= j <= i or (has_groups and group[i] == group[j]):
-                            continue
-                        square, turns = 0.0, 0.0
-                        if d > 1:
-                            way = x[count + j] - y_here
-                            turns = np.rint(way / side_y) if side_y > 0 else 0.0
-                            square = (way - side_y * turns) ** 2
-                        way = nearest(x[j] - x_here - tilt * turns, side_x)
-                        square += way * way
-                        if d > 2:
-                            way = nearest(x[2 * count + j] - z_here, side_z)
-                            square += way * way
-                        reach = (1 + _ULPS) * (skin + (p[own + i] + p[own + j] if own > 0 else widest))
-                        if square < reach * reach and not is_apart(apart, apart_mates, min(i, j), max(i, j)):
+                    last = starts[c + 1 + in_row]
+                    for begin in range(starts[c - in_row], last, _BATCH):
+                        size, near = min(_BATCH, last - begin), 0
+                        xs = floats(p, ordered + begin, size)  # with an index that is a sum, LLVM does not vectorise
+                        ys, zs = floats(p, above_x + begin, size), floats(p, above_y + begin, size)
+                        for e in range(size):
+                            square, turns = 0.0, 0.0
+                            if d > 1:
+                                way = ys[e] - y_here
+                                turns = np.rint(way * inverse_y)
+                                square = (way - side_y * turns) ** 2
+                            way = xs[e] - x_here - tilt * turns
+                            square += (way - side_x * np.rint(way * inverse_x)) ** 2
+                            if d > 2:
+                                way = zs[e] - z_here
+                                square += (way - side_z * np.rint(way * inverse_z)) ** 2
+                            squares[e] = square
+                        numbers = integers(order, begin, size)
+                        for e in range(size):
+                            which[near], j = e, numbers[e]
+                            near += (squares[e] < furthest) & ((j < lowest) | (j > i))
+                        for q in range(near):
+                            j = int(numbers[which[q]])
+                            if has_groups and group[i] == group[j]:
+                                continue
+                            if own > 0 and squares[which[q]] >= ((1 + _ULPS) * (skin + p[own + i] + p[own + j])) ** 2:
+                                continue
+                            if is_apart(apart, apart_mates, min(i, j), max(i, j)):
+                                continue
                             if k == high:
                                 k = sort(mates, begin_of_mates, k)
                                 if k == high:
@@ -360,6 +382,12 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
 def nearest(way, side):
     """Return the way to the nearest image along an axis, which may be periodic."""
     return way - side * np.rint(way / side) if side > 0 else way
+
+
+@element
+def inverse(side):
+    """Return the inverse of a side of the box, or 0 for none, for which the nearest image is the point itself."""
+    return 1 / side if side > 0 else 0.0
 
 
 @element
@@ -412,7 +440,9 @@ def sort_by_cells(x, p, place, size, d):
     count, buckets = int(p[place + POINTS]), int(p[place + BUCKETS])
     order, bucket = integers(p, area(p, place, ORDER), count), integers(p, area(p, place, BUCKET), count)
     start = integers(p, area(p, place, START), buckets + 1)
+    ordered = floats(p, area(p, place, SORTED), d * count)
     divide(x, p, place, size, d)
+    across, over = floats(p, place + _STEPS, 3)[1:]
     for c in range(buckets + 1):
         start[c] = 0
     for i in range(count):
@@ -421,7 +451,7 @@ def sort_by_cells(x, p, place, size, d):
         for k in range(d):
             sum_of_all += abs(x[k * count + i])
         if sum_of_all < math.inf:  # a point without a place is near to none
-            row = _ROW * cell(x, p, place, 1, i, d) + _LAYER * cell(x, p, place, 2, i, d)
+            row = int(across) * cell(x, p, place, 1, i, d) + int(over) * cell(x, p, place, 2, i, d)
             c = (row + cell(x, p, place, 0, i, d)) & (buckets - 1)
             bucket[i] = c
             start[c] += 1
@@ -434,14 +464,20 @@ def sort_by_cells(x, p, place, size, d):
         if c >= 0:
             start[c] -= 1
             order[start[c]] = i
+            for k in range(d):
+                ordered[k * count + start[c]] = x[k * count + i]
 
 
 @element
 def divide(x, p, place, size, d):
-    """Choose the cells. They fill the periodic box, or are without end."""
+    """Choose the cells. They fill the periodic box, or are without end.
+
+    If there is a bucket for each cell of the region, neighbouring cells have neighbouring buckets.
+    """
     count, head = int(p[place + POINTS]), floats(p, place, HEAD)
     for k in range(3):
         head[_NUMBERS + k] = 1.0
+    along = 1.0
     size *= 1 + _ROUND_OFF
     for k in range(d):
         side = head[BOX + k]
@@ -450,10 +486,15 @@ def divide(x, p, place, size, d):
             number = math.floor(min(side / (size * math.sqrt(1 + slant * slant)), _CELLS))
             number = number if number >= 3 else 1.0
             head[_NUMBERS + k], head[_LOWS + k], head[_SCALES + k] = number, 0.0, number / side
+            extent = number
         else:
             low, length = region(x[k * count : (k + 1) * count], floats(p, place + _SOME, _SAMPLES))
             scale = 1 / max(size, length / _CELLS)
             head[_NUMBERS + k], head[_LOWS + k], head[_SCALES + k] = 0.0, low, scale
+            extent = math.floor(_BEYOND * length * scale) + 3
+        head[_STEPS + k], along = along, along * extent
+    if along > head[BUCKETS]:
+        head[_STEPS + 1], head[_STEPS + 2] = _ROW, _LAYER
 
 
 @element

@@ -272,7 +272,7 @@ def _write(
 
 def _buckets(count: int) -> int:
     """Return the number of buckets of the cells of some points: a power of two, so that most buckets are empty."""
-    return 1 << (8 * count - 1).bit_length()
+    return 1 << (4 * count - 1).bit_length()
 
 
 def _integers(p: np.ndarray, begin: int, count: int) -> np.ndarray:
