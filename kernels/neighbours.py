@@ -7,9 +7,9 @@ forces have the same bits whenever the list was built: it is a memo, and a run m
 A list that does not fit into its memory has no skin, and is built piece by piece in each evaluation: as many points at
 a time as there is room for.
 
-Threads share the points: each has a part of them, which follow each other. A pair of points of two parts is in the list
-of both: each part adds the forces on its own points only, in the order in which one thread adds them. So the forces have
-the same bits for any number of threads.
+Threads share the points: each has a part of them, which follow each other. A pair of points of two parts is in the
+list of both. Each part adds the forces on its own points only, in the order in which one thread adds them, so that the
+forces have the same bits for any number of threads.
 
 The method is that of L. Verlet, Physical Review 159 (1967), with the cells of R. W. Hockney and J. W. Eastwood,
 Computer Simulation Using Particles (1981), in a hash table, as that of M. Teschner et al., Optimized Spatial Hashing
@@ -38,10 +38,10 @@ from .protocol import stack_rows, vector_type
 #: the skin; 1 if only pairs of different groups count; the largest cutoff, and where in p each point has its cutoff, or
 #: 0; the number of pairs for which there is room; and the number of buckets, a power of two.
 POINTS, MASSES, STRIDE, SKIN, HAS_GROUPS, CUTOFF, OWN_CUTOFFS, ROOM, BUCKETS = range(9)
-#: The mark of a list; the sides of the periodic box, 0 for none, and the rate at which it shears; the time when the list
-#: was built, and by how much the images above were moved then; the number of the first points whose pairs are in the
-#: list, which is valid if these are all masses; the skin that it has; the number of parts that it has, and of those that
-#: were wanted.
+#: The mark of a list; the sides of the periodic box, 0 for none, and the rate at which it shears; the time when the
+#: list was built, and by how much the images above were moved then; the number of the first points whose pairs are in
+#: the list, which is valid if these are all masses; the skin that it has; the number of parts that it has, and of those
+#: that were wanted.
 MARK, BOX, SHEAR, BUILT_AT, TILT, LISTED, PRESENT_SKIN, PARTS, WANTED = 9, 10, *range(13, 20)
 #: For each part, how far a point has moved, and the first point whose pairs are not in the list; the grid of cells; and
 #: room for some positions.
@@ -295,8 +295,8 @@ def build(p, place, part, parts, d):
 def pairs_of(p, place, start, end, lowest, low, high, d):
     """Write the pairs of the points from `start` to `end` to the list, within their cutoffs and the skin.
 
-    These are pairs with points of larger numbers, and with those of numbers below `lowest`. The list has room from `low`
-    to `high`. Return the number of the first point for whose pairs there is no room.
+    These are pairs with points of larger numbers, and with those of numbers below `lowest`. The list has room from
+    `low` to `high`. Return the number of the first point for whose pairs there is no room.
     """
     count, masses, room = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + ROOM])
     x, skin = floats(p, area(p, place, X), d * count), p[place + PRESENT_SKIN]

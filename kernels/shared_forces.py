@@ -7,13 +7,12 @@ from .team import THREADS, board_at, board_of, together
 #: What the threads share of each list, the number of which they multiply by STAGES: the stages of `add_forces`.
 SCANNING, BUILDING, ACTING = range(3)
 STAGES = 3
-_PARTS_OF_A_THREAD = 1
-MOST = MOST_PARTS // _PARTS_OF_A_THREAD  # threads
+MOST = MOST_PARTS  # threads
 
 
 @element
 def add_forces(share, lists, number, t, u, v, p, a, place, team):
-    """Bring a list up to date, and add the forces of its pairs to a, with the threads of the team in p, if there are any.
+    """Bring a list up to date, and add the forces of its pairs to a, with the threads of the team in p, if any.
 
     `number` and `place` are those of the list, and ``share(stage, part, parts, t, u, v, p, a)`` does a part of a stage.
     """
@@ -24,7 +23,7 @@ def add_forces(share, lists, number, t, u, v, p, a, place, team):
         for part in range(parts):
             share(first + ACTING, part, parts, t, u, v, p, a)
         return
-    parts = _PARTS_OF_A_THREAD * board_at(board)[THREADS]
+    parts = board_at(board)[THREADS]  # more of them would share more pairs
     together(share, board, first + SCANNING, parts, t, u, v, p, a)
     if lists(CHECK, t, u, p, place, place, parts) == 0:
         lists(BEGIN, t, u, p, place, place, parts)

@@ -1,7 +1,7 @@
 """Share the work of one call between threads: the thread that calls posts a job, and all of them take its parts.
 
-A part belongs to the first thread that takes it, and the thread that has posted the job waits only for parts that others
-have begun. So a run does not wait for threads that sleep or that other programs have displaced, and it ends without any.
+A part belongs to the first thread that takes it, and the thread that has posted the job waits only for parts that
+others have begun. So a run does not wait for threads that sleep, and it ends without any.
 
 The threads share an array of integers, the board. What a part does must not depend on the thread that does it.
 """

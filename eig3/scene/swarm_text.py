@@ -114,7 +114,8 @@ class SwarmText:
         yield f"stops = integers(kept, {areas.stop}, {listing.masses})"
         yield f"mates = integers(kept, {areas.mates}, {listing.room})"
         if listing.is_dense:
-            yield f"{', '.join(f'{axis}_ways' for axis in self._axes)}, squares, some = stack_rows({_BATCH}, {len(self._axes) + 2})"
+            ways = ", ".join(f"{axis}_ways" for axis in self._axes)
+            yield f"{ways}, squares, some = stack_rows({_BATCH}, {len(self._axes) + 2})"
             yield f"which = integers(some, 0, {_BATCH})"
         if listing.begin < 0:
             yield f"indices = integers(kept, {areas.number}, {listing.masses})"
