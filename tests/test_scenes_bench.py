@@ -5,6 +5,9 @@ import pytest
 
 from eig3 import effects
 from eig3.bench import near_pairs, scene_pairs, scenes
+from eig3.bench.near_pairs.atoms import accelerations
+from eig3.bench.rivals import exudyn, lammps
+from eig3.problems.argon import argon
 from eig3.scene.cell import Cell
 
 from .conftest import acceleration
@@ -61,7 +64,7 @@ def test_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr(scenes, "_SECONDS", 1e-4)
     monkeypatch.setattr(scenes, "_SPHERES", (100,))
     monkeypatch.setattr(scenes, "_ARGON", 4)
-    monkeypatch.setattr(near_pairs, "_PARTICLE_STEPS", 2000)
+    monkeypatch.setattr(near_pairs.contest, "POINT_STEPS", 2000)
     lines = []
     scenes.benchmark(repeats=1, out=tmp_path, write=lines.append)
     text = "\n".join(lines)
@@ -79,11 +82,37 @@ def test_spheres_by_hand_move_as_those_of_the_scene():
     )  # round-off of collisions
 
 
-def test_argon_has_the_forces_of_lammps():
-    if not near_pairs.has_lammps():
-        pytest.skip("LAMMPS, or the library of MPI that it needs, is not installed")
-    problem = near_pairs.argon(n=4)
-    problem = problem.with_(u0=problem.u0 + 1e-11 * np.sin(np.arange(problem.u0.size)))
-    expected = near_pairs.lammps_forces(problem)
+def shaken_argon():
+    problem = argon(n=4)
+    return problem.with_(u0=problem.u0 + 1e-11 * np.sin(np.arange(problem.u0.size)))
+
+
+def compare(problem, expected, tolerance):
     found = acceleration(problem, problem.u0, problem.v0)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+
+
+@pytest.mark.skipif(not lammps.is_there(), reason=lammps.INSTALL)
+@pytest.mark.parametrize("threads", [None, 1])
+def test_lammps_has_the_same_forces(threads):
+    problem = near_pairs.spheres(200)
+    compare(problem, near_pairs.spheres_in_lammps.session(problem, threads).forces().T.ravel(), 1e-12)
+    problem = shaken_argon()
+    compare(problem, accelerations(near_pairs.atoms_in_lammps.session(problem, threads).forces()), 1e-12)
+
+
+def test_openmm_has_the_same_forces():
+    pytest.importorskip("openmm")
+    problem = shaken_argon()
+    compare(problem, accelerations(near_pairs.atoms_in_openmm.session(problem).forces()), 1e-12)
+    in_single_precision = near_pairs.atoms_in_openmm.session(problem, "CPU").forces()
+    compare(problem, accelerations(in_single_precision), 1e-3)
+
+
+def test_exudyn_has_the_same_forces_of_linear_contacts():
+    pytest.importorskip("exudyn")
+    problem = near_pairs.linear(200)
+    start = near_pairs.rows(problem.u0), near_pairs.rows(problem.v0)
+    session = exudyn.Session(*start, near_pairs.STIFFNESS, near_pairs.REACH, near_pairs.H, threads=1)
+    session.run(1)
+    compare(problem, (session.speeds() - start[1]).T.ravel() / near_pairs.H, 1e-12)

@@ -1,0 +1,62 @@
+"""Elastic spheres as a scene: with Hertz's contact, and with a linear one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+import eig3
+from eig3.effects import Link, MassContact
+from eig3.problem import Problem
+from eig3.scene import Scene
+
+STIFFNESS, REACH, H = 1e3, 1.0, 1e-3
+SKIN = 0.2  # that of a scene of spheres
+
+
+@dataclass(frozen=True, eq=False)
+class LinearContact(Link):
+    """A contact whose force is stiffness (reach - r)."""
+
+    stiffness: float
+    reach: float
+
+    nonnegative = ("stiffness", "reach")
+    cutoff = "reach"
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, stiffness, reach):
+        return -stiffness * max(0.0, reach - r)
+
+    @staticmethod
+    @eig3.jit
+    def potential(r, stiffness, reach):
+        return stiffness / 2 * max(0.0, reach - r) ** 2
+
+
+def spheres(n: int, contact: Link | None = None) -> Problem:
+    """Return n elastic spheres, almost a lattice in contact, which move apart and meet.
+
+    Their contact is that of Hertz unless another one is given.
+    """
+    rng = np.random.default_rng(0)
+    side = math.ceil(round(n ** (1 / 3), 6))
+    lattice = np.stack(np.meshgrid(*[np.arange(side)] * 3), axis=-1).reshape(-1, 3)[:n]
+    scene = Scene(3)
+    places = 0.98 * lattice + rng.uniform(-0.05, 0.05, (n, 3))
+    balls = scene.mass(1.0, places, 0.5 * rng.standard_normal((n, 3)))
+    scene.add(contact or MassContact(STIFFNESS, REACH), balls)
+    return scene.problem((0.0, 1.0), name=f"{n} spheres")
+
+
+def linear(n: int) -> Problem:
+    """Return the spheres with a linear contact."""
+    return spheres(n, LinearContact(STIFFNESS, REACH))
+
+
+def rows(values: np.ndarray) -> np.ndarray:
+    """Return the vectors of the points, of shape (n, 3), from displacements or velocities of the scene."""
+    return np.ascontiguousarray(np.reshape(values, (3, -1)).T)

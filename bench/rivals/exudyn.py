@@ -1,0 +1,88 @@
+"""Spheres in exudyn, whose contacts between all spheres are linear. It needs `exudyn`."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from typing import Any
+
+import numpy as np
+
+INSTALL = "exudyn is not installed: `pip install exudyn`."
+_CELL = 2.5  # of the search for contacts, in diameters: the fastest of 1 to 2.5
+
+
+def is_there() -> bool:
+    """Return whether exudyn is installed."""
+    return importlib.util.find_spec("exudyn") is not None
+
+
+class Session:
+    """One exudyn with spheres of mass 1 that push each other apart in proportion to their indentation.
+
+    Parameters
+    ----------
+    places, speeds : ndarray of shape (n, 3)
+    stiffness : float
+        Of a contact, N/m.
+    diameter : float
+    h : float
+        The step of its symplectic Euler method, which evaluates the forces once a step.
+    threads : int
+    """
+
+    def __init__(
+        self, places: np.ndarray, speeds: np.ndarray, stiffness: float, diameter: float, h: float, threads: int
+    ) -> None:
+        import exudyn
+        from exudyn import itemInterface
+
+        self.h, self.threads = h, threads
+        self._container = exudyn.SystemContainer()  # it owns the system
+        self.system = self._container.AddSystem()
+        contact = self.system.AddGeneralContact()
+        for place, speed in zip(places.tolist(), speeds.tolist(), strict=True):
+            point = itemInterface.NodePoint(referenceCoordinates=place, initialVelocities=speed)
+            node = self.system.AddNode(point)
+            self.system.AddObject(itemInterface.MassPoint(mass=1.0, nodeNumber=node))
+            marker = self.system.AddMarker(itemInterface.MarkerNodePosition(nodeNumber=node))
+            contact.AddSphereWithMarker(
+                marker,
+                radius=diameter / 2,
+                contactStiffness=2 * stiffness,  # each sphere has a spring, and the two are in series
+                contactDamping=0.0,
+                frictionMaterialIndex=0,
+            )
+        contact.SetFrictionPairings(np.zeros((1, 1)))
+        low, high = places.min(axis=0) - 2 * diameter, places.max(axis=0) + 2 * diameter
+        cells = np.maximum(1, (high - low) / (_CELL * diameter)).astype(int)
+        contact.SetSearchTreeCellSize(numberOfCells=cells.tolist())
+        contact.SetSearchTreeBox(pMin=low, pMax=high)
+        self.system.Assemble()
+
+    def run(self, steps: int) -> float:
+        """Return the seconds of these steps from the start."""
+        import exudyn
+
+        settings = self._settings(exudyn, steps)
+        begin = time.perf_counter()
+        self.system.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.ExplicitEuler, updateInitialValues=False)
+        return time.perf_counter() - begin
+
+    def _settings(self, exudyn: Any, steps: int) -> Any:
+        settings = exudyn.SimulationSettings()
+        settings.parallel.numberOfThreads = self.threads
+        settings.linearSolver.solverType = exudyn.LinearSolverType.EigenSparse  # else the masses are a full matrix
+        settings.solution.file.write = settings.solution.file.writeInitialValues = False
+        times = settings.timeIntegration
+        times.numberOfSteps, times.endTime = steps, steps * self.h
+        times.automaticStepSize = times.adaptiveStep = False
+        times.explicit.computeEndOfStepAccelerations = False
+        times.explicit.computeMassMatrixInversePerBody = True
+        times.explicit.eliminateConstraints = False
+        times.explicit.useLieGroupIntegration = False
+        return settings
+
+    def speeds(self) -> np.ndarray:
+        """Return the velocities after the last run, of shape (n, 3)."""
+        return np.array(self.system.systemData.GetODE2Coordinates_t()).reshape(-1, 3)
