@@ -4,8 +4,12 @@ A list has the pairs within their cutoff and a skin. It is valid until a point h
 built anew from cells. Pairs beyond their cutoff do not act, and those that act are in the order of their points. So the
 forces have the same bits whenever the list was built: it is a memo, and a run may go on from any copy of it.
 
-A list that does not fit into its memory has no skin, and is built in parts in each evaluation: as many points at a time
-as there is room for.
+A list that does not fit into its memory has no skin, and is built piece by piece in each evaluation: as many points at
+a time as there is room for.
+
+Threads share the points: each has a part of them, which follow each other. A pair of points of two parts is in the
+list of both. Each part adds the forces on its own points only, in the order in which one thread adds them, so that the
+forces have the same bits for any number of threads.
 
 The method is that of L. Verlet, Physical Review 159 (1967), with the cells of R. W. Hockney and J. W. Eastwood,
 Computer Simulation Using Particles (1981), in a hash table, as that of M. Teschner et al., Optimized Spatial Hashing
@@ -26,35 +30,43 @@ from numba.extending import intrinsic
 from numba.types import Array, int32, int64, intp
 
 from .compile.cache import keep_on_disk
-from .compile.jit import KERNEL_OPTIONS, element
+from .compile.jit import KERNEL_OPTIONS, element, outlined
 from .compile.numba_internals import array_over, parts_of
-from .protocol import vector_type
+from .protocol import stack_rows, vector_type
 
 #: The numbers of a list: of its points, of the masses among them (which come first), and of all masses of the scene;
 #: the skin; 1 if only pairs of different groups count; the largest cutoff, and where in p each point has its cutoff, or
 #: 0; the number of pairs for which there is room; and the number of buckets, a power of two.
 POINTS, MASSES, STRIDE, SKIN, HAS_GROUPS, CUTOFF, OWN_CUTOFFS, ROOM, BUCKETS = range(9)
-#: The sides of the periodic box, 0 for none, and the rate at which it shears; the time when the list was built, and by
-#: how much the images above were moved then; the number of the first points whose pairs are in the list, which is valid
-#: if these are all masses; the skin that it has; room for the grid of cells; the mark of a list; and room for some
-#: positions.
-BOX, SHEAR, BUILT_AT, TILT, LISTED, PRESENT_SKIN, GRID, MARK, SOME = 9, 12, 13, 14, 15, 16, 17, 26, 27
-IS_LIST = 0.1  # the mark, which a conversion to single precision changes as it does the integers of a list
-_SAMPLES = 64  # points, from which the region of the cells is chosen
-HEAD = SOME + _SAMPLES
-#: The parts of the grid: numbers of cells, 0 for an axis without end; where the cells begin; and cells in a metre.
-_NUMBERS, _LOWS, _SCALES = GRID, GRID + 3, GRID + 6
+#: The mark of a list; the sides of the periodic box, 0 for none, and the rate at which it shears; the time when the
+#: list was built, and by how much the images above were moved then; the number of the first points whose pairs are in
+#: the list, which is valid if these are all masses; the skin that it has; the number of parts that it has, and of those
+#: that were wanted.
+MARK, BOX, SHEAR, BUILT_AT, TILT, LISTED, PRESENT_SKIN, PARTS, WANTED = 9, 10, *range(13, 20)
+#: For each part, how far a point has moved, and the first point whose pairs are not in the list; the grid of cells; and
+#: room for some positions.
+MOST_PARTS = 64
+_MOVED, _REACHED = WANTED + 1, WANTED + 1 + MOST_PARTS
+_GRID = _REACHED + MOST_PARTS
+_SOME, _SAMPLES = _GRID + 12, 64  # points, from which the region of the cells is chosen
+HEAD = _SOME + _SAMPLES
+#: The parts of the grid: numbers of cells, 0 for an axis without end; where the cells begin; cells in a metre; and the
+#: steps between the buckets of neighbouring cells.
+_NUMBERS, _LOWS, _SCALES, _STEPS = _GRID, _GRID + 3, _GRID + 6, _GRID + 9
 
 #: The areas, in the order of `Areas`.
-X, BUILT, FIRST, MATES, NUMBER, GROUP, APART, APART_MATES, ORDER, BUCKET, START = range(11)
+X, BUILT, SORTED, FIRST, ABOVE, STOP, MATES, NUMBER, GROUP, APART, APART_MATES, ORDER, BUCKET, START = range(14)
 
-_PART = 12  # a part of 1/12 of the points may lie beyond the region at each end
+IS_LIST = 0.1  # the mark, which a conversion to single precision changes as it does the integers of a list
+_PART = 12  # a part of 1/12 of the points may lie beyond the region at each end, which is then
+_BEYOND = 1.25  # times as long
 _CELLS = 2.0**20  # along the region at most, and along a side of the box
 _FAR = 2.0**30  # cells from the middle of the region on which points share a cell
 _ROUND_OFF = 1e-6  # a part of a cell that is larger than the round-off so far from the middle
 _LARGEST = np.finfo(np.float64).max
 _ULPS = 1e-12  # a part of a cutoff that is larger than the round-off of a distance
-_ROW, _LAYER = 2654435761, 2246822519  # odd, with bits that follow no pattern: the steps between buckets of rows
+_ROW, _LAYER = 2654435761, 2246822519  # steps between buckets, odd and with bits that follow no pattern
+_BATCH = 64  # points that are looked at together
 
 
 class Areas(NamedTuple):
@@ -62,10 +74,13 @@ class Areas(NamedTuple):
 
     Attributes
     ----------
-    x, built : int
-        The positions of the points, now and when the list was built: d rows of floats.
-    first, mates : int
-        Where the mates of each point begin, and all mates; these and the following are 32-bit integers.
+    x, built, ordered : int
+        The positions of the points, now, when the list was built, and in the order of their buckets: d rows of floats.
+    first, above, stop : int
+        Where in the list the mates of each mass begin, where those with a larger number begin, and where they end. The
+        former are in other parts. These and the following are 32-bit integers.
+    mates : int
+        The list.
     number : int
         The number of each mass among all masses of the scene.
     group : int
@@ -78,7 +93,10 @@ class Areas(NamedTuple):
 
     x: int
     built: int
+    ordered: int
     first: int
+    above: int
+    stop: int
     mates: int
     number: int
     group: int
@@ -91,8 +109,8 @@ class Areas(NamedTuple):
     @classmethod
     def of(cls, place: int, points: int, room: int, buckets: int, n_apart: int, dimension: int) -> tuple[Areas, int]:
         """Return the areas of a list at a place of p, and where they end."""
-        floats = [dimension * points] * 2
-        integers = [points + 1, room, points, points, points + 1, n_apart, points, points, buckets + 1]
+        floats = [dimension * points] * 3
+        integers = [*[points] * 3, room, points, points, points + 1, n_apart, points, points, buckets + 1]
         begins = np.cumsum([place + HEAD + len(cls._fields), *floats, *((size + 1) // 2 for size in integers)])
         return cls(*begins[:-1].tolist()), int(begins[-1])
 
@@ -147,17 +165,40 @@ def memory(typingctx, array):  # type: ignore[no-untyped-def]
 
 @element
 def refresh(t, u, p, place, d):
-    """Copy the positions of the masses, and build the list anew if it may miss a pair.
+    """Copy the positions of the masses, and build the list anew if it may miss a pair."""
+    parts = int(p[place + WANTED])
+    for part in range(parts):
+        scan(t, u, p, place, part, parts, d)
+    if is_valid(t, p, place, parts):
+        return
+    begin(t, p, place, parts, d)
+    while True:
+        parts = int(p[place + PARTS])
+        for part in range(parts):
+            build(p, place, part, parts, d)
+        if is_built(p, place, d):
+            return
+
+
+@element
+def first_of(p, place, part, parts):
+    """Return the first mass of a part."""
+    return int(p[place + MASSES]) * part // parts
+
+
+@element
+def scan(t, u, p, place, part, parts, d):
+    """Copy the positions of the masses of a part, and note how far one of them has moved since the list was built.
 
     In a box that shears, what a point moves with the flow since then counts for the way between two points only.
     """
     if p[place + MARK] != IS_LIST:
         raise ValueError("params must be those of the scene in double precision: lists of neighbours are among them.")
-    count, masses, stride = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + STRIDE])
+    count, stride = int(p[place + POINTS]), int(p[place + STRIDE])
     x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
     index = integers(p, area(p, place, NUMBER), count)
     worst, strain = 0.0, p[place + SHEAR] * (t - p[place + BUILT_AT])
-    for i in range(masses):
+    for i in range(first_of(p, place, part, parts), first_of(p, place, part + 1, parts)):
         at, square = int(index[i]), 0.0
         for k in range(d):
             now = u[k * stride + at]
@@ -166,23 +207,34 @@ def refresh(t, u, p, place, d):
                 way -= strain * built[count + i]
             x[k * count + i] = now
             square += way * way
-        worst = square if not square <= worst else worst  # NaN stays
+        worst = max(worst, square if square == square else math.inf)
+    floats(p, place + _MOVED, MOST_PARTS)[part] = worst
+
+
+@element
+def is_valid(t, p, place, parts):
+    """Return whether the list misses no pair, and has these parts."""
+    worst, strain = 0.0, p[place + SHEAR] * (t - p[place + BUILT_AT])
+    for part in range(parts):
+        worst = max(worst, p[place + _MOVED + part])
     skin = p[place + PRESENT_SKIN]
     limit = (skin - abs(strain) * (p[place + CUTOFF] + skin)) / 2
-    if p[place + LISTED] == masses and limit >= 0 and worst <= limit * limit:
-        return
-    p[place + BUILT_AT], shift = t, p[place + SHEAR] * p[place + BOX + 1] * t
-    p[place + TILT] = nearest(shift, p[place + BOX])
+    is_whole = p[place + LISTED] == p[place + MASSES] and p[place + WANTED] == parts
+    return is_whole and limit >= 0 and worst <= limit * limit
+
+
+@element
+def begin(t, p, place, parts, d):
+    """Prepare a new list, with the skin that is tried first. Its pairs are then found part by part."""
+    count, head = int(p[place + POINTS]), floats(p, place, HEAD)
+    x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
+    head[BUILT_AT] = t
+    head[TILT] = nearest(head[SHEAR] * head[BOX + 1] * t, head[BOX])
     for j in range(d * count):
         built[j] = x[j]
-    skin = first_skin(p, place)
-    while True:
-        sort_by_cells(x, p, place, p[place + CUTOFF] + skin, d)
-        begin = np.int64(0)  # for a literal, Numba would compile the function once more
-        p[place + LISTED], p[place + PRESENT_SKIN] = build(x, p, place, begin, skin, d), skin
-        if p[place + LISTED] == masses or skin == 0:
-            return
-        skin = skin / 2 if skin > p[place + SKIN] / 4 else 0.0
+    head[WANTED] = head[PARTS] = parts
+    head[PRESENT_SKIN] = first_skin(p, place)
+    sort_by_cells(x, p, place, head[CUTOFF] + head[PRESENT_SKIN], d)
 
 
 @element
@@ -193,45 +245,83 @@ def first_skin(p, place):
         return p[place + SKIN]
     if p[place + LISTED] < masses:
         return 0.0
-    pairs = integers(p, area(p, place, FIRST), masses + 1)[masses]
+    pairs = integers(p, area(p, place, STOP), masses)[masses - 1]
     return p[place + SKIN] / (1 if 2 * pairs <= p[place + ROOM] else 4)
 
 
 @element
-def listed(p, place, begin, d):
-    """Return the number of the first points whose pairs are in the list; below `begin`, they no longer are.
+def is_built(p, place, d):
+    """Return whether the list has all pairs for which there is room; if there may be more room, prepare to try again.
 
-    The pairs of all points before `begin` have been looked at, in this evaluation.
+    All parts in one have more room than those of which one is full, and there are fewer pairs within a smaller skin.
     """
-    if begin == 0:
-        return int(p[place + LISTED])
-    count = int(p[place + POINTS])
-    return build(floats(p, area(p, place, X), d * count), p, place, begin, 0.0, d)
+    parts, is_whole, head = int(p[place + PARTS]), True, floats(p, place, HEAD)
+    for part in range(parts):
+        is_whole &= head[_REACHED + part] == first_of(p, place, part + 1, parts)
+    head[LISTED] = head[MASSES] if is_whole else head[_REACHED] if parts == 1 else 0.0
+    if is_whole or (parts == 1 and head[PRESENT_SKIN] == 0):
+        return True
+    if parts > 1:
+        head[PARTS] = 1.0
+    else:
+        skin = head[PRESENT_SKIN] / 2 if head[PRESENT_SKIN] > head[SKIN] / 4 else 0.0
+        head[PRESENT_SKIN] = skin
+        count = int(head[POINTS])
+        sort_by_cells(floats(p, area(p, place, X), d * count), p, place, head[CUTOFF] + skin, d)
+    return False
 
 
 @element
-def build(x, p, place, begin, skin, d):
-    """Write the pairs of the points from `begin` on to the list, within their cutoffs and the skin.
+def listed(p, place, start, end, d):
+    """Return the number of the first points whose pairs are in the list, up to `end`, if `start` is where it begins.
 
-    Return the number of the first point for whose pairs there is no room.
+    Otherwise the pairs of the points before `start` have been looked at, and the list goes on with those that follow:
+    then it has one part, for which there is no room at once.
+    """
+    if start == 0 or p[place + LISTED] == p[place + MASSES]:
+        return min(end, int(p[place + LISTED]))
+    return pairs_of(p, place, start, end, np.int64(0), np.int64(0), int(p[place + ROOM]), d)
+
+
+@element
+def build(p, place, part, parts, d):
+    """Write the pairs of the points of a part to the list."""
+    start, end = first_of(p, place, part, parts), first_of(p, place, part + 1, parts)
+    low, high = int(p[place + ROOM]) * part // parts, int(p[place + ROOM]) * (part + 1) // parts
+    floats(p, place + _REACHED, MOST_PARTS)[part] = pairs_of(p, place, start, end, start, low, high, d)
+
+
+@outlined
+def pairs_of(p, place, start, end, lowest, low, high, d):
+    """Write the pairs of the points from `start` to `end` to the list, within their cutoffs and the skin.
+
+    These are pairs with points of larger numbers, and with those of numbers below `lowest`. The list has room from
+    `low` to `high`. Return the number of the first point for whose pairs there is no room.
     """
     count, masses, room = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + ROOM])
-    first, mates = integers(p, area(p, place, FIRST), count + 1), integers(p, area(p, place, MATES), room)
+    x, skin = floats(p, area(p, place, X), d * count), p[place + PRESENT_SKIN]
+    first, above = integers(p, area(p, place, FIRST), masses), integers(p, area(p, place, ABOVE), masses)
+    stop, mates = integers(p, area(p, place, STOP), masses), integers(p, area(p, place, MATES), room)
     group, has_groups = integers(p, area(p, place, GROUP), count), p[place + HAS_GROUPS] == 1
     apart = integers(p, area(p, place, APART), count + 1)
     apart_mates = integers(p, area(p, place, APART_MATES), int(apart[count]))
     order, bucket = integers(p, area(p, place, ORDER), count), integers(p, area(p, place, BUCKET), count)
-    start, mask = integers(p, area(p, place, START), int(p[place + BUCKETS]) + 1), int(p[place + BUCKETS]) - 1
+    ordered = area(p, place, SORTED)
+    above_x, above_y = ordered + count, ordered + 2 * count
+    starts, mask = integers(p, area(p, place, START), int(p[place + BUCKETS]) + 1), int(p[place + BUCKETS]) - 1
     own, widest = int(p[place + OWN_CUTOFFS]), p[place + CUTOFF]
     # what is read here need not be read again in the loops, in which the list is written
     side_x, side_y, side_z, tilt = p[place + BOX], p[place + BOX + 1], p[place + BOX + 2], p[place + TILT]
+    inverse_x, inverse_y, inverse_z = inverse(side_x), inverse(side_y), inverse(side_z)
     nx, ny, nz = int(p[place + _NUMBERS]), int(p[place + _NUMBERS + 1]), int(p[place + _NUMBERS + 2])
     low_x, high_x = around(nx)
     low_y, high_y = around(ny)
     low_z, high_z = around(nz)
-    k = 0
-    for i in range(begin, masses):
-        first[i] = low = k
+    across, over = floats(p, place + _STEPS, 3)[1:]
+    squares, some = stack_rows(_BATCH, 2)
+    k, which, furthest = low, integers(some, 0, _BATCH), ((1 + _ULPS) * (skin + widest)) ** 2
+    for i in range(start, end):
+        first[i] = above[i] = stop[i] = begin_of_mates = k
         if bucket[i] < 0:
             continue
         cx = cell(x, p, place, 0, i, d)
@@ -240,43 +330,64 @@ def build(x, p, place, begin, skin, d):
         x_here, y_here, z_here = x[i], x[count + i] if d > 1 else 0.0, x[2 * count + i] if d > 2 else 0.0
         for oz in range(low_z, high_z):
             for oy in range(low_y, high_y):
-                row = _ROW * within(cy + oy, ny) + _LAYER * within(cz + oz, nz)
+                row = int(across) * within(cy + oy, ny) + int(over) * within(cz + oz, nz)
                 c = (row + cx) & mask
                 in_row = 0 < c < mask and (nx == 0 or 0 < cx < nx - 1)  # three buckets follow each other
                 for ox in range(0 if in_row else low_x, 1 if in_row else high_x):
                     c = c if in_row else (row + within(cx + ox, nx)) & mask
-                    for q in range(start[c - in_row], start[c + 1 + in_row]):
-                        j = int(order[q])
-                        if j <= i or (has_groups and group[i] == group[j]):
-                            continue
-                        square, turns = 0.0, 0.0
-                        if d > 1:
-                            way = x[count + j] - y_here
-                            turns = np.rint(way / side_y) if side_y > 0 else 0.0
-                            square = (way - side_y * turns) ** 2
-                        way = nearest(x[j] - x_here - tilt * turns, side_x)
-                        square += way * way
-                        if d > 2:
-                            way = nearest(x[2 * count + j] - z_here, side_z)
-                            square += way * way
-                        reach = (1 + _ULPS) * (skin + (p[own + i] + p[own + j] if own > 0 else widest))
-                        if square < reach * reach and not is_apart(apart, apart_mates, i, j):
-                            if k == room:
-                                k = sort(mates, low, k)
-                                if k == room:
+                    last = starts[c + 1 + in_row]
+                    for begin in range(starts[c - in_row], last, _BATCH):
+                        size, near = min(_BATCH, last - begin), 0
+                        xs = floats(p, ordered + begin, size)  # with an index that is a sum, LLVM does not vectorise
+                        ys, zs = floats(p, above_x + begin, size), floats(p, above_y + begin, size)
+                        for e in range(size):
+                            square, turns = 0.0, 0.0
+                            if d > 1:
+                                way = ys[e] - y_here
+                                turns = np.rint(way * inverse_y)
+                                square = (way - side_y * turns) ** 2
+                            way = xs[e] - x_here - tilt * turns
+                            square += (way - side_x * np.rint(way * inverse_x)) ** 2
+                            if d > 2:
+                                way = zs[e] - z_here
+                                square += (way - side_z * np.rint(way * inverse_z)) ** 2
+                            squares[e] = square
+                        numbers = integers(order, begin, size)
+                        for e in range(size):
+                            which[near], j = e, numbers[e]
+                            near += (squares[e] < furthest) & ((j < lowest) | (j > i))
+                        for q in range(near):
+                            j = int(numbers[which[q]])
+                            if has_groups and group[i] == group[j]:
+                                continue
+                            if own > 0 and squares[which[q]] >= ((1 + _ULPS) * (skin + p[own + i] + p[own + j])) ** 2:
+                                continue
+                            if is_apart(apart, apart_mates, min(i, j), max(i, j)):
+                                continue
+                            if k == high:
+                                k = sort(mates, begin_of_mates, k)
+                                if k == high:
                                     return i
                             mates[k] = j
                             k += 1
-        k = sort(mates, low, k)
-    for i in range(masses, count + 1):
-        first[i] = k
-    return masses
+        k = stop[i] = sort(mates, begin_of_mates, k)
+        middle = begin_of_mates
+        while middle < k and mates[middle] < i:
+            middle += 1
+        above[i] = middle
+    return end
 
 
 @element
 def nearest(way, side):
     """Return the way to the nearest image along an axis, which may be periodic."""
     return way - side * np.rint(way / side) if side > 0 else way
+
+
+@element
+def inverse(side):
+    """Return the inverse of a side of the box, or 0 for none, for which the nearest image is the point itself."""
+    return 1 / side if side > 0 else 0.0
 
 
 @element
@@ -323,13 +434,15 @@ def sort(values, begin, end):
     return stop
 
 
-@element
+@outlined
 def sort_by_cells(x, p, place, size, d):
     """Sort the points by the buckets of their cells, which are at least as long as `size`."""
     count, buckets = int(p[place + POINTS]), int(p[place + BUCKETS])
     order, bucket = integers(p, area(p, place, ORDER), count), integers(p, area(p, place, BUCKET), count)
     start = integers(p, area(p, place, START), buckets + 1)
+    ordered = floats(p, area(p, place, SORTED), d * count)
     divide(x, p, place, size, d)
+    across, over = floats(p, place + _STEPS, 3)[1:]
     for c in range(buckets + 1):
         start[c] = 0
     for i in range(count):
@@ -338,7 +451,7 @@ def sort_by_cells(x, p, place, size, d):
         for k in range(d):
             sum_of_all += abs(x[k * count + i])
         if sum_of_all < math.inf:  # a point without a place is near to none
-            row = _ROW * cell(x, p, place, 1, i, d) + _LAYER * cell(x, p, place, 2, i, d)
+            row = int(across) * cell(x, p, place, 1, i, d) + int(over) * cell(x, p, place, 2, i, d)
             c = (row + cell(x, p, place, 0, i, d)) & (buckets - 1)
             bucket[i] = c
             start[c] += 1
@@ -351,14 +464,20 @@ def sort_by_cells(x, p, place, size, d):
         if c >= 0:
             start[c] -= 1
             order[start[c]] = i
+            for k in range(d):
+                ordered[k * count + start[c]] = x[k * count + i]
 
 
 @element
 def divide(x, p, place, size, d):
-    """Choose the cells. They fill the periodic box, or are without end."""
+    """Choose the cells. They fill the periodic box, or are without end.
+
+    If there is a bucket for each cell of the region, neighbouring cells have neighbouring buckets.
+    """
     count, head = int(p[place + POINTS]), floats(p, place, HEAD)
     for k in range(3):
         head[_NUMBERS + k] = 1.0
+    along = 1.0
     size *= 1 + _ROUND_OFF
     for k in range(d):
         side = head[BOX + k]
@@ -367,10 +486,15 @@ def divide(x, p, place, size, d):
             number = math.floor(min(side / (size * math.sqrt(1 + slant * slant)), _CELLS))
             number = number if number >= 3 else 1.0
             head[_NUMBERS + k], head[_LOWS + k], head[_SCALES + k] = number, 0.0, number / side
+            extent = number
         else:
-            low, length = region(x[k * count : (k + 1) * count], floats(p, place + SOME, _SAMPLES))
+            low, length = region(x[k * count : (k + 1) * count], floats(p, place + _SOME, _SAMPLES))
             scale = 1 / max(size, length / _CELLS)
             head[_NUMBERS + k], head[_LOWS + k], head[_SCALES + k] = 0.0, low, scale
+            extent = math.floor(_BEYOND * length * scale) + 3
+        head[_STEPS + k], along = along, along * extent
+    if along > head[BUCKETS]:
+        head[_STEPS + 1], head[_STEPS + 2] = _ROW, _LAYER
 
 
 @element
@@ -404,46 +528,55 @@ def region(x, some):
     return some[count // 2], min(some[count - 1 - count // _PART] - some[count // _PART], _LARGEST)
 
 
+#: The tasks of `lists`. They are no literals, for each of which Numba would compile it once more.
+REFRESH, SCAN, CHECK, BEGIN, BUILD, FINISH, REACH = map(np.int64, range(7))
+
+
+@element
+def lists(task, t, u, p, place, part, parts, d):
+    """Do one task: `refresh` a list, or, where threads share it, `scan`, check, `begin`, `build` and finish it.
+
+    The task REACH returns the result of `listed`, for a piece from the point `part` to the point `parts`.
+    """
+    if task == REFRESH:
+        refresh(t, u, p, place, d)
+    elif task == SCAN:
+        scan(t, u, p, place, part, parts, d)
+    elif task == CHECK:
+        return int(is_valid(t, p, place, parts))
+    elif task == BEGIN:
+        begin(t, p, place, parts, d)
+    elif task == BUILD:
+        build(p, place, part, parts, d)
+    elif task == FINISH:
+        return int(is_built(p, place, d))
+    else:
+        return listed(p, place, part, parts, d)
+    return 0
+
+
 def _kept(function: Any) -> Any:
     """Decorate a function that scenes call, and that is kept on the disk."""
     return keep_on_disk(numba.njit(**KERNEL_OPTIONS)(function))
 
 
 @_kept
-def refresh_1d(t, u, p, place):
-    """Call `refresh` in one dimension."""
-    return refresh(t, u, p, place, 1)
+def lists_1d(task, t, u, p, place, part, parts):
+    """Call `lists` in one dimension."""
+    return lists(task, t, u, p, place, part, parts, 1)
 
 
 @_kept
-def refresh_2d(t, u, p, place):
-    """Call `refresh` in two dimensions."""
-    return refresh(t, u, p, place, 2)
+def lists_2d(task, t, u, p, place, part, parts):
+    """Call `lists` in two dimensions."""
+    return lists(task, t, u, p, place, part, parts, 2)
 
 
 @_kept
-def refresh_3d(t, u, p, place):
-    """Call `refresh` in three dimensions."""
-    return refresh(t, u, p, place, 3)
+def lists_3d(task, t, u, p, place, part, parts):
+    """Call `lists` in three dimensions."""
+    return lists(task, t, u, p, place, part, parts, 3)
 
 
-@_kept
-def listed_1d(p, place, begin):
-    """Call `listed` in one dimension."""
-    return listed(p, place, begin, 1)
-
-
-@_kept
-def listed_2d(p, place, begin):
-    """Call `listed` in two dimensions."""
-    return listed(p, place, begin, 2)
-
-
-@_kept
-def listed_3d(p, place, begin):
-    """Call `listed` in three dimensions."""
-    return listed(p, place, begin, 3)
-
-
-#: `refresh` and `listed`, by the number of dimensions.
-FUNCTIONS = {1: (refresh_1d, listed_1d), 2: (refresh_2d, listed_2d), 3: (refresh_3d, listed_3d)}
+#: `lists`, by the number of dimensions.
+LISTS = {1: lists_1d, 2: lists_2d, 3: lists_3d}

@@ -28,6 +28,7 @@ from ..functions.events import Event
 from ..functions.families import Family
 from ..kernels.compile.jit import element
 from ..kernels.compile.source import define
+from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .box_text import BoxText
 from .effect import FORCES, RESETS
@@ -52,14 +53,15 @@ def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
     """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
 
 
-def compiled(assembly: Assembly) -> tuple[Any, Any, dict[str, Event], np.ndarray]:
+def compiled(assembly: Assembly, threads: int = 0) -> tuple[Any, Any, dict[str, Event], np.ndarray]:
     """Return the right-hand side of a scene, its energy or None, its events, and the parameters of these functions.
 
-    Scenes that differ only in parameters get the same functions.
+    Scenes that differ only in parameters get the same functions. A large one is for this number of threads, or for one
+    on each core if it is 0.
     """
-    packing = Packing(assembly)
+    packing = Packing(assembly, threads)
     source = _Source(assembly, packing)
-    source.supports()
+    source.parts()
     if assembly.follows_work:
         source.power()
     source.rhs()
@@ -67,6 +69,8 @@ def compiled(assembly: Assembly) -> tuple[Any, Any, dict[str, Event], np.ndarray
         source.energy()
     source.events()
     functions = _functions(str(source), tuple(packing.functions.items()))
+    if packing.team is not None:
+        functions["rhs"].shares = Shares(functions["share"], packing.team, assembly.n)
     found: dict[str, Event] = {}
     for occasion in source.occasions:
         found |= occasion.events(functions, assembly.events)
@@ -142,9 +146,9 @@ class _Source:
 
     # The functions
 
-    def supports(self) -> None:
-        """Write the functions of the places and velocities of the corners of cells, if cells have supports."""
-        for head, lines in self._meshes.functions():
+    def parts(self) -> None:
+        """Write the functions that others call: the places of the corners of cells, and what threads share."""
+        for head, lines in (*self._meshes.functions(), *self._swarms.functions()):
             with self._function(head, ()):
                 self._write_all(lines)
 

@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels import neighbours
+from ..kernels import neighbours, shared_forces
+from ..kernels.protocol import stack_rows
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
 from .names import identifier, words
 from .swarm import Listing, Swarm, listed
+
+_SHARED = 2000  # points that are near each other, from which on threads share their forces
 
 
 @dataclass(frozen=True)
@@ -245,9 +248,11 @@ class Packing:
         The places of the sides of the periodic box, by the axes that have one.
     shear : int or None
         The place of the rate at which it shears; None if it does not.
+    team : int or None
+        The place of the team of threads that share the forces between near points; None if the scene is small.
     """
 
-    def __init__(self, assembly: Assembly) -> None:
+    def __init__(self, assembly: Assembly, threads: int) -> None:
         self._parts: list[np.ndarray] = []
         # the names with an underscore in every source; `_name` makes no name without one
         self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}
@@ -274,10 +279,15 @@ class Packing:
         self.box = {axis: self._add(side) for axis, side in zip("xyz", assembly.cloud.box, strict=False) if side > 0}
         self.shear = self._add(np.array(assembly.cloud.shear)) if assembly.cloud.shear else None
         self.swarms = [self._swarm(assembly, swarm) for swarm in assembly.swarms]
+        is_large = any(block.listing.masses >= _SHARED for block in self.swarms)
+        self.team = self._add(np.array([0, 0, threads])) if is_large else None
         if self.swarms:
-            refresh, listed_from = neighbours.FUNCTIONS[assembly.dimension]
             views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
-            self.functions |= {"refresh": refresh, "listed": listed_from, **views}
+            views["stack_rows"] = stack_rows
+            tasks = {name: getattr(neighbours, name) for name in ("REFRESH", "SCAN", "BUILD", "REACH")}
+            self.functions |= {"lists": neighbours.LISTS[assembly.dimension], **tasks, **views}
+        if self.team is not None:
+            self.functions |= {"add_forces": shared_forces.add_forces, "bounds": shared_forces.bounds}
 
     def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:
         law = self._symbols(Law(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))

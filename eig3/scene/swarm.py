@@ -15,6 +15,7 @@ from .effect import Link, Motion
 
 _SKIN = 0.2  # as a part of the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
+_MANY_MATES = 8  # pairs of a point, from which on their distances are computed before their forces
 _GROWTH = 2.0  # room for so many times the pairs at the start
 
 
@@ -158,6 +159,8 @@ class Listing:
         The places of the fields with a value for each point: that of a pair is the sum of those of its points.
     begin : int
         The index of the first mass, if the indices follow each other, or else -1.
+    is_dense : bool
+        Whether points have many mates at the start.
     values : ndarray
         What is at the place.
     """
@@ -169,6 +172,7 @@ class Listing:
     room: int
     own: dict[str, int]
     begin: int
+    is_dense: bool
     values: np.ndarray
 
 
@@ -185,10 +189,9 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         p = np.zeros(end)
         p[place:begin] = np.concatenate([*fields, np.empty(0)])
         _write(p, begin, swarm, members, cloud, areas, own, room, skin, apart)
-        refresh, _ = neighbours.FUNCTIONS[dimension]
-        refresh(0.0, u0, p, begin)
+        neighbours.LISTS[dimension](neighbours.REFRESH, 0.0, u0, p, begin, 0, 0)
         is_whole = p[begin + neighbours.LISTED] == members.index.size and p[begin + neighbours.PRESENT_SKIN] == skin
-        return p, areas, int(_integers(p, areas.first, count + 1)[count]) if is_whole else None
+        return p, areas, int(_integers(p, areas.stop, members.index.size)[-1]) if is_whole else None
 
     room = count * (swarm.room or _DENSE[dimension]) + 64
     p, areas, found = attempt(room, 0.0)
@@ -202,7 +205,8 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         p, areas, found = attempt(room, skin)
     follows = (np.diff(members.index) == 1).all()
     first = int(members.index[0]) if follows else -1
-    return Listing(begin, areas, count, members.index.size, room, own, first, p[place:])
+    is_dense = (room if found is None else found) >= _MANY_MATES * count
+    return Listing(begin, areas, count, members.index.size, room, own, first, is_dense, p[place:])
 
 
 def _skin(swarm: Swarm, found: float, dimension: int) -> float:
@@ -255,9 +259,9 @@ def _write(
     count, cutoff, x = members.points.size, swarm.effect.cutoff, cloud.positions
     widest = float(swarm.columns[cutoff].max())
     numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, swarm.second.size > 0, widest)
-    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count)
+    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count), neighbours.IS_LIST
     p[begin + neighbours.BOX :][: x.shape[1]] = cloud.box
-    p[begin + neighbours.MARK] = neighbours.IS_LIST
+    p[begin + neighbours.PARTS] = p[begin + neighbours.WANTED] = 1
     p[begin + neighbours.SHEAR], p[begin + neighbours.PRESENT_SKIN] = cloud.shear, skin
     p[begin + neighbours.HEAD :][: len(areas)] = areas
     p[areas.x :][: x.shape[1] * count] = x[members.points].T.ravel()
@@ -268,7 +272,7 @@ def _write(
 
 def _buckets(count: int) -> int:
     """Return the number of buckets of the cells of some points: a power of two, so that most buckets are empty."""
-    return 1 << (8 * count - 1).bit_length()
+    return 1 << (4 * count - 1).bit_length()
 
 
 def _integers(p: np.ndarray, begin: int, count: int) -> np.ndarray:

@@ -1,16 +1,20 @@
 """Write the loops over pairs of points that are near each other as lines of Python source.
 
 In the source, point and mate are the places of two points in a list of neighbours, and i and j the indices of their
-masses.
+masses. In a large scene, threads share the points: then the forces are in a function of their own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
+from ..kernels.shared_forces import ACTING, BUILDING, SCANNING, STAGES
 from .assembly import Assembly
 from .box_text import BoxText
 from .packing import Packing, SwarmBlock, entry
+
+_BATCH = 64  # mates of a point that are looked at together
+_ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
 
 
 class SwarmText:
@@ -18,17 +22,63 @@ class SwarmText:
 
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
         self._n, self._axes, self._weight = assembly.n, "xyz"[: assembly.dimension], packing.weight
-        self._box, self._swarms = BoxText(packing), packing.swarms
+        self._box, self._swarms, self._team = BoxText(packing), packing.swarms, packing.team
+
+    def functions(self) -> Iterator[tuple[str, Iterable[str]]]:
+        """The head and the body of the function of the parts of the work that threads share, if they do."""
+        if self._team is not None:
+            yield "share(stage, part, parts, t, u, v, p, a)", self._stages()
 
     def forces(self) -> Iterator[str]:
         """Add the forces between near points to the accelerations of their masses."""
-        for block in self._swarms:
+        for number, block in enumerate(self._swarms):
+            if self._team is not None:
+                yield f"kept, place = memory(p), index({block.listing.place})"
+                given = "t, memory(u), memory(v), kept, memory(a), place"
+                yield f"add_forces(share, lists, {number}, {given}, {self._team})"
+                continue
             yield from self._refreshed(block, "tension", "density")
-            inside = [*self._point(block, self._reads_rate(block))]
-            inside.append(f"{' = '.join(f'{axis}_sum' for axis in self._axes)} = 0.0")
-            inside += self._mates(block, self._pull(block))
-            inside += [f"{self._at('a', k, 'i')} += {axis}_sum * {self._w('i')}" for k, axis in enumerate(self._axes)]
-            yield from self._points(block, inside)
+            act = [*self._force(block), *self._on_both(block, self._if_mass(block))]
+            yield from self._points(block, self._forces_on(block, act))
+
+    def _stages(self) -> Iterator[str]:
+        """Do a part of a stage: the lists of points, or the forces on them."""
+        for number, block in enumerate(self._swarms):
+            first, functions = number * STAGES, ("tension", "density")
+            for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")):
+                yield f"if stage == {first + stage}:"
+                yield f"    lists({task}, {self._time}, u, p, index({block.listing.place}), part, parts)"
+            yield f"if stage == {first + ACTING}:"
+            yield f"    kept, place = p, index({block.listing.place})"
+            yield from _indented([*self._views(block, *functions), *self._part(block)])
+
+    def _part(self, block: SwarmBlock) -> Iterator[str]:
+        """Add the forces on the points of a part: those from points before the part, and then those from points above.
+
+        One loop does both. In two loops, the compiler could round in two ways.
+        """
+        listing = block.listing
+        yield f"firsts = integers(kept, {listing.areas.first}, {listing.masses})"
+        yield f"low, end = bounds({listing.masses}, part, parts)"
+        yield "for goes_up in range(int(parts == 1), 2):"
+        yield "    stop = low"
+        yield "    while stop < end:"
+        yield "        begin, stop = stop, lists(REACH, 0.0, kept, kept, place, stop, end)"
+        yield "        for point in range(index(begin), index(stop)):"
+        yield "            first, last = (above[point], stops[point]) if goes_up else (firsts[point], above[point])"
+        on_point = [f"{self._at('a', k, 'i')} += f{axis} * {self._w('i')}" for k, axis in enumerate(self._axes)]
+        on_both = self._on_both(block, "mate < end")
+        act = [*self._force(block), "if goes_up:", *_indented(on_both), "else:", *_indented(on_point)]
+        yield from (f"            {line}" for line in self._forces_on(block, act, "first, last"))
+
+    def _forces_on(self, block: SwarmBlock, act: Sequence[str], mates: str = _ABOVE) -> list[str]:
+        """Add the forces between a point and its mates."""
+        return [
+            *self._point(block, self._reads_rate(block)),
+            f"{' = '.join(f'{axis}_sum' for axis in self._axes)} = 0.0",
+            *self._mates(block, act, mates),
+            *(f"{self._at('a', k, 'i')} += {axis}_sum * {self._w('i')}" for k, axis in enumerate(self._axes)),
+        ]
 
     def potentials(self) -> Iterator[str]:
         """Add the potentials of near points to the total."""
@@ -52,22 +102,35 @@ class SwarmText:
 
     def _refreshed(self, block: SwarmBlock, *functions: str) -> Iterator[str]:
         """Refresh the list, and read what all pairs share."""
+        yield f"kept, place = memory(p), index({block.listing.place})"
+        yield f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)"
+        yield from self._views(block, *functions)
+
+    def _views(self, block: SwarmBlock, *functions: str) -> Iterator[str]:
+        """Read where the list is, and what all pairs share."""
         listing, areas = block.listing, block.listing.areas
-        yield f"kept, place = memory(p), index({listing.place})"
-        yield f"refresh({'t' if self._box.shears else '0.0'}, memory(u), kept, place)"
         yield f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})"
-        yield f"firsts = integers(kept, {areas.first}, {listing.points + 1})"
+        yield f"above = integers(kept, {areas.above}, {listing.masses})"
+        yield f"stops = integers(kept, {areas.stop}, {listing.masses})"
         yield f"mates = integers(kept, {areas.mates}, {listing.room})"
+        if listing.is_dense:
+            ways = ", ".join(f"{axis}_ways" for axis in self._axes)
+            yield f"{ways}, squares, some = stack_rows({_BATCH}, {len(self._axes) + 2})"
+            yield f"which = integers(some, 0, {_BATCH})"
         if listing.begin < 0:
             yield f"indices = integers(kept, {areas.number}, {listing.masses})"
         yield from block.law.constants(*functions)
+
+    @property
+    def _time(self) -> str:
+        return "t" if self._box.shears else "0.0"
 
     def _points(self, block: SwarmBlock, inside: Iterable[str]) -> Iterator[str]:
         """Loop over the masses of the list, which has the pairs of some of them at a time if it has no room for all."""
         listing = block.listing
         yield "stop = index(0)"
         yield f"while stop < {listing.masses}:"
-        yield "    begin, stop = stop, index(listed(kept, place, stop))"
+        yield f"    begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({listing.masses})))"
         yield "    for point in range(begin, stop):"
         yield from (f"        {line}" for line in inside)
 
@@ -79,29 +142,65 @@ class SwarmText:
             if reads_rate:
                 yield f"{axis}_rate = {self._at('v', k, 'i')}"
 
-    def _mates(self, block: SwarmBlock, inside: Sequence[str]) -> Iterator[str]:
+    def _mates(self, block: SwarmBlock, inside: Sequence[str], mates: str = _ABOVE) -> Iterator[str]:
         """Loop over the mates of a point that are within the cutoff."""
-        cutoff = block.law.value(block.law.cutoff, "") if block.law.cutoff in block.law.columns else "cutoff"
-        yield "for q in range(firsts[point], firsts[point + 1]):"
+        if block.listing.is_dense and not self._box.shears:
+            yield from self._batches(block, inside, mates)
+            return
+        yield f"for q in range({mates}):"
         yield "    mate = index(mates[q])"
-        for k, axis in enumerate(self._axes):
-            yield f"    d{axis} = {entry('places', k * block.listing.points, 'mate')} - {axis}_here"
-        yield from (f"    {line}" for line in self._box.nearest())
-        yield f"    square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}"
-        if cutoff == "cutoff":
-            yield f"    cutoff = {self._own(block, block.law.cutoff)}"
-        yield f"    if square < {cutoff} * {cutoff}:"
+        yield from _indented(self._way(block))
+        yield f"    if {self._is_near(block, 'square')}:"
         yield from (f"        {line}" for line in inside)
 
-    def _pull(self, block: SwarmBlock) -> list[str]:
-        """Compute the force between two points, and add it to both."""
+    def _batches(self, block: SwarmBlock, inside: Sequence[str], mates: str) -> Iterator[str]:
+        """Do so for many mates, in three loops: the compiler vectorises the first, and the second has no branch."""
+        ways = [f"{axis}_ways" for axis in self._axes]
+        yield f"low_mate, high_mate = {mates}"
+        yield f"for batch in range(low_mate, high_mate, {_BATCH}):"
+        yield f"    size, near = min({_BATCH}, high_mate - batch), index(0)"
+        yield "    for k in range(size):"
+        yield "        mate = index(mates[batch + k])"
+        yield from (f"        {line}" for line in self._way(block))
+        yield f"        {', '.join(f'{way}[k]' for way in ways)}, squares[k] = {self._ways}, square"
+        yield "    for k in range(size):"
+        yield "        mate = index(mates[batch + k])"
+        yield "        which[near] = k"
+        yield f"        near += {self._is_near(block, 'squares[k]')}"
+        yield "    for q in range(near):"
+        yield "        k = index(which[q])"
+        yield "        mate = index(mates[batch + k])"
+        yield f"        {self._ways}, square = {', '.join(f'{way}[k]' for way in ways)}, squares[k]"
+        yield from (f"        {line}" for line in inside)
+
+    def _way(self, block: SwarmBlock) -> Iterator[str]:
+        """Compute the way from a point to its mate, and the square of its length."""
+        for k, axis in enumerate(self._axes):
+            yield f"d{axis} = {entry('places', k * block.listing.points, 'mate')} - {axis}_here"
+        yield from self._box.nearest()
+        yield f"square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}"
+
+    @property
+    def _ways(self) -> str:
+        return ", ".join(f"d{axis}" for axis in self._axes)
+
+    def _is_near(self, block: SwarmBlock, square: str) -> str:
+        """The condition that two points are within the cutoff."""
+        law = block.law
+        cutoff = law.value(law.cutoff, "") if law.cutoff in law.columns else self._own(block, law.cutoff)
+        return f"{square} < {cutoff} * {cutoff}"
+
+    def _force(self, block: SwarmBlock) -> list[str]:
+        """Compute the force between two points."""
         reads_rate = self._reads_rate(block)
         lines = [*self._length(block, reads_rate), f"pull = ({self._tension(block)}) * inverse"]
-        lines += [f"f{axis} = pull * d{axis}" for axis in self._axes]
-        lines += [f"{axis}_sum += f{axis}" for axis in self._axes]
-        scatter = [] if reads_rate else [f"j = {self._mass(block, 'mate')}"]
+        return [*lines, *(f"f{axis} = pull * d{axis}" for axis in self._axes)]
+
+    def _on_both(self, block: SwarmBlock, condition: str) -> list[str]:
+        """Add the force between two points to both, or to the point only if its mate does not meet the condition."""
+        scatter = [f"j = {self._mass(block, 'mate')}"]
         scatter += [f"{self._at('a', k, 'j')} -= f{axis} * {self._w('j')}" for k, axis in enumerate(self._axes)]
-        return [*lines, *self._if_mass(block, scatter)]
+        return [*(f"{axis}_sum += f{axis}" for axis in self._axes), *_only_if(condition, scatter)]
 
     def _length(self, block: SwarmBlock, reads_rate: bool) -> list[str]:
         """Compute the distance of two points, and the rate at which it grows."""
@@ -110,16 +209,14 @@ class SwarmText:
             lines += [f"e{axis} = -{axis}_rate" for axis in self._axes]
             of_mate = [f"j = {self._mass(block, 'mate')}"]
             of_mate += [f"e{axis} += {self._at('v', k, 'j')}" for k, axis in enumerate(self._axes)]
-            lines += [*self._if_mass(block, of_mate), *self._box.rate()]
+            lines += [*_only_if(self._if_mass(block), of_mate), *self._box.rate()]
             lines.append(f"rate = ({' + '.join(f'd{axis} * e{axis}' for axis in self._axes)}) * inverse")
         return lines
 
-    def _if_mass(self, block: SwarmBlock, lines: list[str]) -> list[str]:
-        """Do this only where the mate is a mass, if the swarm has fixed points."""
+    def _if_mass(self, block: SwarmBlock) -> str:
+        """The condition that the mate is a mass, if the swarm has fixed points."""
         listing = block.listing
-        if listing.points == listing.masses:
-            return lines
-        return [f"if mate < {listing.masses}:", *(f"    {line}" for line in lines)]
+        return "" if listing.points == listing.masses else f"mate < {listing.masses}"
 
     def _tension(self, block: SwarmBlock) -> str:
         law, offered = block.law, self._offered(block)
@@ -147,3 +244,11 @@ class SwarmText:
 
     def _w(self, i: str) -> str:
         return "w" if self._weight.is_uniform else self._weight.of(i)
+
+
+def _only_if(condition: str, lines: Sequence[str]) -> list[str]:
+    return [f"if {condition}:", *_indented(lines)] if condition else [*lines]
+
+
+def _indented(lines: Iterable[str]) -> Iterator[str]:
+    return (f"    {line}" for line in lines)

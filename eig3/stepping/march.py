@@ -37,6 +37,7 @@ from ..result.memory import aligned
 from .look import Look
 from .slices import Slices
 from .system import Kernel, System
+from .team import team
 from .watching import not_a_number
 
 NEVER = 2**62  # `every` of a run that writes no states
@@ -241,8 +242,12 @@ class March:
         """
         self._before = self.position()
         end, kernel = self.index + count, self.kernel
-        arguments = self.look and self.look.arguments
         self.ended, self.raised_before = GOING, None
+        with team(self.system.shares, self.params, count):
+            return self._take(end, kernel, every, row, rows, cancels)
+
+    def _take(self, end: int, kernel: Kernel, every: int, row: int, rows: Rows, cancels: tuple[Cancel, ...]) -> int:
+        arguments = self.look and self.look.arguments
         slices = self._slices = self._slices or self._new_slices()
         while self.index < end:
             # After a call that ended within a step, the next one takes this step only: then the run may stop.

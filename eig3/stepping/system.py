@@ -16,6 +16,7 @@ from ..kernels.protocol import FOLLOWS, SEARCHES, Form
 from ..methods import Method
 from ..result.labels import Labels
 from .follower import Followed
+from .team import Shares
 
 _MOST_REMEMBERED = 16  # systems of one right-hand side
 _NOTHING = Functions({}, {})
@@ -73,6 +74,8 @@ class System:
         The names of the parameters, if they have any.
     callback : Callback
         The compiled right-hand side.
+    shares : Shares or None
+        What the threads of a run share of it.
     event_callbacks : list of (Callback, Callback or None)
         For each event, g and apply.
     event_table : ndarray, shape (k, 4)
@@ -116,6 +119,7 @@ class System:
         self.events: Mapping[str, Event] = check_events(events)
         self._checked: list[tuple[tuple, Callback]] = []
         self.callback = self._check(rhs, "rhs", form)
+        self.shares: Shares | None = getattr(rhs, "shares", None)
         if method.jacobian is not None:
             self._check(method.jacobian, "jacobian", form)
         self.event_callbacks = [self._check_event(name, event) for name, event in self.events.items()]

@@ -1,0 +1,94 @@
+"""The threads of a single run, which share the forces of a large scene: see `eig3.kernels.team`."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..kernels.compile.jit import compiled
+from ..kernels.compile.numba_internals import address_of
+from ..kernels.shared_forces import MOST
+from ..kernels.team import BOARD, LEAVE, SELF, SHARE, WANTED, new_board, serve
+
+_WORTH = 100_000  # points times steps, from which on the threads are worth their start, some tenths of a millisecond
+_PAUSE = 5e-5  # s between looks of a thread that has waited for long
+
+_others = threading.Lock()  # whoever has it has the other cores
+
+
+class Shares(NamedTuple):
+    """What the threads share of a right-hand side.
+
+    Attributes
+    ----------
+    function : jitted function
+        It does a part: see `eig3.kernels.team.SHARE`.
+    place : int
+        The place of the team in p.
+    size : int
+        Number of points.
+    """
+
+    function: Any
+    place: int
+    size: int
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """A block in which runs have one thread each, because the other cores are busy."""
+    mine = _others.acquire(blocking=False)
+    try:
+        yield
+    finally:
+        if mine:
+            _others.release()
+
+
+@contextmanager
+def team(shares: Shares | None, params: np.ndarray, steps: int) -> Iterator[None]:
+    """A block in which threads share the evaluations of a right-hand side with these parameters, if it pays.
+
+    No bit of the results depends on them. If another run of this process has the other cores, this one runs alone.
+    """
+    if shares is None or steps * shares.size < _WORTH:
+        yield
+        return
+    place = params[shares.place :]
+    count = min(int(place[WANTED]) or cores(), MOST)
+    if count == 1 or not _others.acquire(blocking=False):
+        yield
+        return
+    board, leave = new_board(count), threading.Event()
+    serving = serve(), address_of(compiled(shares.function, SHARE.args))
+    threads = [threading.Thread(target=_serve, args=(*serving, board, leave), daemon=True) for _ in range(count - 1)]
+    try:
+        for thread in threads:
+            thread.start()
+        place[BOARD], place[SELF] = board.ctypes.data, params.ctypes.data
+        yield
+    finally:
+        place[BOARD] = 0
+        leave.set()
+        board[LEAVE] = 1
+        for thread in threads:
+            if thread.ident:
+                thread.join()
+        _others.release()
+
+
+def _serve(serve: Any, address: int, board: np.ndarray, leave: threading.Event) -> None:
+    while not leave.is_set():
+        if serve(board, address):
+            time.sleep(_PAUSE)

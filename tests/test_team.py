@@ -1,0 +1,212 @@
+"""Threads that share the forces of a scene: they change no bit, and a run does not depend on their being there."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import effects
+from eig3.effects import Link
+from eig3.run import short
+from eig3.scene import Scene, packing
+from eig3.stepping import team
+
+from .test_extend import assert_same
+
+
+@pytest.fixture(autouse=True)
+def _shared_from_the_start(monkeypatch):
+    monkeypatch.setattr(packing, "_SHARED", 1)
+    monkeypatch.setattr(team, "_WORTH", 0)
+    monkeypatch.setattr(short, "MOST_SECONDS", 0)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """The number of threads that each run has started."""
+    started = []
+
+    class Thread(threading.Thread):
+        def start(self):
+            started.append(self)
+            super().start()
+
+    monkeypatch.setattr(team.threading, "Thread", Thread)
+    return started
+
+
+def cloud(dimension=2, n=150, density=1.0, seed=3):
+    """Points in no order, so that most pairs are in two parts, with velocities."""
+    rng = np.random.default_rng(seed)
+    side = round(n ** (1 / dimension) + 0.5)
+    lattice = np.stack(np.meshgrid(*[np.arange(side)] * dimension), axis=-1).reshape(-1, dimension)
+    x = rng.permutation(lattice)[:n] + rng.uniform(-0.2, 0.2, (n, dimension))
+    return x / density, rng.normal(size=(n, dimension))
+
+
+def damped():
+    x, v = cloud()
+    scene = Scene(2)
+    scene.add(effects.MassContact(500.0, 0.9, damping=0.3), scene.mass(np.linspace(0.5, 2, len(x)), x, v))
+    scene.add(effects.Gravity((0.0, -1.0)))
+    return scene
+
+
+def of_sizes():
+    x, v = cloud(3)
+    scene = Scene(3, box=(7.0, None, 7.0))
+    scene.add(effects.MassContact(500.0, np.linspace(0.6, 1.1, len(x))), scene.mass(1.0, x, v))
+    return scene
+
+
+def sheared():
+    x, v = cloud(density=1.05)
+    scene = Scene(2, box=(13.0, 13.0), shear=0.5)
+    scene.add(effects.MassContact(300.0, 1.0, damping=0.1), scene.mass(1.0, x, v))
+    return scene
+
+
+def of_two_lists():
+    x, v = cloud()
+    scene = Scene(2)
+    balls = scene.mass(1.0, x, v)
+    wall = scene.fixed(np.column_stack([np.arange(-1, 14, 0.5), np.full(30, -1.0)]))
+    scene.add(effects.LinearSpring(50.0, 1.0), balls[:50], balls[50:100])
+    scene.add(effects.MassContact(500.0, 0.9), balls, leaves_joined=True)
+    scene.add(effects.MassContact(800.0, 0.7), balls, near=wall)
+    return scene
+
+
+SCENES = [damped, of_sizes, sheared, of_two_lists]
+
+
+@pytest.mark.parametrize("make", SCENES)
+def test_threads_change_no_bit(make, counted):
+    runs = []
+    for threads in (1, 2, 3, 5):
+        del counted[:]
+        runs.append(make().problem((0.0, 0.5), threads=threads).integrate(h=1e-3, save_every=50))
+        assert len(counted) % max(1, threads - 1) == 0
+        assert bool(counted) == (threads > 1)
+    for run in runs[1:]:
+        np.testing.assert_array_equal(run.u, runs[0].u)
+        np.testing.assert_array_equal(run.v, runs[0].v)
+    assert np.abs(runs[0].u[-1] - runs[0].u[0]).max() > 0.3
+
+
+@pytest.mark.parametrize("make", SCENES)
+def test_the_forces_are_those_of_a_small_scene(make, monkeypatch):
+    """Only the order of rounding in two loops may differ: some units in the last place of a sum of forces."""
+    shared = make().problem((0, 1), threads=3)
+    run = shared.integrate(h=1e-3, save_every=100)
+    monkeypatch.setattr(packing, "_SHARED", 10**9)
+    alone = make().problem((0, 1))
+    assert not hasattr(alone.rhs, "shares")
+    for k in range(len(run.t)):
+        found, expected = np.empty((2, alone.u0.size))
+        shared.rhs(run.t[k], run.u[k], run.v[k], shared.params, found)
+        alone.rhs(run.t[k], run.u[k], run.v[k], alone.params, expected)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+def test_a_list_without_room_has_one_part():
+    """Masses fall on one another: the parts, and then the list, have no room for the pairs."""
+    x, _ = cloud(n=100)
+    runs = []
+    for threads in (1, 4):
+        scene = Scene(2)
+        points = scene.mass(1.0, x - 5)
+        scene.add(effects.MassContact(5.0, 1.0), points, room=2)
+        scene.add(effects.LinearSpring(1.0), points, scene.fixed((0.0, 0.0)))
+        runs.append(scene.problem((0.0, 3.0), threads=threads).integrate(h=1e-2))
+    np.testing.assert_array_equal(runs[0].u, runs[1].u)
+
+
+@pytest.mark.parametrize("options", [{"h": 1e-3, "method": "rk4"}, {"rtol": 1e-6}, {"h": 1e-3, "inline": True}])
+def test_all_kinds_of_runs_have_the_same_bits(options, tmp_path):
+    def fallen(t, u, v, p):
+        return u[150 + 7] + 1.0
+
+    events = {"fallen": eig3.Event(eig3.jit(fallen))}
+    found = []
+    for threads in (1, 3):
+        problem = damped().problem((0.0, 0.4), threads=threads)
+        half = problem.with_(t_span=(0.0, 0.2)).integrate(events=events, save_to=tmp_path / f"{threads}", **options)
+        found.append((half.extend(0.4), half, problem.integrate(events=events, **options)))
+    assert_same(found[0][0], found[1][0])
+    assert_same(found[0][0], found[1][2])
+    assert_same(found[0][1], found[1][1])
+
+
+@dataclass(frozen=True, eq=False)
+class Brittle(Link):
+    """A contact that raises an exception if it is pressed too far."""
+
+    reach: float
+
+    cutoff = "reach"
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, reach):
+        if r < 0.5 * reach:
+            raise ValueError("pressed too far")
+        return -100 * (reach - r)
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_an_exception_of_a_part_is_that_of_the_run(last):
+    """The points that meet are among the first or the last: their part is done by either thread."""
+    x = np.arange(60.0)[:, None] * [1.2, 0.0]
+    v = np.zeros((60, 2))
+    v[-2 if last else 0, 0] = 10.0
+    scene = Scene(2)
+    scene.add(Brittle(1.0), scene.mass(1.0, x, v))
+    problem = scene.problem((0.0, 1.0), threads=3)
+    for _ in range(3):
+        with pytest.raises(ValueError, match="pressed too far") as caught:
+            problem.integrate(h=1e-3)
+        assert 0.02 < caught.value.solution.t[-1] < 0.1
+    problem.with_(v0=0 * problem.v0).integrate(h=1e-3)
+
+
+def test_a_run_does_not_wait_for_threads_that_never_come(monkeypatch):
+    expected = damped().problem((0.0, 0.2), threads=1).integrate(h=1e-3)
+    monkeypatch.setattr(team, "_serve", lambda *arguments: None)
+    np.testing.assert_array_equal(damped().problem((0.0, 0.2), threads=4).integrate(h=1e-3).u, expected.u)
+
+
+def test_a_copy_of_the_parameters_has_no_team():
+    """Other threads evaluate on copies, while the run goes on with its team."""
+    problem = damped().problem((0.0, 0.3), threads=3)
+    stepper = problem.stepper(h=1e-3)
+    expected = stepper.fork()
+    expected.advance(400)
+    with team.team(problem.rhs.shares, stepper.params, 10), ThreadPoolExecutor(2) as pool:
+        forks = [stepper.fork() for _ in range(2)]
+        list(pool.map(lambda fork: fork.advance(400), forks))
+    for fork in forks:
+        np.testing.assert_array_equal(fork.u, expected.u)
+
+
+def test_one_run_at_a_time_has_other_threads(counted):
+    problem = damped().problem((0.0, 0.3), threads=2)
+    expected = problem.integrate(h=1e-3)
+    with ThreadPoolExecutor(4) as pool:
+        runs = list(pool.map(lambda _: problem.integrate(h=1e-3), range(8)))
+    for run in runs:
+        np.testing.assert_array_equal(run.u, expected.u)
+    del counted[:]
+    with team.alone():
+        problem.integrate(h=1e-3)
+    members = problem.ensemble(v0=problem.v0 * np.linspace(0.5, 1, 3)[:, None], h=1e-3)
+    assert not counted
+    np.testing.assert_array_equal(members.u[-1, -1], expected.u[-1])
+
+
+def test_threads_must_be_a_number():
+    with pytest.raises(ValueError, match="threads must be"):
+        damped().problem((0, 1), threads=0)
