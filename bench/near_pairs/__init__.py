@@ -11,16 +11,18 @@ from ..rivals import exudyn, lammps, openmm
 from ..timing import kernel_run, seconds_of
 from . import atoms_in_lammps, atoms_in_openmm, spheres_in_lammps
 from .atoms import liquid
-from .contest import SCENE, Contest, Run, table
+from .contest import SCENE, Contest, Run, Who, table
 from .spheres import REACH, STIFFNESS, H, linear, rows, spheres
 from .spheres_by_hand import by_hand
 
-_CORES = os.cpu_count() or 1
+_CORES = sorted({1, os.cpu_count() or 1})
 _MOST_IN_EXUDYN = 10_000  # spheres: it takes a microsecond for each and step
 _OF_AN_ATOM = 10  # the time of an atom with its neighbours, in those of a sphere
 
+Runs = dict[Who, Run]
+
 _LAMMPS = """LAMMPS has the skin of the scene, and looks at each step whether its list is still valid.
-It takes its variants for OpenMP, which are not slower on one core. The scene runs on one core.
+It takes its variants for OpenMP, which are not slower on one core.
 Where a ratio is below 1, the scene is faster."""
 _OPENMM = """OpenMM computes in single precision on its platform CPU, and in double precision on Reference.
 Its own force of Lennard-Jones is not the one of the scene: it jumps at the reach. The shifted force is a formula."""
@@ -48,36 +50,37 @@ def hertz(n: int) -> Contest:
     """Return the contest of spheres with Hertz's contact."""
     problem = spheres(n)
     loop = by_hand(problem)
-    runs = {SCENE: scene_run(problem, H), "loop by hand, one core": lambda steps: seconds_of(partial(loop, steps))}
+    runs: Runs = {(SCENE, cores): scene_run(spheres(n, threads=cores), H) for cores in _CORES}
+    runs["loop by hand", 1] = lambda steps: seconds_of(partial(loop, steps))
     if lammps.is_there():
-        for threads, name in _threads("LAMMPS"):
-            runs[name] = spheres_in_lammps.session(problem, threads).run
+        for cores in _CORES:
+            runs["LAMMPS", cores] = spheres_in_lammps.session(problem, cores).run
     return Contest.of(n, runs)
 
 
 def linear_contacts(n: int) -> Contest:
     """Return the contest of spheres with a linear contact."""
     problem = linear(n)
-    runs = {SCENE: scene_run(problem, H)}
+    start = rows(problem.u0), rows(problem.v0)
+    runs: Runs = {(SCENE, cores): scene_run(linear(n, cores), H) for cores in _CORES}
     if exudyn.is_there():
-        for threads, name in _threads("exudyn"):
-            start = rows(problem.u0), rows(problem.v0)
-            runs[name] = exudyn.Session(*start, STIFFNESS, REACH, H, threads).run
+        for cores in _CORES:
+            runs["exudyn", cores] = exudyn.Session(*start, STIFFNESS, REACH, H, cores).run
     return Contest.of(n, runs)
 
 
 def argon(side: int) -> Contest:
     """Return the contest of atoms of argon."""
     problem = liquid(side)
-    runs = {SCENE: scene_run(problem, problem.h or H)}
+    runs: Runs = {(SCENE, cores): scene_run(liquid(side, cores), problem.h or H) for cores in _CORES}
     if lammps.is_there():
-        for threads, name in _threads("LAMMPS"):
-            runs[name] = atoms_in_lammps.session(problem, threads).run
+        for cores in _CORES:
+            runs["LAMMPS", cores] = atoms_in_lammps.session(problem, cores).run
     if openmm.is_there():
-        runs["OpenMM, Reference, one core"] = atoms_in_openmm.session(problem).run
+        runs["OpenMM, Reference", 1] = atoms_in_openmm.session(problem).run
         for jumps, kind in ((False, "single precision"), (True, "single precision, jumping force")):
-            for threads, name in _threads(f"OpenMM, CPU, {kind}"):
-                runs[name] = atoms_in_openmm.session(problem, "CPU", threads, jumps=jumps).run
+            for cores in _CORES:
+                runs[f"OpenMM, CPU, {kind}", cores] = atoms_in_openmm.session(problem, "CPU", cores, jumps=jumps).run
     return Contest.of(problem.u0.size // 3, runs, cost=_OF_AN_ATOM)
 
 
@@ -85,9 +88,3 @@ def scene_run(problem: Problem, h: float) -> Run:
     """Return the run of a scene with EIG-3."""
     stepper = problem.stepper(h=h)
     return lambda steps: kernel_run(stepper, steps)()
-
-
-def _threads(name: str) -> list[tuple[int, str]]:
-    """Return the numbers of threads, with the name of each contestant."""
-    found = [(1, f"{name}, one core")]
-    return found + ([(_CORES, f"{name}, {_CORES} cores")] if _CORES > 1 else [])

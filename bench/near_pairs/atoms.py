@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eig3.effects import LennardJones
 from eig3.problem import Problem
 from eig3.problems.argon import DEPTH, MASS, SIZE, argon
+from eig3.scene import Scene
 
 from .spheres import rows
 
@@ -19,12 +21,20 @@ _TIME = SIZE * math.sqrt(MASS / DEPTH)
 _MELTED = 300  # steps until the lattice has become a liquid
 
 
-def liquid(side: int) -> Problem:
+def liquid(side: int, threads: int = 1) -> Problem:
     """Return 4 side^3 atoms of argon, with the state in which they have left their lattice."""
     problem = argon(n=side, density=_DENSITY)
     assert problem.h is not None
     run = problem.integrate(h=problem.h, t_end=_MELTED * problem.h, save_every=None)
-    return problem.with_(u0=run.u[-1], v0=run.v[-1])
+    places, speeds = rows(run.u[-1]), rows(run.v[-1])
+    scene = Scene(3, box=[_edge(len(places))] * 3)
+    scene.add(LennardJones(DEPTH, SIZE, REACH * SIZE), scene.mass(MASS, places, speeds))
+    return replace(scene.problem(problem.t_span, name="argon", threads=threads), h=problem.h)
+
+
+def _edge(n: int) -> float:
+    """Return the edge of the box of n atoms, m."""
+    return (n * MASS / _DENSITY) ** (1 / 3)
 
 
 @dataclass(frozen=True)
@@ -40,7 +50,7 @@ class Reduced:
     def of(cls, problem: Problem) -> Reduced:
         assert problem.h is not None
         places = rows(problem.u0) / SIZE
-        side = (len(places) * MASS / _DENSITY) ** (1 / 3) / SIZE
+        side = _edge(len(places)) / SIZE
         return cls(places % side, rows(problem.v0) * _TIME / SIZE, side, problem.h / _TIME)
 
 

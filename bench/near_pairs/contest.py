@@ -13,49 +13,64 @@ from ..timing import interleave
 POINT_STEPS = 2_000_000  # of a timed run
 _LEAST = 100  # steps of a run: lists are made anew some times
 _ENOUGH = 5.0  # seconds
-SCENE = "scene, one core"
+SCENE = "scene"
 
 #: Something that takes a number of steps from the same start, and returns its seconds.
 Run = Callable[[int], float]
+#: The name of a contestant, and its number of cores.
+Who = tuple[str, int]
 
 
 @dataclass(frozen=True)
 class Contest:
-    """The runs of the same number of points, by name. The first one is that of the scene."""
+    """The runs of the same number of points. There is one of the scene for each number of cores."""
 
     n: int
-    runs: Mapping[str, Run]
+    runs: Mapping[Who, Run]
     steps_of_a_run: int
 
     @classmethod
-    def of(cls, n: int, runs: Mapping[str, Run], cost: int = 1) -> Contest:
+    def of(cls, n: int, runs: Mapping[Who, Run], cost: int = 1) -> Contest:
         """Return a contest of points whose step takes about `cost` times that of a sphere."""
         return cls(n, runs, max(_LEAST, POINT_STEPS // (cost * n)))
 
-    def ns(self, repeats: int, where: str) -> dict[str, float]:
-        """Return the ns of a point and step, by name: medians of interleaved runs."""
-        runs = {name: partial(run, self.steps_of_a_run) for name, run in self.runs.items()}
+    def ns(self, repeats: int, where: str) -> dict[Who, float]:
+        """Return the ns of a point and step: medians of interleaved runs."""
+        runs = {_label(who): partial(run, self.steps_of_a_run) for who, run in self.runs.items()}
         found = interleave(runs, repeats, f"{self.n} {where}", _ENOUGH)
         unit = 1e9 / (self.n * self.steps_of_a_run)
-        return {name: unit * statistics.median(seconds) for name, seconds in found.items()}
+        return {who: unit * statistics.median(found[_label(who)]) for who in self.runs}
 
 
 def table(points: str, contests: Sequence[Contest], repeats: int) -> str:
-    """Return the table of contests, and a line for each that the scene does not win."""
+    """Return the table of contests, and a line for each that the scene does not win.
+
+    The ratios are to the time of the scene on as many cores.
+    """
     found = {contest.n: contest.ns(repeats, points) for contest in contests}
-    names = list(dict.fromkeys(name for ns in found.values() for name in ns))
+    everyone = dict.fromkeys(who for ns in found.values() for who in ns)
     header = [f"ns of a step, for each of the {points}", *(cell for n in found for cell in (str(n), "scene / this"))]
-    rows = [[name, *(cell for ns in found.values() for cell in _cells(ns, name))] for name in names]
-    return "\n".join([text.table(header, rows), *(line for n, ns in found.items() for line in _lost(points, n, ns))])
+    rows = [[_label(who), *(cell for ns in found.values() for cell in _cells(ns, who))] for who in everyone]
+    return "\n".join(
+        [text.table(header, rows), "", *(line for n, ns in found.items() for line in _lost(points, n, ns))]
+    )
 
 
-def _cells(ns: Mapping[str, float], name: str) -> tuple[str, str]:
-    if name not in ns:
+def _label(who: Who) -> str:
+    return f"{who[0]}, {'one core' if who[1] == 1 else f'{who[1]} cores'}"
+
+
+def _ratio(ns: Mapping[Who, float], who: Who) -> float:
+    return ns[SCENE, who[1]] / ns[who]
+
+
+def _cells(ns: Mapping[Who, float], who: Who) -> tuple[str, str]:
+    if who not in ns:
         return "-", "-"
-    return text.number(ns[name]), text.number(ns[SCENE] / ns[name]) if name != SCENE else ""
+    return text.number(ns[who]), text.ratio(_ratio(ns, who)) if who[0] != SCENE else ""
 
 
-def _lost(points: str, n: int, ns: Mapping[str, float]) -> list[str]:
-    """Say who is faster than the scene."""
-    faster = [f"{name} ({ns[SCENE] / ns[name]:.2f})" for name in ns if ns[name] < ns[SCENE]]
+def _lost(points: str, n: int, ns: Mapping[Who, float]) -> list[str]:
+    """Say who is faster than the scene on as many cores."""
+    faster = [f"{_label(who)} ({_ratio(ns, who):.2f})" for who in ns if ns[who] < ns[SCENE, who[1]]]
     return [f"Faster than the scene with {n} {points}: {', '.join(faster)}."] if faster else []

@@ -37,7 +37,7 @@ class LinearContact(Link):
         return stiffness / 2 * max(0.0, reach - r) ** 2
 
 
-def spheres(n: int, contact: Link | None = None) -> Problem:
+def spheres(n: int, contact: Link | None = None, threads: int = 1) -> Problem:
     """Return n elastic spheres, almost a lattice in contact, which move apart and meet.
 
     Their contact is that of Hertz unless another one is given.
@@ -49,12 +49,12 @@ def spheres(n: int, contact: Link | None = None) -> Problem:
     places = 0.98 * lattice + rng.uniform(-0.05, 0.05, (n, 3))
     balls = scene.mass(1.0, places, 0.5 * rng.standard_normal((n, 3)))
     scene.add(contact or MassContact(STIFFNESS, REACH), balls)
-    return scene.problem((0.0, 1.0), name=f"{n} spheres")
+    return scene.problem((0.0, 1.0), name=f"{n} spheres", threads=threads)
 
 
-def linear(n: int) -> Problem:
+def linear(n: int, threads: int = 1) -> Problem:
     """Return the spheres with a linear contact."""
-    return spheres(n, LinearContact(STIFFNESS, REACH))
+    return spheres(n, LinearContact(STIFFNESS, REACH), threads)
 
 
 def rows(values: np.ndarray) -> np.ndarray:
