@@ -51,9 +51,8 @@ def table(points: str, contests: Sequence[Contest], repeats: int) -> str:
     everyone = dict.fromkeys(who for ns in found.values() for who in ns)
     header = [f"ns of a step, for each of the {points}", *(cell for n in found for cell in (str(n), "scene / this"))]
     rows = [[_label(who), *(cell for ns in found.values() for cell in _cells(ns, who))] for who in everyone]
-    return "\n".join(
-        [text.table(header, rows), "", *(line for n, ns in found.items() for line in _lost(points, n, ns))]
-    )
+    lost = [line for n, ns in found.items() for line in _lost(points, n, ns)]
+    return "\n\n".join([text.table(header, rows), *lost])
 
 
 def _label(who: Who) -> str:
