@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from functools import partial
 
+import numpy as np
+
 from eig3.problem import Problem
 
 from ..rivals import exudyn, lammps, openmm
@@ -81,7 +83,7 @@ def argon(side: int) -> Contest:
         for jumps, kind in ((False, "single precision"), (True, "single precision, jumping force")):
             for cores in _CORES:
                 runs[f"OpenMM, CPU, {kind}", cores] = atoms_in_openmm.session(problem, "CPU", cores, jumps=jumps).run
-    return Contest.of(problem.u0.size // 3, runs, cost=_OF_AN_ATOM)
+    return Contest.of(np.size(problem.u0) // 3, runs, cost=_OF_AN_ATOM)
 
 
 def scene_run(problem: Problem, h: float) -> Run:

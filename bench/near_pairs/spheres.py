@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import eig3
 from eig3.effects import Link, MassContact
@@ -57,6 +58,6 @@ def linear(n: int, threads: int = 1) -> Problem:
     return spheres(n, LinearContact(STIFFNESS, REACH), threads)
 
 
-def rows(values: np.ndarray) -> np.ndarray:
+def rows(values: ArrayLike) -> np.ndarray:
     """Return the vectors of the points, of shape (n, 3), from displacements or velocities of the scene."""
     return np.ascontiguousarray(np.reshape(values, (3, -1)).T)
