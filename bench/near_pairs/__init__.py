@@ -6,6 +6,7 @@ import os
 from functools import partial
 
 from eig3.problem import Problem
+from eig3.stepping.team import alone
 
 from ..rivals import exudyn, lammps, openmm
 from ..timing import kernel_run, seconds_of
@@ -20,8 +21,8 @@ _MOST_IN_EXUDYN = 10_000  # spheres: it takes a microsecond for each and step
 _OF_AN_ATOM = 10  # the time of an atom with its neighbours, in those of a sphere
 
 _LAMMPS = """LAMMPS has the skin of the scene, and looks at each step whether its list is still valid.
-It takes its variants for OpenMP, which are not slower on one core. The scene runs on one core.
-Where a ratio is below 1, the scene is faster."""
+It takes its variants for OpenMP, which are not slower on one core.
+The ratios are those of the scene on one core. Where a ratio is below 1, this is faster."""
 _OPENMM = """OpenMM computes in single precision on its platform CPU, and in double precision on Reference.
 Its own force of Lennard-Jones is not the one of the scene: it jumps at the reach. The shifted force is a formula."""
 _EXUDYN = """Contacts of exudyn between all spheres are linear, and so are those of the scene here.
@@ -48,7 +49,7 @@ def hertz(n: int) -> Contest:
     """Return the contest of spheres with Hertz's contact."""
     problem = spheres(n)
     loop = by_hand(problem)
-    runs = {SCENE: scene_run(problem, H), "loop by hand, one core": lambda steps: seconds_of(partial(loop, steps))}
+    runs = scene_runs(problem, H) | {"loop by hand, one core": lambda steps: seconds_of(partial(loop, steps))}
     if lammps.is_there():
         for threads, name in _threads("LAMMPS"):
             runs[name] = spheres_in_lammps.session(problem, threads).run
@@ -58,7 +59,7 @@ def hertz(n: int) -> Contest:
 def linear_contacts(n: int) -> Contest:
     """Return the contest of spheres with a linear contact."""
     problem = linear(n)
-    runs = {SCENE: scene_run(problem, H)}
+    runs = scene_runs(problem, H)
     if exudyn.is_there():
         for threads, name in _threads("exudyn"):
             start = rows(problem.u0), rows(problem.v0)
@@ -69,7 +70,7 @@ def linear_contacts(n: int) -> Contest:
 def argon(side: int) -> Contest:
     """Return the contest of atoms of argon."""
     problem = liquid(side)
-    runs = {SCENE: scene_run(problem, problem.h or H)}
+    runs = scene_runs(problem, problem.h or H)
     if lammps.is_there():
         for threads, name in _threads("LAMMPS"):
             runs[name] = atoms_in_lammps.session(problem, threads).run
@@ -81,10 +82,18 @@ def argon(side: int) -> Contest:
     return Contest.of(problem.u0.size // 3, runs, cost=_OF_AN_ATOM)
 
 
-def scene_run(problem: Problem, h: float) -> Run:
-    """Return the run of a scene with EIG-3."""
+def scene_runs(problem: Problem, h: float) -> dict[str, Run]:
+    """Return the runs of a scene with EIG-3, on one core and on all."""
     stepper = problem.stepper(h=h)
-    return lambda steps: kernel_run(stepper, steps)()
+
+    def on_one_core(steps: int) -> float:
+        with alone():
+            return kernel_run(stepper, steps)()
+
+    runs: dict[str, Run] = {SCENE: on_one_core}
+    if _CORES > 1 and stepper.system.shares:
+        runs[f"scene, {_CORES} cores"] = lambda steps: kernel_run(stepper, steps)()
+    return runs
 
 
 def _threads(name: str) -> list[tuple[int, str]]:

@@ -57,5 +57,6 @@ def _cells(ns: Mapping[str, float], name: str) -> tuple[str, str]:
 
 def _lost(points: str, n: int, ns: Mapping[str, float]) -> list[str]:
     """Say who is faster than the scene."""
-    faster = [f"{name} ({ns[SCENE] / ns[name]:.2f})" for name in ns if ns[name] < ns[SCENE]]
+    others = [name for name in ns if not name.startswith("scene")]
+    faster = [f"{name} ({ns[SCENE] / ns[name]:.2f})" for name in others if ns[name] < ns[SCENE]]
     return [f"Faster than the scene with {n} {points}: {', '.join(faster)}."] if faster else []
