@@ -69,6 +69,40 @@ def test_near_pairs_have_the_forces_of_all_pairs(case):
     assert energy == pytest.approx(expected_energy, rel=1e-13)
 
 
+@pytest.mark.parametrize("kind", ["one size", "own sizes", "elastic", "two groups", "sheared"])
+def test_points_with_many_mates_have_the_forces_of_all_pairs(kind):
+    """Some have more mates than are looked at together, which are 64."""
+    rng = np.random.default_rng(4)
+    x = np.concatenate([rng.uniform(0, 7, (120, 3)), 3 + 0.2 * rng.normal(size=(100, 3))])
+    v = rng.normal(size=x.shape)
+    sizes, places = np.linspace(1.5, 2.5, len(x)), rng.uniform(0, 7, (90, 3))
+    found = []
+    for adds_all in (False, True):
+        scene = Scene(3, box=(7.0, 7.0, None), shear=0.3 * (kind == "sheared"))
+        points = scene.mass(1.3, x, v)
+        effect = contact(reach=sizes if kind == "own sizes" else 2.0, damping=0.0 if kind == "elastic" else 0.1)
+        if kind == "two groups":
+            walls = scene.fixed(places)
+            of_all_pairs(scene, effect, points, walls) if adds_all else scene.add(effect, points, near=walls)
+        elif adds_all:
+            i, j = np.triu_indices(len(x), 1)
+            reach = (sizes[i] + sizes[j]) / 2 if kind == "own sizes" else 2.0
+            scene.add(contact(reach=reach, damping=effect.damping), points[i], points[j])
+        else:
+            scene.add(effect, points)
+        problem = scene.problem((0, 1), work=True)
+        assert adds_all or ("which" in inspect.getsource(problem.rhs.py_func)) == (kind != "sheared")
+        u, v0 = problem.u0, problem.v0
+        v0 = v0 if kind == "elastic" else np.append(v0, 0.0)  # the power is that of the damping
+        a = np.full(v0.size, np.nan)
+        params = problem.params.copy()
+        problem.rhs(0.2, np.append(u, np.zeros(v0.size - u.size)), v0, params, a)
+        found.append((a, problem.energy(0.2, u, problem.v0, params)))
+    (near, energy), (expected, expected_energy) = found
+    np.testing.assert_allclose(near, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    assert energy == pytest.approx(expected_energy, rel=1e-12)
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10**6),

@@ -80,7 +80,14 @@ def of_two_lists():
     return scene
 
 
-SCENES = [damped, of_sizes, sheared, of_two_lists]
+def with_many_mates():
+    x, v = cloud(3)
+    scene = Scene(3, box=(7.0, 7.0, 7.0))
+    scene.add(effects.MassContact(20.0, 2.0, damping=0.1), scene.mass(1.0, x, v))
+    return scene
+
+
+SCENES = [damped, of_sizes, sheared, of_two_lists, with_many_mates]
 
 
 @pytest.mark.parametrize("make", SCENES)

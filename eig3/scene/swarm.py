@@ -160,7 +160,7 @@ class Listing:
     begin : int
         The index of the first mass, if the indices follow each other, or else -1.
     is_dense : bool
-        Whether points have many mates at the start.
+        Whether points have many mates at the start, in a box that does not shear.
     values : ndarray
         What is at the place.
     """
@@ -205,7 +205,7 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         p, areas, found = attempt(room, skin)
     follows = (np.diff(members.index) == 1).all()
     first = int(members.index[0]) if follows else -1
-    is_dense = (room if found is None else found) >= _MANY_MATES * count
+    is_dense = not cloud.shear and (room if found is None else found) >= _MANY_MATES * count
     return Listing(begin, areas, count, members.index.size, room, own, first, is_dense, p[place:])
 
 

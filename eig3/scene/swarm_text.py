@@ -144,7 +144,7 @@ class SwarmText:
 
     def _mates(self, block: SwarmBlock, inside: Sequence[str], mates: str = _ABOVE) -> Iterator[str]:
         """Loop over the mates of a point that are within the cutoff."""
-        if block.listing.is_dense and not self._box.shears:
+        if block.listing.is_dense:
             yield from self._batches(block, inside, mates)
             return
         yield f"for q in range({mates}):"

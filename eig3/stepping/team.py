@@ -6,7 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,17 +75,18 @@ def team(shares: Shares | None, params: np.ndarray, steps: int) -> Iterator[None
     threads = [threading.Thread(target=_serve, args=(*serving, board, leave), daemon=True) for _ in range(count - 1)]
     try:
         for thread in threads:
-            thread.start()
+            with suppress(RuntimeError):  # the system has no more threads, and the run needs none
+                thread.start()
         place[BOARD], place[SELF] = board.ctypes.data, params.ctypes.data
         yield
     finally:
         place[BOARD] = 0
         leave.set()
         board[LEAVE] = 1
+        _others.release()
         for thread in threads:
             if thread.ident:
                 thread.join()
-        _others.release()
 
 
 def _serve(serve: Any, address: int, board: np.ndarray, leave: threading.Event) -> None:
