@@ -13,7 +13,6 @@ from .assembly import Assembly
 from .box_text import BoxText
 from .packing import Packing, SwarmBlock, entry
 
-
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
 
 
