@@ -131,7 +131,7 @@ class GrainsText(SwarmText):
 
     def _contact(self, block: GrainsBlock) -> Iterator[str]:
         """Compute the force between two grains: the tension, and that of the spring along their surfaces."""
-        law, listing = block.law, block.listing
+        law = block.law
         yield from self._length(block, True)
         yield from (f"n{axis} = d{axis} * inverse" for axis in self._axes)
         if self._dimension == 2:
