@@ -29,6 +29,7 @@ class Block(effects.Rough):
     reach: float
     friction: float
     near_radius: float = R
+    loss: float = 0.0
 
     @staticmethod
     @eig3.jit
@@ -39,6 +40,11 @@ class Block(effects.Rough):
     @eig3.jit
     def shear_stiffness(shear):
         return shear
+
+    @staticmethod
+    @eig3.jit
+    def shear_damping(loss):
+        return loss
 
 
 def oblique(dimension=2, v=0.5, spin=0.0, **fields):
@@ -101,8 +107,8 @@ def test_a_spring_that_sticks_oscillates():
             run = scene.problem((0, 0.5)).integrate(h=h, method=method, save_every=None)
             x.append(run.u[-1, 0]), v.append(run.v[-1, 0])
         exact = 1e-3 / omega * np.sin(omega * 0.5), 1e-3 * np.cos(omega * 0.5)
-        assert x[-1] == pytest.approx(exact[0], abs=2e-3 * 1e-3 / omega)
-        assert v[-1] == pytest.approx(exact[1], abs=2e-3 * 1e-3)
+        assert x[-1] == pytest.approx(exact[0], abs=1e-2 * 1e-3 / omega)
+        assert v[-1] == pytest.approx(exact[1], abs=1e-2 * 1e-3)
         errors.append([np.hypot((a - exact[0]) * omega, b - exact[1]) for a, b in zip(x, v, strict=True)])
     for e in errors:
         assert 3.5 < e[0] / e[1] < 4.6
@@ -116,7 +122,7 @@ def test_the_order_is_two_while_a_contact_holds(method):
     for h in (8e-5, 4e-5, 2e-5):
         scene = Scene(2)
         pair = scene.mass(M, [[0, 0], [0.195, 0.01]], [[0, 0.02], [0, -0.03]], inertia=SPHERE, spin=[0.3, -0.5])
-        scene.add(hertz_mindlin(friction=50.0), pair)
+        scene.add(hertz_mindlin(E=5e5, friction=50.0), pair)
         scene.add(effects.LinearSpring(300.0, length=0.1), pair[0], pair[1])
         ends.append(scene.problem((0, 0.016)).integrate(h=h, method=method, save_every=None).v[-1])
     ratio = np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(ends[1] - ends[2])
@@ -160,7 +166,7 @@ def test_momentum_and_angular_momentum_are_kept_and_no_energy_is_made(dimension,
     np.testing.assert_allclose(angular, angular[:1].repeat(len(angular), 0), rtol=0, atol=1e-4 * scale)
     energy = problem.energy_of(run.u, run.v)
     assert energy.max() <= energy[0] * (1 + 1e-6)
-    assert run.drift["energy"] < 1e-4 * energy[0]
+    assert run.drift["energy"] < 3e-4 * energy[0]
 
 
 def test_torques_balance_the_moments_of_forces():
@@ -188,11 +194,12 @@ def test_friction_is_at_most_mu_times_the_load():
     for slope, slides in ((0.35, False), (0.45, True)):
         angle, large = np.arctan(slope), 1e6
         scene = Scene(2)
-        block = scene.mass(M, (0.0, R - 1e-3))
-        effect = Block(stiffness=200 * M * 9.81, shear=500.0, reach=R + large, friction=0.4, near_radius=large)
+        block = scene.mass(M, (0.0, R - np.cos(angle) / 200))
+        effect = Block(
+            stiffness=200 * M * 9.81, shear=500.0, reach=R + large, friction=0.4, near_radius=large, loss=6.3
+        )
         scene.add(effect, block[None], near=scene.fixed([(0.0, -large)]))
         scene.add(effects.Gravity((9.81 * np.sin(angle), -9.81 * np.cos(angle))))
-        scene.add(effects.QuadraticDrag(0.0))
         run = scene.problem((0, 0.5)).integrate(h=1e-4, save_every=None)
         expected = 9.81 * (np.sin(angle) - 0.4 * np.cos(angle)) * 0.5
         if slides:
@@ -211,7 +218,7 @@ def test_the_springs_are_a_part_of_the_state(options, tmp_path, monkeypatch):
     assert_same(halves, run)
     halves.save(tmp_path / "run.npz")
     assert_same(problem.load(tmp_path / "run.npz").extend(0.7), run.extend(0.7))
-    stepper = problem.stepper(**options)
+    stepper = problem.stepper(**{**options, "h": run.h})
     stepper.advance(1234)
     fork = copy.copy(stepper)
     fork.advance(777)
@@ -258,7 +265,7 @@ def test_runs_and_members_of_an_ensemble_have_springs_of_their_own():
 
 
 def test_grains_that_part_and_meet_again_have_a_new_spring():
-    """The second contact does what the first does, whatever was before: the table has contacts of the last step only."""
+    """The second contact does what the first does, whatever was before: a table has the last contacts only."""
     scene = Scene(2)
     pair = scene.mass(M, [[0, 0], [0.195, 0.0]], [[0, 0], [0.0, 0.4]], inertia=SPHERE)
     scene.add(hertz_mindlin(), pair)
@@ -281,7 +288,7 @@ def test_bad_grains_are_refused():
         ({"nu": 0.6}, "nu of HertzMindlin must not be above 0.5"),
         ({"restitution": 0.0}, "restitution of HertzMindlin must be above 0"),
         ({"friction": -0.1}, "friction of HertzMindlin must not be negative"),
-        ({"near_radius": 1.0}, "near_radius of HertzMindlin must be positive and within reach"),
+        ({"near_radius": 1.0}, "near_radius of HertzMindlin must be positive and at most the reach"),
     ):
         with pytest.raises(ValueError, match=words):
             hertz_mindlin(**fields)

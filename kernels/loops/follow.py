@@ -54,6 +54,11 @@ def advance_history(follow, t, u, v, p):
 
 
 @element
+def no_history(follow, t, u, v, p):
+    """The `advance_history` of kernels for right-hand sides without a history."""
+
+
+@element
 def widen_all(follow, part, t, v):
     """Widen the extremes by the values in `follow.out`."""
     for k in range(len(follow.table)):
