@@ -147,7 +147,7 @@ class Follow(NamedTuple):
     parts: Any
     forward: Any
     most: Any
-    advance: int
+    advance: int = 0
 
 
 class Within(NamedTuple):

@@ -46,7 +46,7 @@ class Tracks:
         self._out, self._extremes = self.numbers[:place], self.numbers[place:].reshape(4, column)
         self._extremes[LOW], self._extremes[HIGH] = np.inf, -np.inf
         no_parts = _NONE.reshape(0, 2, 0)
-        self.record = Follow(self._table, self._out, self._extremes, _NONE, no_parts, _NONE, np.empty(0), 0)
+        self.record = Follow(self._table, self._out, self._extremes, _NONE, no_parts, _NONE, np.empty(0))
 
     def begin(self, t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray) -> None:
         """Evaluate the quantities at the start, from the values of the kernel."""
