@@ -136,6 +136,8 @@ class Follow(NamedTuple):
     lowest and highest values at the ends of steps and at events only. `parts` has such two rows for each of the last
     parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the end of the part, else 0.0: that
     of a part is row part % PARTS. A part ends with a step index, and is longer by a fifth than those before together.
+
+    `advance` is the address of the function that changes what p remembers, after each step, or 0.
     """
 
     table: Any
@@ -145,6 +147,7 @@ class Follow(NamedTuple):
     parts: Any
     forward: Any
     most: Any
+    advance: int = 0
 
 
 class Within(NamedTuple):
@@ -210,7 +213,7 @@ _vector, _matrix = vector_type, matrix_type
 
 #: The types of the records. They hold matrices in each form; for one degree of freedom, these have one column.
 WATCH = types.NamedTuple((_integers, _matrix, _vector, _vector, *[_matrix] * 4), Watch)
-FOLLOW = types.NamedTuple((_integers, _vector, _matrix, _matrix, _parts_type, _matrix, _vector), Follow)
+FOLLOW = types.NamedTuple((_integers, _vector, _matrix, _matrix, _parts_type, _matrix, _vector, int64), Follow)
 WITHIN_STEP = types.NamedTuple(
     (_vector, _matrix, _vector, _vector, _matrix, _vector, _vector, _matrix, _matrix), Within
 )

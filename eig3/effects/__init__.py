@@ -2,6 +2,7 @@
 
 from ..scene.cell import Cell
 from ..scene.effect import Body, Link, Motion
+from ..scene.rough import Rough
 from .angle import Angle
 from .bending import Bending
 from .breaking_string import BreakingString
@@ -13,6 +14,7 @@ from .gravity import Gravity
 from .hardening_spring import HardeningSpring
 from .harmonic_angle import HarmonicAngle
 from .harmonic_force import HarmonicForce
+from .hertz_mindlin import HertzMindlin
 from .hinge_bending import HingeBending
 from .lennard_jones import LennardJones
 from .linear_damper import LinearDamper
@@ -50,6 +52,7 @@ __all__ = [
     "HardeningSpring",
     "HarmonicAngle",
     "HarmonicForce",
+    "HertzMindlin",
     "HingeBending",
     "LennardJones",
     "LinearDamper",
@@ -64,6 +67,7 @@ __all__ = [
     "QuadraticDrag",
     "RigidStop",
     "RotatingFrame",
+    "Rough",
     "RyckaertBellemans",
     "SampledAcceleration",
     "SampledMotion",

@@ -17,6 +17,7 @@ from ..functions.callbacks import check_callback
 from ..functions.evaluation import accelerations
 from ..functions.extremes import Extremes
 from ..functions.guard import guarded
+from ..functions.history import history_of
 from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method
 from ..result import frames
@@ -160,7 +161,7 @@ class EnsembleSolution:
             steps=None if self.steps is None else self.steps[i, :count],
             labels=self.labels,
             reason=self._reason(i),
-            _accelerations=None if self._rhs is None else partial(self._accelerations, self._rhs, self._params_of(i)),
+            _accelerations=self._accelerations_of(i),
         )
 
     def to_xarray(self) -> Any:
@@ -308,6 +309,12 @@ class EnsembleSolution:
 
     def _params_of(self, i: int) -> np.ndarray:
         return guarded(self.params[i] if self.params.ndim == 2 else self.params)
+
+    def _accelerations_of(self, i: int) -> Any:
+        """Return the function of the accelerations of member i, if one is known."""
+        if self._rhs is None or history_of(self._rhs):
+            return None
+        return partial(self._accelerations, self._rhs, self._params_of(i))
 
     @staticmethod
     def _accelerations(rhs: Any, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 from ..diagnosis.coarseness import coarseness
 from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
 from ..functions.checks import check_count, check_resolution, check_time
+from ..functions.guard import guarded
 from ..kernels.protocol import FAILED, SCALAR
 from ..methods import EIG
 from ..result.memory import check_disk, check_history, n_rows
@@ -90,8 +91,8 @@ class FixedRun(Run):
         u0, v0 = state["start"]
         with going_on():
             times = check_times(state["times"], state["t0"], t_end)
-            stepper = Stepper.of(system, state["t0"], state["h"], u0, v0, state["params"], times)
-            stepper.restore(state["stepper"])
+            stepper = Stepper.of(system, state["t0"], state["h"], u0, v0, guarded(state["params"]), times)
+            stepper.restore(state["stepper"], state["params"])
             if stepper.look:
                 stepper.look.watching.recall(solution.events)
             growth = Growth(stepper, n_steps)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..functions.checks import check_count, check_time, reals
+from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status
 from ..result.storage import Place, going_on, whole_rows
@@ -64,10 +65,10 @@ class VariableRun(Run):
             span = state["t0"], float(state["t_end"])
             times = check_times(state["times"], *span)
             u0, v0 = state["start"]
-            stepper = VariableStepper(system, span, u0, v0, state["params"], tolerances, times)
+            stepper = VariableStepper(system, span, u0, v0, guarded(state["params"]), tolerances, times)
             if reals(tolerances.atol, "atol").shape != (2, stepper.n):
                 raise ValueError("atol has another shape.")
-            stepper.restore(state["stepper"])
+            stepper.restore(state["stepper"], state["params"])
             if stepper.look:
                 stepper.look.watching.recall(solution.events, state["events"])
             t, u, v = whole_rows(solution, stepper.n)

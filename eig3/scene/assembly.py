@@ -47,6 +47,10 @@ class Cloud:
         The sides of the periodic box, m; 0 along an axis without one.
     shear : float
         The rate at which the box shears, 1/s.
+    inertia : ndarray, shape (points,)
+        kg m^2; 0 for points that do not spin.
+    spins : ndarray, shape (points, angles)
+        The angular velocities; without angles if no point spins.
     """
 
     masses: np.ndarray
@@ -55,6 +59,8 @@ class Cloud:
     rest: np.ndarray
     box: np.ndarray
     shear: float
+    inertia: np.ndarray
+    spins: np.ndarray
 
     @cached_property
     def free(self) -> np.ndarray:
@@ -213,9 +219,14 @@ class Assembly:
         return int(np.count_nonzero(self.cloud.masses))
 
     @property
+    def angles(self) -> int:
+        """The number of angles of each mass: 0 if no mass spins."""
+        return self.cloud.spins.shape[1]
+
+    @property
     def coordinates(self) -> int:
-        """The number of coordinates of masses. The states follow them in u."""
-        return self.n * self.dimension
+        """The number of coordinates and angles of masses. The states follow them in u."""
+        return self.n * (self.dimension + self.angles)
 
     @property
     def degrees(self) -> int:
@@ -238,9 +249,14 @@ class Assembly:
     def reads_velocity(self) -> bool:
         return self.follows_work or any(law.effect.reads_velocity() for law in self.laws)
 
-    def start(self, values: np.ndarray) -> np.ndarray:
-        """Return u0 or v0 from the positions or velocities of all points, by coordinate and mass; then the states."""
-        return np.concatenate([values[self.cloud.masses > 0].T.ravel(), np.zeros(len(self.states))])
+    def start(self, values: np.ndarray, spins: np.ndarray | None = None) -> np.ndarray:
+        """Return u0, or v0, from the positions or velocities of all points, by coordinate and mass, and their spins.
+
+        The angles follow the coordinates. The states follow them.
+        """
+        is_mass = self.cloud.masses > 0
+        spins = np.zeros_like(self.cloud.spins) if spins is None else spins
+        return np.concatenate([values[is_mass].T.ravel(), spins[is_mass].T.ravel(), np.zeros(len(self.states))])
 
 
 def assemble(
@@ -508,6 +524,21 @@ def sources(assembly: Assembly) -> str:
     return "; ".join(dict.fromkeys(f"{effect.title}: {effect.source}" for effect in effects if effect.source))
 
 
+def names(assembly: Assembly) -> tuple[str, ...]:
+    """Return the names of the degrees of freedom."""
+    angles = {0: (), 1: ("angle",), 3: ("angle_x", "angle_y", "angle_z")}[assembly.angles]
+    kinds = (*"xyz"[: assembly.dimension], *angles)
+    return (*(f"{kind}{j}" for kind in kinds for j in range(assembly.n)), *assembly.states)
+
+
+def units(assembly: Assembly) -> str | tuple[str, ...]:
+    """Return the units of the degrees of freedom, or the only one."""
+    if not assembly.states and not assembly.angles:
+        return "m"
+    n = assembly.n
+    return ("m",) * (n * assembly.dimension) + ("rad",) * (n * assembly.angles) + ("-",) * len(assembly.states)
+
+
 def note(assembly: Assembly) -> str:
     """Return a description of the scene, with a line for each kind of effect."""
     masses = f"{assembly.n} mass{'es' * (assembly.n > 1)}"
@@ -522,6 +553,8 @@ def note(assembly: Assembly) -> str:
         acting[mesh.law.effect.title] += mesh.corners.shape[1]
     lines += [f"{count} x {title}" for title, count in acting.items()]
     lines += [f"{swarm.effect.title} between all near pairs of {swarm.size} points" for swarm in assembly.swarms]
+    if assembly.angles:
+        lines.append(f"{np.count_nonzero(assembly.cloud.inertia)} of the masses spin")
     if assembly.events:
         others = f" to {assembly.events[-1]!r}" * (len(assembly.events) > 1)
         lines.append(f"{len(assembly.events)} event{'s' * bool(others)}: {assembly.events[0]!r}{others}")

@@ -26,12 +26,14 @@ import numpy as np
 from ..functions.callbacks import cached_jit, jit
 from ..functions.events import Event
 from ..functions.families import Family
+from ..functions.history import History
 from ..kernels.compile.jit import element
 from ..kernels.compile.source import define
 from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .box_text import BoxText
 from .effect import FORCES, RESETS
+from .grains_text import GrainsText
 from .mesh_text import MeshText
 from .packing import Block, Column, Packing, Symbols, entry
 from .swarm_text import SwarmText
@@ -67,10 +69,14 @@ def compiled(assembly: Assembly, threads: int = 0) -> tuple[Any, Any, dict[str, 
     source.rhs()
     if assembly.follows_work or assembly.is_conservative:
         source.energy()
+    if packing.grains:
+        source.history()
     source.events()
     functions = _functions(str(source), tuple(packing.functions.items()))
     if packing.team is not None:
         functions["rhs"].shares = Shares(functions["share"], packing.team, assembly.n)
+    if packing.grains:
+        functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
     found: dict[str, Event] = {}
     for occasion in source.occasions:
         found |= occasion.events(functions, assembly.events)
@@ -134,6 +140,7 @@ class _Source:
         self._bodies = _acting(packing.bodies, _BODY)
         self._links = _acting(packing.links, _LINK)
         self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing)
+        self._grains = GrainsText(assembly, packing)
         self._box = BoxText(packing)
         # on a line without end, a link has a sign: its ends may pass through each other
         self._is_signed = len(self._axes) == 1 and not packing.box
@@ -170,6 +177,7 @@ class _Source:
                     self._pairs(block)
             self._write_all(self._meshes.forces())
             self._write_all(self._swarms.forces())
+            self._write_all(self._grains.forces())
             for k in range(self._coordinates, self._work):  # the states
                 self._write(f"a[{k}] = 0.0")
             if self._follows_work:
@@ -206,6 +214,7 @@ class _Source:
                     self._write_all(self._box.power())
             self._write_all(self._meshes.power())
             self._write_all(self._swarms.power())
+            self._write_all(self._grains.power())
             self._write("return total")
 
     def energy(self) -> None:
@@ -226,7 +235,15 @@ class _Source:
                     self._potentials(block, s, self._length(block, s, i, j, "potential"))
             self._write_all(self._meshes.potentials())
             self._write_all(self._swarms.potentials())
+            self._write_all(self._grains.energy())
             self._write("return total")
+
+    def history(self) -> None:
+        """Write the functions of the springs between grains."""
+        for name, lines in (("begin", self._grains.begin()), ("advance", self._grains.advance())):
+            with self._function(f"{name}(t, u, v, p)", ()):
+                self._write_all(lines)
+                self._write("return 0.0")
 
     def events(self) -> None:
         """Write the two functions of the events of each effect on a group."""

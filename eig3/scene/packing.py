@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels import neighbours, shared_forces
+from ..kernels import grains, neighbours, shared_forces
 from ..kernels.protocol import stack_rows
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
 from .names import identifier, words
+from .rough import Rough
 from .swarm import Listing, Swarm, listed
 
+_CONTACTS = {2: 4, 3: 8}  # of a grain, by the dimension: hard ones have 3 and 6
 _SHARED = 2000  # points that are near each other, from which on threads share their forces
 
 
@@ -222,6 +224,16 @@ class SwarmBlock:
 
 
 @dataclass(frozen=True, eq=False)
+class GrainsBlock(SwarmBlock):
+    """Contacts with friction in the source, with the tables of their springs, for which there is `room`."""
+
+    place: int
+    table: grains.Table
+    room: int
+    has_groups: bool
+
+
+@dataclass(frozen=True, eq=False)
 class SupportTable:
     """The fixed points of cells in p: their positions, and laws of motion with 1 + the member for each point, or 0."""
 
@@ -244,6 +256,9 @@ class Packing:
     supports : SupportTable or None
         None if no cell has a fixed point.
     swarms : list of SwarmBlock
+    grains : list of GrainsBlock
+    turn : Column or None
+        Inverse inertias, 0 for masses that do not spin; None if none does.
     box : dict of str to int
         The places of the sides of the periodic box, by the axes that have one.
     shear : int or None
@@ -264,6 +279,10 @@ class Packing:
             for name in ("shift", "speed")
             for number in range(len(assembly.motions) + max((len(g.motions) for g in assembly.links), default=0))
         }
+        self._names |= {f"{axis}_{name}" for axis in "xyz" for name in ("spin", "torque")}
+        self._names |= {f"held_{name}" for name in ("firsts", "mates", "count")}
+        self._names |= {f"next_{name}" for name in ("firsts", "mates", "held")}
+        self._names |= {"near_radius", "arm_of_mate", "h_end"}
         self.functions: dict[str, Any] = {}
         self._first_state = assembly.coordinates
         self.weight = self._column(1 / assembly.cloud.masses[assembly.cloud.masses > 0])
@@ -278,14 +297,20 @@ class Packing:
             self.supports = SupportTable(positions, moved)
         self.box = {axis: self._add(side) for axis, side in zip("xyz", assembly.cloud.box, strict=False) if side > 0}
         self.shear = self._add(np.array(assembly.cloud.shear)) if assembly.cloud.shear else None
-        self.swarms = [self._swarm(assembly, swarm) for swarm in assembly.swarms]
+        self.swarms = [self._swarm(assembly, x) for x in assembly.swarms if not isinstance(x.effect, Rough)]
+        self.grains = [self._grains(assembly, x) for x in assembly.swarms if isinstance(x.effect, Rough)]
+        self.turn = (
+            self._column(inverse(assembly.cloud.inertia[assembly.cloud.masses > 0])) if assembly.angles else None
+        )
         is_large = any(block.listing.masses >= _SHARED for block in self.swarms)
         self.team = self._add(np.array([0, 0, threads])) if is_large else None
-        if self.swarms:
+        if self.swarms or self.grains:
             views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
             views["stack_rows"] = stack_rows
             tasks = {name: getattr(neighbours, name) for name in ("REFRESH", "SCAN", "BUILD", "REACH")}
             self.functions |= {"lists": neighbours.LISTS[assembly.dimension], **tasks, **views}
+        if self.grains:
+            self.functions |= grains.FUNCTIONS
         if self.team is not None:
             self.functions |= {"add_forces": shared_forces.add_forces, "bounds": shared_forces.bounds}
 
@@ -296,6 +321,13 @@ class Packing:
         listing = listed(swarm, sum(part.size for part in self._parts), assembly.cloud, u0, pairs)
         self._add(listing.values)
         return SwarmBlock(law, listing)
+
+    def _grains(self, assembly: Assembly, swarm: Swarm) -> GrainsBlock:
+        block = self._swarm(assembly, swarm)
+        room = block.listing.points * max(_CONTACTS[assembly.dimension], swarm.room or 0) + 64
+        table = grains.Table.of(block.listing.masses, room)
+        place = self._add(np.zeros(grains.HEAD + 2 * table.size))
+        return GrainsBlock(block.law, block.listing, place, table, room, swarm.second.size > 0)
 
     @property
     def params(self) -> np.ndarray:
@@ -360,3 +392,8 @@ class Packing:
         has_events = any(law.events.size for law in laws)
         ends = [self._column(x) for x in (group.first, group.second) if has_events and x is not None]
         return Block(group, laws, anchor, moved, runs, place, ends)
+
+
+def inverse(values: np.ndarray) -> np.ndarray:
+    """Return the inverses of numbers, and 0 for 0."""
+    return np.divide(1.0, values, out=np.zeros_like(values), where=values > 0)

@@ -69,7 +69,7 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Sw
     upright = dimension == 1 and any(effect.picture == "weight" for effect, _, _ in placements)
     links: dict[tuple[int, int], str] = {}
     strings: dict[tuple[int, int], int] = {}
-    first_state = dimension * np.count_nonzero(cloud.masses)
+    first_state = (dimension + cloud.spins.shape[1]) * np.count_nonzero(cloud.masses)
     for effect, numbers, columns in placements:
         if isinstance(effect, Link) and effect.picture not in ("", "discs"):
             for k, ends in enumerate(zip(*(x.tolist() for x in numbers), strict=True)):

@@ -13,14 +13,17 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_count, check_flag, check_span, reals
 from ..problem import Problem
 from . import codegen
-from .assembly import Cloud, Placement, assemble, count_states, note, numbered, sources
+from .assembly import Cloud, Placement, assemble, count_states, names, note, numbered, sources, units
 from .cell import Cell, same_points
 from .effect import Effect, Link
 from .mesh import check_cells, is_fixed, lumped
 from .picture import mechanism
+from .rough import Rough
 from .swarm import Swarm, check_swarm
 
 __all__ = ["Points", "Scene"]
+
+_ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,13 +85,34 @@ class Points:
         """
         return self.scene._values_of(self.numbers, np.asarray(values))
 
+    def angles_of(self, values: ArrayLike) -> np.ndarray:
+        """Return these masses' angles, rad, or spins, rad/s, from the displacements or velocities of a run.
+
+        Parameters
+        ----------
+        values : array_like, shape (..., degrees of freedom)
+            Such as ``solution.u`` or ``solution.v``.
+
+        Returns
+        -------
+        ndarray, shape (..., *shape) in the plane, or (..., *shape, 3) in space
+
+        Raises
+        ------
+        ValueError
+            If no mass of the scene has an inertia, and as for `of`.
+        """
+        return self.scene._values_of(self.numbers, np.asarray(values), angles=True)
+
 
 class Scene:
     """Points in one to three dimensions and the effects on them.
 
     The vector u of a scene's problem has the Cartesian coordinates of the masses: the first coordinate of every mass,
-    in the order in which the masses were added, then the second of every mass, then the third. The states of effects,
-    such as whether a string has broken, follow. `Points.of` gives the part of some masses.
+    in the order in which the masses were added, then the second of every mass, then the third. If a mass has an
+    inertia, the angles of all masses follow: one in the plane, and in space three, which are the integrals of the
+    angular velocity about x, y and z. The states of effects, such as whether a string has broken, follow. `Points.of`
+    and `Points.angles_of` give the part of some masses.
 
     Parameters
     ----------
@@ -137,7 +161,15 @@ class Scene:
         position = self._vectors(position, "position of fixed points")
         return self._added(position, np.zeros(position.shape[:-1]), np.zeros_like(position))
 
-    def mass(self, m: ArrayLike, position: ArrayLike, velocity: ArrayLike = 0.0) -> Points:
+    def mass(
+        self,
+        m: ArrayLike,
+        position: ArrayLike,
+        velocity: ArrayLike = 0.0,
+        *,
+        inertia: ArrayLike | None = None,
+        spin: ArrayLike = 0.0,
+    ) -> Points:
         """Add masses that are free to move.
 
         Parameters
@@ -148,6 +180,10 @@ class Scene:
             m. In one dimension it has any shape, without the last axis.
         velocity : array_like, shape (..., dimension), optional
             m/s; 0 if not given.
+        inertia : float or array_like, shape (...), optional
+            The moment of inertia of a disc or a sphere, kg m^2: the masses then spin. Without it, nothing turns them.
+        spin : array_like, shape (...) in the plane, or (..., 3) in space, optional
+            The angular velocity, rad/s; 0 if not given.
 
         Returns
         -------
@@ -156,7 +192,7 @@ class Scene:
         Raises
         ------
         TypeError, ValueError
-            If a mass is not positive, or shapes do not match.
+            If a mass or an inertia is not positive, or shapes do not match.
         """
         position = self._vectors(position, "position of masses")
         m = reals(m, "m of masses")
@@ -166,7 +202,9 @@ class Scene:
             velocity = np.zeros(position.shape if self.dimension > 1 else position.shape[:-1])
         velocity = self._vectors(velocity, "velocity of masses")
         shape = position.shape[:-1]
-        return self._added(position, _spread(m, shape, "m"), _spread(velocity, position.shape, "velocity"))
+        turning = self._turning(inertia, spin, shape)
+        given = _spread(m, shape, "m"), _spread(velocity, position.shape, "velocity")
+        return self._added(position, *given, turning=turning)
 
     def add(
         self,
@@ -210,6 +248,8 @@ class Scene:
             raise TypeError(f"effect must be an effect with parameters, such as LinearSpring(10.0), not {given}.")
         effect.check(self.dimension)
         effect = effect.snapshot()
+        if isinstance(effect, Rough) and len(points) != 1:
+            raise TypeError(f"{effect.title} takes one array of points, and fixed points as near=, not {len(points)}.")
         if isinstance(effect, Link) and len(points) == 1:
             self._add_swarm(effect, points[0], near, leaves_joined, room)
             return
@@ -358,14 +398,14 @@ class Scene:
             name=name,
             rhs=rhs,
             u0=assembly.start(cloud.positions),
-            v0=assembly.start(cloud.velocities),
+            v0=assembly.start(cloud.velocities, cloud.spins),
             params=params,
             t_span=(t_span[0], t_span[1]),
             energy=energy,
             source=sources(assembly),
             note=note(assembly),
-            names=(*(f"{axis}{j}" for axis in "xyz"[: self.dimension] for j in range(assembly.n)), *assembly.states),
-            units=("m",) * assembly.coordinates + ("-",) * len(assembly.states) if assembly.states else "m",
+            names=names(assembly),
+            units=units(assembly),
             integrals=("work",) if assembly.follows_work else (),
             events=events,
             view=mechanism(cloud, numbered(cloud, self._placements)[0], self._swarms),
@@ -382,13 +422,21 @@ class Scene:
         return vectors
 
     def _added(
-        self, position: np.ndarray, m: np.ndarray, velocity: np.ndarray, rest: np.ndarray | None = None
+        self,
+        position: np.ndarray,
+        m: np.ndarray,
+        velocity: np.ndarray,
+        rest: np.ndarray | None = None,
+        turning: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> Points:
         numbers = np.arange(self._count, self._count + m.size).reshape(m.shape)
         self._count += m.size
         rows = (m.size, self.dimension)
         rest = position if rest is None else rest
-        self._parts.append((m.ravel(), position.reshape(rows), velocity.reshape(rows), rest.reshape(rows)))
+        inertia, spins = turning or (np.zeros(m.size), np.zeros((m.size, _ANGLES[self.dimension])))
+        self._parts.append(
+            (m.ravel(), position.reshape(rows), velocity.reshape(rows), rest.reshape(rows), inertia, spins)
+        )
         return Points(self, _constant(numbers))
 
     def _cloud(self) -> Cloud:
@@ -397,9 +445,30 @@ class Scene:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
         if not self._parts:
             none = np.empty((0, self.dimension))
-            return Cloud(np.empty(0), none, none, none, self._box, self._shear)
-        masses, positions, velocities, rest = self._parts[0]
-        return Cloud(masses, positions, velocities, rest, self._box, self._shear)
+            return Cloud(np.empty(0), none, none, none, self._box, self._shear, np.empty(0), none[:, :0])
+        masses, positions, velocities, rest, inertia, spins = self._parts[0]
+        spins = spins if inertia.any() else spins[:, :0]
+        return Cloud(masses, positions, velocities, rest, self._box, self._shear, inertia, spins)
+
+    def _turning(
+        self, inertia: ArrayLike | None, spin: ArrayLike, shape: tuple[int, ...]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the inertias and the spins of masses, as rows; None for masses that do not spin."""
+        if inertia is None:
+            if np.any(np.asarray(spin) != 0):
+                raise ValueError("spin of masses needs their inertia: give inertia too.")
+            return None
+        if self.dimension == 1:
+            raise ValueError("inertia is for scenes of 2 or 3 dimensions: nothing spins on a line.")
+        moments = _spread(reals(inertia, "inertia of masses"), shape, "inertia")
+        if not (np.isfinite(moments).all() and (moments > 0).all()):
+            raise ValueError("inertia of masses must be positive and finite.")
+        spins = reals(spin, "spin of masses")
+        if not np.isfinite(spins).all():
+            raise ValueError("spin of masses must be finite.")
+        angles = _ANGLES[self.dimension]
+        spins = _spread(spins, shape if angles == 1 else (*shape, angles), "spin")
+        return moments.ravel(), spins.reshape(-1, angles)
 
     def _check_box(self, box: Sequence[float | None] | None) -> np.ndarray:
         """Return the sides of the box, which are 0 along axes without repetition."""
@@ -426,21 +495,23 @@ class Scene:
             raise ValueError(f"{effect.title} was given ends of shapes {shapes}; give one shape, or one point for all.")
         return list(np.broadcast_arrays(*numbers)) if numbers else []
 
-    def _values_of(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
-        free = self._cloud().free
+    def _values_of(self, numbers: np.ndarray, values: np.ndarray, angles: bool = False) -> np.ndarray:
+        free, kinds = self._cloud().free, self._cloud().spins.shape[1]
+        if angles and not kinds:
+            raise ValueError("no mass of the scene has an inertia, so that none has an angle.")
         if (free[numbers] < 0).any():
             raise ValueError("fixed points have no values in a run; only masses do.")
         count = np.count_nonzero(free >= 0)
         size = values.shape[-1] if values.ndim else 0
-        expected = count * self.dimension + count_states(self._cloud(), self._placements)
+        expected = count * (self.dimension + kinds) + count_states(self._cloud(), self._placements)
         if size != expected:
             raise ValueError(
                 f"values must have {expected} degrees of freedom on the last axis, such as those of "
                 f"solution.u of this scene, not {size}."
             )
-        columns = free[numbers][..., np.newaxis] + count * np.arange(self.dimension)
-        taken = values[..., columns]
-        return taken[..., 0] if self.dimension == 1 else taken
+        parts = self.dimension + np.arange(kinds) if angles else np.arange(self.dimension)
+        taken = values[..., free[numbers][..., np.newaxis] + count * parts]
+        return taken[..., 0] if parts.size == 1 else taken
 
 
 def _constant(numbers: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from ..kernels import neighbours
 from ..kernels.neighbours import Areas
 from .cell import Cell
 from .effect import Link, Motion
+from .rough import Rough
 
 _SKIN = 0.2  # as a part of the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
@@ -116,6 +117,8 @@ def check_swarm(swarm: Swarm, cloud: Any) -> None:
     places[:, box > 0] %= box[box > 0]
     if np.unique(places, axis=0).shape[0] < numbers.size:
         raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
+    if isinstance(effect, Rough) and (cloud.masses[swarm.second] > 0).any():
+        raise ValueError(f"near of {title} must be fixed points; give masses in the same array as the others.")
 
 
 def check_rest(swarms: Sequence[Swarm], placements: Sequence[Any]) -> None:

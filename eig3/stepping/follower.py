@@ -38,10 +38,13 @@ class Followed:
         The numbers of the quantities that write their values.
     columns : int
         The number of values of all quantities.
+    advance : int
+        The address of the function that advances the history of a right-hand side, or 0.
     """
 
-    def __init__(self, functions: Functions, form: Form) -> None:
+    def __init__(self, functions: Functions, form: Form, advance: int = 0) -> None:
         invariants, outputs = functions.quantities(form)
+        self.advance = advance
         self.functions = functions
         self.quantities: list[Quantity] = [*invariants.values(), *outputs.values()]
         self.invariants = {name: k for k, name in enumerate(invariants)}
@@ -167,7 +170,8 @@ class Follower:
 
     def record(self) -> Follow:
         """The arguments of the kernel."""
-        return Follow(self.table, self.out, self.widest, self.steps, self.parts, self.forward, self.most)
+        arrays = self.table, self.out, self.widest, self.steps, self.parts, self.forward, self.most
+        return Follow(*arrays, self.followed.advance)
 
     def fork(self) -> Follower:
         """Return an independent copy, which saves no values."""

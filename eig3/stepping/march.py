@@ -74,6 +74,7 @@ class Position(NamedTuple):
     tally: np.ndarray
     numbers: np.ndarray | None  # of the quantities that are followed
     n_found: int  # of the occurrences of events
+    params: np.ndarray | None  # of a right-hand side with a history
 
 
 class March:
@@ -126,6 +127,8 @@ class March:
         self.changed_at: float | None = None
         self._lock = threading.Lock()
         self._slices: Slices | None = None
+        if system.history:
+            system.history[0].call(t0, u, v, params)
         a, self.first_sizes = evaluation(system.callback, self.form, t0, u, v, params)
         if not math.isfinite(self.first_sizes[2]):
             raise not_finite(system.callback, self.form, t0, u, v, params, a)
@@ -298,7 +301,9 @@ class March:
         """Return the present state, for `go_back`."""
         look = self.look
         numbers, found = (look.follower.numbers.copy(), look.watching.n_found) if look else (None, 0)
-        return Position(self.running, self.index, self.changed_at, self.state.copy(), self.tally.copy(), numbers, found)
+        remembered = self.params.copy() if self.system.history else None
+        values = self.state.copy(), self.tally.copy(), numbers, found, remembered
+        return Position(self.running, self.index, self.changed_at, *values)
 
     def go_back(self, position: Position) -> None:
         """Stand at an earlier state."""
@@ -311,6 +316,8 @@ class March:
         if self.look and position.numbers is not None:
             self.look.follower.numbers[...] = position.numbers
             self.look.watching.forget_from(position.n_found)
+        if position.params is not None:
+            self.params[...] = position.params
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
@@ -368,8 +375,8 @@ class March:
         """The number of rows of the state that are not scratch."""
         return len(self.state)
 
-    def restore(self, kept: Mapping[str, Any]) -> None:
-        """Become the march that has returned `kept`; it has the same arguments.
+    def restore(self, kept: Mapping[str, Any], params: np.ndarray) -> None:
+        """Become the march that has returned `kept`, with its parameters then; it has the same arguments.
 
         Raises
         ------
@@ -377,6 +384,7 @@ class March:
             If `kept` is that of another march.
         """
         self._restore_method(kept["changed_at"])
+        self.params[...] = params
         state, tally = (reals(kept[name], name) for name in ("state", "tally"))
         carried = self.state[: self._carried]
         if state.shape != carried.shape or tally.shape != self.tally.shape:
@@ -395,7 +403,12 @@ class March:
 
     @property
     def accelerations(self) -> Any:
-        """A function that evaluates f(t_i, u_i, v_i) at rows of states, and does not keep this march."""
+        """A function that evaluates f(t_i, u_i, v_i) at rows of states, and does not keep this march.
+
+        It is None for a right-hand side with a history, which p has for the last state only.
+        """
+        if self.system.history:
+            return None
         return partial(accelerations, self.system.callback, self.params)
 
     def acceleration(self, t: float, u: Any, v: Any) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_flag
 from ..functions.events import Event, check_events
+from ..functions.history import history_of
 from ..functions.layout import bound_layout
 from ..functions.quantities import Functions
 from ..kernels.protocol import FOLLOWS, SEARCHES, Form
@@ -80,6 +81,8 @@ class System:
         For each event, g and apply.
     event_table : ndarray, shape (k, 4)
         What a kernel needs of the events; see `eig3.kernels.protocol.Watch`.
+    history : list of Callback or None
+        The functions of the history of the right-hand side, if it has one.
     followed : Followed
         The quantities, compiled.
     looks : int
@@ -115,7 +118,8 @@ class System:
     ) -> None:
         self.labels, self.integrals, self.layout = labels, integrals, bound_layout(rhs)
         self.rhs, self.form, self.method, self.functions = rhs, form, method, functions
-        self.inline = check_flag(inline, "inline")
+        history = history_of(rhs)
+        self.inline = check_flag(inline, "inline") and history is None
         self.events: Mapping[str, Event] = check_events(events)
         self._checked: list[tuple[tuple, Callback]] = []
         self.callback = self._check(rhs, "rhs", form)
@@ -128,10 +132,11 @@ class System:
             for (g, apply), event in zip(self.event_callbacks, self.events.values(), strict=True)
         ]
         self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 4)
-        self.followed = Followed(functions, form)
+        self.history = history and [self._check(function, "invariant", form) for function in history]
+        self.followed = Followed(functions, form, self.history[1].address if self.history else 0)
         for quantity in self.followed.quantities:
             self._checked.append(((quantity.function, quantity.kind, form, quantity.name), quantity.callback))
-        self.looks = SEARCHES if has_times or self.events else FOLLOWS if self.followed.quantities else 0
+        self.looks = SEARCHES if has_times or self.events else FOLLOWS if self.followed.quantities or history else 0
         self.pace = {} if self.looks else self.callback.pace
         self.ignores_velocity = method.ignores_velocity
         self.kernels: dict[Any, Kernel] = {}

@@ -133,9 +133,9 @@ class VariableStepper(March):
     def states_between(self) -> Any:
         """A function that returns u and v at some times, from a history with the states after all steps.
 
-        It is None for a pair without a continuous extension.
+        It is None for a pair without a continuous extension, and for a right-hand side with a history.
         """
-        if not self.kernel.formulas.dense_evaluations:
+        if not self.kernel.formulas.dense_evaluations or self.system.history:
             return None
         return partial(states_between, self.system.callback, self.params, self.system.method.variable)
 

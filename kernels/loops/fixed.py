@@ -55,7 +55,7 @@ from ..protocol import (
     vector_type,
 )
 from .events import quiet
-from .follow import end_part, functions, inline_functions, save, widen_all
+from .follow import end_part, functions, inline_functions, no_history, save, widen_all
 from .formulas import Formulas, nothing
 from .march import FOUND, THROUGH, copy_two, march, settle, write
 from .pair import U_END, V_END, A
@@ -147,6 +147,8 @@ def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
                 tally[ANEW] = i
             if outcome <= RESTING:
                 EVALUATE(follow, t, y[0], y[1], p)
+                if STACKED == 0:
+                    ADVANCE_HISTORY(follow, t, y[0], y[1], p)
             if outcome > RESET:
                 ended = outcome
                 i -= 1
@@ -222,6 +224,7 @@ def _kernel(method: Formulas, order: int, form: Form, n: int, looks: int, takes_
     seen = functions(form)
     names = {**shared, "N": n, "STACKED": int(form is SCALAR)}
     names |= {"EVALUATE": seen.evaluate, "WIDEN": widen_all, "QUANTITY": seen.first, "MAY_BE_ONLY": 1}
+    names["ADVANCE_HISTORY"] = seen.advance
     return _compile(method, order, form, callbacks, names, looks, "_".join(parts) if method.is_own else "")
 
 
@@ -254,6 +257,7 @@ def inline_kernel(
     is_stacked = n <= STACKED_DEGREES
     names |= {"N": n if is_stacked else 0, "STACKED": int(is_stacked)}
     names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
+    names["ADVANCE_HISTORY"] = no_history  # a right-hand side with a history is called at its address
     names["MAY_BE_ONLY"] = int([width for _, width in quantities] == [0])
     if names["MAY_BE_ONLY"]:
         only = form.with_rows("invariant", quantities[0][0])
@@ -273,7 +277,7 @@ def wide_kernel(method: Formulas, looks: int) -> Any:
     callbacks, shared = pointer_callbacks(VECTOR, False)
     formulas = method.names(VECTOR)
     names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}, "N": 0, "STACKED": 0}
-    names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing, "MAY_BE_ONLY": 0}
+    names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing, "MAY_BE_ONLY": 0, "ADVANCE_HISTORY": no_history}
     with wide_vectors():
         return _compile(method, 0, VECTOR, callbacks, names, looks, f"{method.label}_wide_{looks}" * method.is_own)
 

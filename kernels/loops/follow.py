@@ -47,6 +47,17 @@ def evaluate_all(follow, t, u, v, p):
         EVALUATE_ONE(follow, k, t, u, v, p)
 
 
+def advance_history(follow, t, u, v, p):
+    """Let p remember a state that is no trial: the end of a step, or that of an event."""
+    if follow.advance != 0:
+        RETURNED(follow.advance)(t, u, v, p)
+
+
+@element
+def no_history(follow, t, u, v, p):
+    """The `advance_history` of kernels for right-hand sides without a history."""
+
+
 @element
 def widen_all(follow, part, t, v):
     """Widen the extremes by the values in `follow.out`."""
@@ -150,14 +161,16 @@ def widen_only(follow, part, e, t):
 def functions(form: Form) -> SimpleNamespace:
     """Return the elements `evaluate(follow, t, u, v, p)` and `evaluate_one(follow, k, t, u, v, p)` for one form.
 
-    ``first(follow)`` is the function of the first quantity, if it returns its value.
+    ``first(follow)`` is the function of the first quantity, if it returns its value. ``advance(follow, t, u, v, p)`` is
+    `advance_history`.
     """
     returned_at = form.at("invariant")
     named = {"RETURNED": returned_at, "WRITTEN": form.at("output")}
     first = element(lambda follow: returned_at(follow.table[0, ADDRESS] if len(follow.table) > 0 else 0))
     one = element(bound(evaluate_one, named))
     every = element(bound(evaluate_all, {"EVALUATE_ONE": one}))
-    return SimpleNamespace(evaluate=every, evaluate_one=one, first=first)
+    advance = element(bound(advance_history, named))
+    return SimpleNamespace(evaluate=every, evaluate_one=one, first=first, advance=advance)
 
 
 def inline_functions(form: Form, quantities: tuple) -> tuple[Any, Any]:

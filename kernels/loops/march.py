@@ -77,6 +77,8 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
             else:
                 EVALUATE(look.follow, t, y[0], y[1], steps.p)
                 WIDEN(look.follow, part, t, y[1])
+            if STACKED == 0:
+                ADVANCE_HISTORY(look.follow, t, y[0], y[1], steps.p)
         left -= 1
         if left == 0:
             if LOOKS == 0:

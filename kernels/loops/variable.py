@@ -162,6 +162,8 @@ def variable(callbacks, state, settings, tally, span, look):
                 EVALUATE(follow, t_stop, u_end, v_end, p)
                 if t_stop > t:
                     FOLLOW_WITHIN(place, t_stop, s * step, s, n, p)
+            if N == 0:
+                ADVANCE_HISTORY(follow, t_stop, u_end, v_end, p)
         if LOOKS == SEARCHES and outcome != PASSED:
             if has_rows and span.every == 1 and s > 0:  # the state at the start is a row already
                 write_row(span, row, t_stop, s * step, n, u_end, v_end)
@@ -175,6 +177,8 @@ def variable(callbacks, state, settings, tally, span, look):
             tally[STEP_BEFORE], tally[ERROR] = s * step, 0.0
             if outcome == RESET:
                 h = min(h, LATER * tally[GAP])
+            if N == 0:
+                ADVANCE_HISTORY(follow, t_stop, u, v, p)
             if follows and outcome <= ZENO:
                 EVALUATE(follow, t_stop, u, v, p)
                 WIDEN(follow, part, t_stop, v)
@@ -282,6 +286,7 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         "RESTART": theirs.get("restart", nothing_past),
         "IS_QUIET": quiet(form),
         "EVALUATE": following(form).evaluate,
+        "ADVANCE_HISTORY": following(form).advance,
         "WIDEN": widen_all,
         **names,
     }

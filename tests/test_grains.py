@@ -1,0 +1,318 @@
+"""Grains: spin, friction, and the springs between surfaces that touch, which are a part of the state of a run."""
+
+import copy
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import effects
+from eig3.scene import Scene, swarm
+
+from .test_extend import assert_same
+
+R, M = 0.1, 0.02
+SPHERE, DISC = 0.4 * M * R * R, 0.5 * M * R * R
+
+
+def hertz_mindlin(**fields):
+    return effects.HertzMindlin(**{"E": 1e7, "nu": 0.3, "reach": 2 * R, "friction": 0.4, **fields})
+
+
+@dataclass(frozen=True, eq=False)
+class Block(effects.Rough):
+    """Linear springs across the surfaces and along them."""
+
+    stiffness: float
+    shear: float
+    reach: float
+    friction: float
+    near_radius: float = R
+    loss: float = 0.0
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, stiffness, reach):
+        return -stiffness * (reach - r)
+
+    @staticmethod
+    @eig3.jit
+    def shear_stiffness(shear):
+        return shear
+
+    @staticmethod
+    @eig3.jit
+    def shear_damping(loss):
+        return loss
+
+
+def oblique(dimension=2, v=0.5, spin=0.0, **fields):
+    """Two spheres that strike each other obliquely."""
+    scene = Scene(dimension)
+    x = np.zeros((2, dimension))
+    x[1, :2] = 0.19, 0.08
+    speeds = np.zeros((2, dimension))
+    speeds[:, 0] = v, -v
+    if dimension == 3:
+        x[1, 2], spin = 0.03, np.array([[spin, 0.5 * spin, -spin], [0.0, spin, spin]])
+    scene.add(hertz_mindlin(**fields), scene.mass(M, x, speeds, inertia=SPHERE, spin=spin))
+    return scene
+
+
+def heap(n=6, dimension=2, **fields):
+    """Spheres that fall on a row of fixed ones, and collide."""
+    scene, rng = Scene(dimension), np.random.default_rng(2)
+    axes = [np.arange(n) * 2.1 * R, *[np.arange(2) * 2.1 * R] * (dimension - 2), 0.3 + np.arange(n) * 2.1 * R]
+    x = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, dimension)
+    x += rng.uniform(-0.005, 0.005, x.shape)
+    grains = scene.mass(M, x, rng.normal(size=x.shape) * 0.5, inertia=SPHERE)
+    floor = [np.arange(-2, n + 2) * 1.5 * R, *[np.arange(-1, 3) * 1.5 * R] * (dimension - 2), [0.0]]
+    posts = scene.fixed(np.stack(np.meshgrid(*floor), axis=-1).reshape(-1, dimension))
+    effect = hertz_mindlin(E=1e6, restitution=0.5, **fields)
+    scene.add(effect, grains)
+    scene.add(effect, grains, near=posts)
+    scene.add(effects.Gravity((*[0] * (dimension - 1), -9.81)))
+    return scene
+
+
+@pytest.mark.parametrize(("inertia", "part"), [(DISC, 2 / 3), (SPHERE, 5 / 7)], ids=["disc", "sphere"])
+def test_a_grain_that_slides_then_rolls(inertia, part):
+    """On a fixed grain so large that it is nearly a plane. While it slides, friction is mu times the weight."""
+    scene, large, v0 = Scene(2), 1e5, 1.0
+    sink = (M * 9.81 / (4 / 3 * 1e7 / (2 * (1 - 0.3**2)) * np.sqrt(R))) ** (2 / 3)  # the indentation at rest
+    ball = scene.mass(M, (0.0, R - sink), (v0, 0.0), inertia=inertia)
+    scene.add(hertz_mindlin(reach=R + large, near_radius=large), ball[None], near=scene.fixed([(0.0, -large)]))
+    scene.add(effects.Gravity((0, -9.81)))
+    run = scene.problem((0, 0.2)).integrate(h=2e-5, method="rk4", save_every=100)
+    v, spin = ball.of(run.v)[:, 0], ball.angles_of(run.v)
+    slides = 0.4 * 9.81 * run.t < 0.9 * v0 * (1 - part)
+    np.testing.assert_allclose(v[slides], v0 - 0.4 * 9.81 * run.t[slides], rtol=0, atol=2e-4)
+    assert v[-20:].mean() == pytest.approx(part * v0, abs=3e-3)
+    assert -R * spin[-20:].mean() == pytest.approx(part * v0, abs=3e-3)
+
+
+def test_a_spring_that_sticks_oscillates():
+    """A grain that is pressed on a fixed one by a constant force: the period is that of the spring and the mass."""
+    scene, large, k = Scene(2), 1e6, 50.0
+    block = scene.mass(M, (0.0, R - 1e-3), (1e-3, 0.0))
+    effect = Block(stiffness=1e3, shear=k, reach=R + large, friction=10.0, near_radius=large)
+    scene.add(effect, block[None], near=scene.fixed([(0.0, -large)]))
+    scene.add(effects.Gravity((0, -1.0 / M)))
+    omega = np.sqrt(k / M)
+    errors = []
+    for method in ("eig3", "rk4", "rk2", "cd"):
+        x, v = [], []
+        for h in (2e-3, 1e-3, 5e-4):
+            run = scene.problem((0, 0.5)).integrate(h=h, method=method, save_every=None)
+            x.append(run.u[-1, 0]), v.append(run.v[-1, 0])
+        exact = 1e-3 / omega * np.sin(omega * 0.5), 1e-3 * np.cos(omega * 0.5)
+        assert x[-1] == pytest.approx(exact[0], abs=1e-2 * 1e-3 / omega)
+        assert v[-1] == pytest.approx(exact[1], abs=1e-2 * 1e-3)
+        errors.append([np.hypot((a - exact[0]) * omega, b - exact[1]) for a, b in zip(x, v, strict=True)])
+    for e in errors:
+        assert 3.5 < e[0] / e[1] < 4.6
+        assert 3.5 < e[1] / e[2] < 4.6
+
+
+@pytest.mark.parametrize("method", ["eig3", "rk4", "rk2"])
+def test_the_order_is_two_while_a_contact_holds(method):
+    """Spheres that touch at the start, are pulled together by a spring, and roll on each other."""
+    ends = []
+    for h in (4e-5, 2e-5, 1e-5):
+        scene = Scene(2)
+        pair = scene.mass(M, [[0, 0], [0.195, 0.01]], [[0, 0.02], [0, -0.03]], inertia=SPHERE, spin=[0.3, -0.5])
+        scene.add(hertz_mindlin(E=5e5, friction=50.0), pair)
+        scene.add(effects.LinearSpring(300.0, length=0.1), pair[0], pair[1])
+        ends.append(scene.problem((0, 0.016)).integrate(h=h, method=method, save_every=None).v[-1])
+    ratio = np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(ends[1] - ends[2])
+    assert 3.4 < ratio < 4.7
+
+
+def test_an_oblique_impact_that_slides_has_mu_times_the_normal_impulse():
+    problem = oblique(friction=0.02).problem((0, 0.1))
+    run = problem.integrate(h=2e-6, method="rk4", save_every=None)
+    v = run.v[:, :4].reshape(-1, 2, 2)
+    n = None
+    impulse = M * (v[-1, :, 0] - v[0, :, 0])
+    u = problem.integrate(h=2e-6, method="rk4", save_every=10).u
+    d = u[:, :4].reshape(-1, 2, 2)
+    d = d[:, :, 1] - d[:, :, 0]
+    r = np.linalg.norm(d, axis=1)
+    n = d[np.argmin(r)] / r.min()
+    normal, along = impulse @ n, impulse - (impulse @ n) * n
+    assert np.linalg.norm(along) == pytest.approx(0.02 * abs(normal), rel=1e-2)  # n turns a little meanwhile
+    spin = run.v[-1, 4:]
+    np.testing.assert_allclose(np.abs(spin), R * np.linalg.norm(along) / SPHERE, rtol=2e-2)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("fields", [{}, {"restitution": 0.6}, {"friction": 2.0}], ids=["elastic", "damped", "sticks"])
+def test_momentum_and_angular_momentum_are_kept_and_no_energy_is_made(dimension, fields):
+    problem = oblique(dimension, spin=4.0, **fields).problem((0, 0.1), work=True)
+    run = problem.integrate(h=5e-6, save_every=200)
+    n = 2 * dimension
+    x, v = (values[:, :n].reshape(-1, dimension, 2) for values in (run.u, run.v))
+    spins = run.v[:, n:].reshape(len(run.t), -1, 2)
+    np.testing.assert_allclose(v.sum(axis=2), v[:1].sum(axis=2).repeat(len(v), 0), rtol=0, atol=1e-12)
+    if dimension == 2:
+        orbital = M * (x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0]).sum(axis=1)[:, None]
+    else:
+        orbital = M * np.cross(x, v, axis=1).sum(axis=2)
+    angular = orbital + SPHERE * spins.sum(axis=2)
+    assert np.abs(spins[-1] - spins[0]).max() > 0.5
+    # EIG-3 keeps x and v of one time only to its order: the part of the orbits has an error of this size
+    scale = np.abs(orbital).max()
+    np.testing.assert_allclose(angular, angular[:1].repeat(len(angular), 0), rtol=0, atol=1e-4 * scale)
+    energy = problem.energy_of(run.u, run.v)
+    assert energy.max() <= energy[0] * (1 + 1e-6)
+    assert run.drift["energy"] < 3e-4 * energy[0]
+
+
+def test_torques_balance_the_moments_of_forces():
+    """In each evaluation, to round-off: the springs, the damping and the tension, with three spheres in space."""
+    scene, rng = Scene(3), np.random.default_rng(1)
+    x = np.array([[0, 0, 0], [0.19, 0.02, 0.01], [0.1, 0.16, 0.03]])
+    inertia = SPHERE * np.array([1.0, 2.0, 3.0])
+    m = M * np.array([1.0, 2.0, 3.0])
+    grains = scene.mass(m, x, rng.normal(size=(3, 3)), inertia=inertia, spin=rng.normal(size=(3, 3)) * 5)
+    scene.add(hertz_mindlin(reach=2 * R * np.array([1.0, 1.02, 0.97]), restitution=0.7), grains)
+    problem = scene.problem((0, 1))
+    stepper = problem.stepper(h=1e-6, method="rk4")
+    stepper.advance(200)
+    a = stepper.acceleration(stepper.t + 3e-7, stepper.u, stepper.v)
+    forces, torques = a[:9].reshape(3, 3).T * m[:, None], a[9:].reshape(3, 3).T * inertia[:, None]
+    x = grains.of(stepper.u)
+    size = np.abs(forces).max()
+    assert np.abs(torques).max() > 1e-3 * R * size
+    np.testing.assert_allclose(forces.sum(axis=0), 0, atol=1e-13 * size)
+    np.testing.assert_allclose((np.cross(x, forces) + torques).sum(axis=0), 0, atol=1e-13 * size)
+
+
+def test_friction_is_at_most_mu_times_the_load():
+    """A grain on a slope that is less or more steep than the friction: it stays, or slides down at g (sin - mu cos)."""
+    for slope, slides in ((0.35, False), (0.45, True)):
+        angle, large = np.arctan(slope), 1e6
+        scene = Scene(2)
+        block = scene.mass(M, (0.0, R - np.cos(angle) / 200))
+        effect = Block(
+            stiffness=200 * M * 9.81, shear=500.0, reach=R + large, friction=0.4, near_radius=large, loss=6.3
+        )
+        scene.add(effect, block[None], near=scene.fixed([(0.0, -large)]))
+        scene.add(effects.Gravity((9.81 * np.sin(angle), -9.81 * np.cos(angle))))
+        run = scene.problem((0, 0.5)).integrate(h=1e-4, save_every=None)
+        expected = 9.81 * (np.sin(angle) - 0.4 * np.cos(angle)) * 0.5
+        if slides:
+            assert run.v[-1, 0] == pytest.approx(expected, rel=0.05)
+        else:
+            assert abs(run.u[-1, 0]) < 2 * M * 9.81 * np.sin(angle) / 500.0
+
+
+@pytest.mark.parametrize("options", [{"h": 1e-4}, {"h": 1e-4, "method": "rk4"}], ids=["eig3", "rk4"])
+def test_the_springs_are_a_part_of_the_state(options, tmp_path, monkeypatch):
+    """Chunks, `extend`, files, forks and lists of other skins have the same bits."""
+    problem = heap().problem((0.0, 0.6))
+    run = problem.integrate(**options, save_every=50)
+    assert run.success
+    halves = problem.with_(t_span=(0.0, 0.3)).integrate(**options, save_every=50).extend(0.6)
+    assert_same(halves, run)
+    halves.save(tmp_path / "run.npz")
+    assert_same(problem.load(tmp_path / "run.npz").extend(0.7), run.extend(0.7))
+    stepper = problem.stepper(**{**options, "h": run.h})
+    stepper.advance(1234)
+    fork = copy.copy(stepper)
+    fork.advance(777)
+    fork.advance(6000 - 1234 - 777)
+    np.testing.assert_array_equal(fork.u, run.u[-1])
+    stepper.advance(1000)
+    stepper.back()
+    stepper.advance(6000 - 1234)
+    np.testing.assert_array_equal(stepper.u, run.u[-1])
+    parts = problem.integrate(**options, save_every=50, save_to=tmp_path / "parts")
+    np.testing.assert_array_equal(parts.u, run.u)
+    for skin in (0.01, 0.7):
+        monkeypatch.setattr(swarm, "_SKIN", skin)
+        np.testing.assert_array_equal(heap().problem((0.0, 0.6)).integrate(**options, save_every=50).u, run.u)
+
+
+def test_what_a_run_saves_and_looks_for_does_not_change_it():
+    """Wanted times, outputs and events within steps are no steps: no spring advances there."""
+
+    @eig3.jit
+    def first(t, u, v, p):
+        return v[0]
+
+    problem = heap().problem((0.0, 0.5))
+    plain = problem.integrate(h=1e-4, save_every=None)
+    times = np.linspace(0.0, 0.5, 777)
+    for options in ({"t_eval": times}, {"outputs": {"first": first}}, {"events": {"turn": eig3.Event(first)}}):
+        run = problem.integrate(h=1e-4, **options)
+        np.testing.assert_array_equal(run.u[-1], plain.u[-1])
+    tight = problem.integrate(rtol=1e-6, method="rk5", t_end=0.3, save_every=None)
+    wanted = problem.integrate(rtol=1e-6, method="rk5", t_end=0.3, t_eval=[0.1, 0.2, 0.3], outputs={"first": first})
+    np.testing.assert_array_equal(tight.u[-1], wanted.u[-1])
+    half = problem.integrate(rtol=1e-6, method="rk5", t_end=0.2).extend(0.3)
+    np.testing.assert_array_equal(half.u[-1], tight.u[-1])
+
+
+def test_runs_and_members_of_an_ensemble_have_springs_of_their_own():
+    problem = oblique(spin=3.0).problem((0.0, 0.05))
+    expected = problem.integrate(h=1e-5, save_every=None)
+    np.testing.assert_array_equal(problem.integrate(h=1e-5, save_every=None).v, expected.v)
+    np.testing.assert_array_equal(problem.integrate(h=1e-5, save_every=None, inline=True).v, expected.v)
+    together = problem.ensemble(h=1e-5, v0=np.stack([problem.v0, 0.5 * problem.v0]), save_every=None)
+    np.testing.assert_array_equal(together.v[0, -1], expected.v[-1])
+
+
+def test_grains_that_part_and_meet_again_have_a_new_spring():
+    """The second contact does what the first does, whatever was before: a table has the last contacts only."""
+    scene = Scene(2)
+    pair = scene.mass(M, [[0, 0], [0.195, 0.0]], [[0, 0], [0.0, 0.4]], inertia=SPHERE)
+    scene.add(hertz_mindlin(), pair)
+    problem = scene.problem((0.0, 0.01))
+    stepper = problem.stepper(h=1e-5)
+    apart = np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
+    stepper.advance(20)
+    before = stepper.acceleration(stepper.t, stepper.u, stepper.v)
+    assert abs(before[4]) > 1.0
+    advance, params = problem.rhs.py_func.history.advance, stepper.params.copy()
+    advance(stepper.t + 1e-5, apart, 0 * apart, params)
+    a = np.zeros(6)
+    problem.rhs(stepper.t + 1e-5, np.array(stepper.u), 0 * apart, params, a)
+    np.testing.assert_allclose(a[4:], 0.0, atol=1e-12)
+
+
+def test_bad_grains_are_refused():
+    for fields, words in (
+        ({"E": 0.0}, "E of HertzMindlin must be positive"),
+        ({"nu": 0.6}, "nu of HertzMindlin must not be above 0.5"),
+        ({"restitution": 0.0}, "restitution of HertzMindlin must be above 0"),
+        ({"friction": -0.1}, "friction of HertzMindlin must not be negative"),
+        ({"near_radius": 1.0}, "near_radius of HertzMindlin must be positive and at most the reach"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            hertz_mindlin(**fields)
+    scene = Scene(2)
+    with pytest.raises(ValueError, match="inertia of masses must be positive"):
+        scene.mass(M, (0, 0), inertia=0.0)
+    with pytest.raises(ValueError, match="spin of masses needs their inertia"):
+        scene.mass(M, (0, 0), spin=1.0)
+    with pytest.raises(ValueError, match="nothing spins on a line"):
+        Scene(1).mass(M, 0.0, inertia=1.0)
+    a, b = scene.mass(M, [(0, 0), (1, 0)]), scene.mass(M, [(2, 0), (3, 0)])
+    with pytest.raises(TypeError, match="HertzMindlin takes one array of points"):
+        scene.add(hertz_mindlin(), a, b)
+    with pytest.raises(ValueError, match="near of HertzMindlin must be fixed points"):
+        scene.add(hertz_mindlin(), a, near=b)
+    with pytest.raises(ValueError, match="no mass of the scene has an inertia"):
+        a.angles_of(np.zeros(8))
+
+
+def test_spin_is_a_degree_of_freedom():
+    problem = oblique(spin=2.0).problem((0, 0.01))
+    assert problem.names == ("x0", "x1", "y0", "y1", "angle0", "angle1")
+    assert problem.unit("u", 4) == "rad"
+    assert problem.unit("v", 4) == "rad/s"
+    np.testing.assert_array_equal(problem.v0[4:], 2.0)
+    free = problem.integrate(h=1e-4, method="rk4", save_every=None, t_end=0.001)
+    np.testing.assert_allclose(free.u[-1, 4:], 0.002, rtol=1e-12)
