@@ -96,16 +96,16 @@ def compare(problem, expected, tolerance):
 @pytest.mark.parametrize("threads", [None, 1])
 def test_lammps_has_the_same_forces(threads):
     problem = near_pairs.spheres(200)
-    compare(problem, near_pairs.spheres_in_lammps.session(problem, threads).forces().T.ravel(), 1e-12)
+    compare(problem, near_pairs.spheres_in_lammps.simulation(problem, threads).forces().T.ravel(), 1e-12)
     problem = shaken_argon()
-    compare(problem, accelerations(near_pairs.atoms_in_lammps.session(problem, threads).forces()), 1e-12)
+    compare(problem, accelerations(near_pairs.atoms_in_lammps.simulation(problem, threads).forces()), 1e-12)
 
 
 def test_openmm_has_the_same_forces():
     pytest.importorskip("openmm")
     problem = shaken_argon()
-    compare(problem, accelerations(near_pairs.atoms_in_openmm.session(problem).forces()), 1e-12)
-    in_single_precision = near_pairs.atoms_in_openmm.session(problem, "CPU").forces()
+    compare(problem, accelerations(near_pairs.atoms_in_openmm.simulation(problem).forces()), 1e-12)
+    in_single_precision = near_pairs.atoms_in_openmm.simulation(problem, "CPU").forces()
     compare(problem, accelerations(in_single_precision), 1e-3)
 
 
@@ -113,6 +113,6 @@ def test_exudyn_has_the_same_forces_of_linear_contacts():
     pytest.importorskip("exudyn")
     problem = near_pairs.linear(200)
     start = near_pairs.rows(problem.u0), near_pairs.rows(problem.v0)
-    session = exudyn.Session(*start, near_pairs.STIFFNESS, near_pairs.REACH, near_pairs.H, threads=1)
-    session.run(1)
-    compare(problem, (session.speeds() - start[1]).T.ravel() / near_pairs.H, 1e-12)
+    simulation = exudyn.Simulation(*start, near_pairs.STIFFNESS, near_pairs.REACH, near_pairs.H, threads=1)
+    simulation.run(1)
+    compare(problem, (simulation.speeds() - start[1]).T.ravel() / near_pairs.H, 1e-12)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..rivals.lammps import Session
+from ..rivals.lammps import Simulation
 from .systems import ANGLE, BOND, CONTACT, DAMPING, DIAMETER, MORSE, REACH, TORSION, chains, places
 
 #: Where LAMMPS itself is not exact to 1e-10: its coul/dsf has erfc from a formula with errors of some 1e-7.
@@ -29,7 +29,7 @@ create_box 1 box {_ROOM if name != "contact" else ""}
 special_bonds lj/coul 1 1 1
 comm_modify cutoff 8 vel yes"""
     mass = "set group all mass 1.0" if name == "contact" else "mass 1 1.0"
-    return Session(before, f"{_STYLES[name]}\n{mass}\nfix motion all nve", x, 0 * x).forces()
+    return Simulation(before, f"{_STYLES[name]}\n{mass}\nfix motion all nve", x, 0 * x).forces()
 
 
 def _contact() -> str:

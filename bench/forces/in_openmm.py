@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..rivals.openmm import Session
+from ..rivals.openmm import Simulation
 from .systems import ANGLE, BOND, CONTACT, DAMPING, DIAMETER, MORSE, POINTS, REACH, TORSION, chains, places
 
 
@@ -15,7 +15,7 @@ def forces(name: str) -> np.ndarray:
     """Return the forces on the points, of shape (6, 3)."""
     force = _of_pairs(name) if name in _POTENTIALS else _OF_THE_CHAIN[name]()
     x = places()
-    return Session([force], x, 0 * x, h=1e-3).forces()
+    return Simulation([force], x, 0 * x, h=1e-3).forces()
 
 
 def _shifted(potential: str, slope: float) -> str:

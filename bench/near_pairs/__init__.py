@@ -56,7 +56,7 @@ def hertz(n: int) -> Contest:
     runs["loop by hand", 1] = lambda steps: seconds_of(partial(loop, steps))
     if lammps.is_there():
         for cores in _CORES:
-            runs["LAMMPS", cores] = spheres_in_lammps.session(problem, cores).run
+            runs["LAMMPS", cores] = spheres_in_lammps.simulation(problem, cores).run
     return Contest.of(n, runs)
 
 
@@ -67,7 +67,7 @@ def linear_contacts(n: int) -> Contest:
     runs: Runs = {(SCENE, cores): scene_run(linear(n, cores), H) for cores in _CORES}
     if exudyn.is_there():
         for cores in _CORES:
-            runs["exudyn", cores] = exudyn.Session(*start, STIFFNESS, REACH, H, cores).run
+            runs["exudyn", cores] = exudyn.Simulation(*start, STIFFNESS, REACH, H, cores).run
     return Contest.of(n, runs)
 
 
@@ -77,12 +77,12 @@ def argon(side: int) -> Contest:
     runs: Runs = {(SCENE, cores): scene_run(liquid(side, cores), problem.h or H) for cores in _CORES}
     if lammps.is_there():
         for cores in _CORES:
-            runs["LAMMPS", cores] = atoms_in_lammps.session(problem, cores).run
+            runs["LAMMPS", cores] = atoms_in_lammps.simulation(problem, cores).run
     if openmm.is_there():
-        runs["OpenMM, Reference", 1] = atoms_in_openmm.session(problem).run
+        runs["OpenMM, Reference", 1] = atoms_in_openmm.simulation(problem).run
         for jumps, kind in ((False, "single precision"), (True, "single precision, jumping force")):
             for cores in _CORES:
-                runs[f"OpenMM, CPU, {kind}", cores] = atoms_in_openmm.session(problem, "CPU", cores, jumps=jumps).run
+                runs[f"OpenMM, CPU, {kind}", cores] = atoms_in_openmm.simulation(problem, "CPU", cores, jumps=jumps).run
     return Contest.of(np.size(problem.u0) // 3, runs, cost=_OF_AN_ATOM)
 
 

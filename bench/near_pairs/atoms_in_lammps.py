@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from eig3.problem import Problem
 
-from ..rivals.lammps import Session
+from ..rivals.lammps import Simulation
 from .atoms import REACH, SKIN, Reduced
 
 
-def session(problem: Problem, threads: int | None = 1) -> Session:
+def simulation(problem: Problem, threads: int | None = 1) -> Simulation:
     """Return LAMMPS with the atoms at their start."""
     atoms = Reduced.of(problem)
     before = f"""units lj
@@ -24,4 +24,4 @@ neighbor {SKIN} bin
 neigh_modify every 1 delay 0 check yes
 timestep {atoms.h:.17g}
 thermo 1000000000"""
-    return Session(before, "fix motion all nve", atoms.places, atoms.speeds, threads)
+    return Simulation(before, "fix motion all nve", atoms.places, atoms.speeds, threads)

@@ -6,7 +6,7 @@ from typing import Any
 
 from eig3.problem import Problem
 
-from ..rivals.openmm import Session
+from ..rivals.openmm import Simulation
 from .atoms import REACH, Reduced
 
 _S6 = REACH**-6
@@ -14,7 +14,7 @@ _SLOPE, _DEPTH = 24 * _S6 * (1 - 2 * _S6) / REACH, 4 * _S6 * (_S6 - 1)  # of the
 _SHIFTED = f"4 * q * (q - 1) - ({_DEPTH:.17g}) - (r - {REACH}) * ({_SLOPE:.17g}); q = 1 / r^6"
 
 
-def session(problem: Problem, platform: str = "Reference", threads: int = 1, *, jumps: bool = False) -> Session:
+def simulation(problem: Problem, platform: str = "Reference", threads: int = 1, *, jumps: bool = False) -> Simulation:
     """Return OpenMM with the atoms at their start.
 
     With `jumps`, the force is cut off at the reach without a shift: only so OpenMM has it without a formula.
@@ -23,7 +23,7 @@ def session(problem: Problem, platform: str = "Reference", threads: int = 1, *, 
     force = _cut_off(len(atoms.places)) if jumps else _shifted(len(atoms.places))
     force.setNonbondedMethod(force.CutoffPeriodic)
     force.setCutoffDistance(REACH)
-    return Session([force], atoms.places, atoms.speeds, atoms.h, box=atoms.side, platform=platform, threads=threads)
+    return Simulation([force], atoms.places, atoms.speeds, atoms.h, box=atoms.side, platform=platform, threads=threads)
 
 
 def _shifted(n: int) -> Any:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from eig3.problem import Problem
 
-from ..rivals.lammps import Session
+from ..rivals.lammps import Simulation
 from .spheres import REACH, SKIN, STIFFNESS, H, rows
 
 
-def session(problem: Problem, threads: int | None = 1) -> Session:
+def simulation(problem: Problem, threads: int | None = 1) -> Simulation:
     """Return LAMMPS with the spheres at their start.
 
     Of its styles with this force, gran/hertz/history is the fastest, although it keeps a history of the friction.
@@ -32,4 +32,4 @@ thermo 1000000000"""
     after = f"""set group all diameter {REACH}
 set group all mass 1.0
 fix motion all nve"""
-    return Session(before, after, places, rows(problem.v0), threads)
+    return Simulation(before, after, places, rows(problem.v0), threads)

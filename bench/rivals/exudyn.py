@@ -17,7 +17,7 @@ def is_there() -> bool:
     return importlib.util.find_spec("exudyn") is not None
 
 
-class Session:
+class Simulation:
     """One exudyn with spheres of mass 1 that push each other apart in proportion to their indentation.
 
     Parameters

