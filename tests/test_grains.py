@@ -117,14 +117,18 @@ def test_a_spring_that_sticks_oscillates():
 
 @pytest.mark.parametrize("method", ["eig3", "rk4", "rk2"])
 def test_the_order_is_two_while_a_contact_holds(method):
-    """Spheres that touch at the start, are pulled together by a spring, and roll on each other."""
+    """Spheres that touch at the start, are pulled together by a spring, and roll on each other.
+
+    The indentation grows all the time. Where it turns within a step, the error of the spring is of the order of h^2
+    too, but depends on the place within the step.
+    """
     ends = []
     for h in (4e-5, 2e-5, 1e-5):
         scene = Scene(2)
         pair = scene.mass(M, [[0, 0], [0.195, 0.01]], [[0, 0.02], [0, -0.03]], inertia=SPHERE, spin=[0.3, -0.5])
         scene.add(hertz_mindlin(E=5e5, friction=50.0), pair)
         scene.add(effects.LinearSpring(300.0, length=0.1), pair[0], pair[1])
-        ends.append(scene.problem((0, 0.016)).integrate(h=h, method=method, save_every=None).v[-1])
+        ends.append(scene.problem((0, 0.002)).integrate(h=h, method=method, save_every=None).v[-1])
     ratio = np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(ends[1] - ends[2])
     assert 3.4 < ratio < 4.7
 

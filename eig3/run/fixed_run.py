@@ -92,7 +92,7 @@ class FixedRun(Run):
         with going_on():
             times = check_times(state["times"], state["t0"], t_end)
             stepper = Stepper.of(system, state["t0"], state["h"], u0, v0, guarded(state["params"]), times)
-            stepper.restore(state["stepper"], state["params"])
+            stepper.restore(state["stepper"])
             if stepper.look:
                 stepper.look.watching.recall(solution.events)
             growth = Growth(stepper, n_steps)

@@ -68,7 +68,7 @@ class VariableRun(Run):
             stepper = VariableStepper(system, span, u0, v0, guarded(state["params"]), tolerances, times)
             if reals(tolerances.atol, "atol").shape != (2, stepper.n):
                 raise ValueError("atol has another shape.")
-            stepper.restore(state["stepper"], state["params"])
+            stepper.restore(state["stepper"])
             if stepper.look:
                 stepper.look.watching.recall(solution.events, state["events"])
             t, u, v = whole_rows(solution, stepper.n)

@@ -11,9 +11,10 @@ from collections.abc import Iterable, Iterator
 
 from ..kernels import grains
 from .assembly import Assembly
-from .packing import GrainsBlock, Packing, entry
+from .packing import GrainsBlock, Packing, SwarmBlock, entry
 from .swarm_text import SwarmText
 
+_NEXT = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the axes that follow
 _FUNCTIONS = ("tension", "shear_stiffness", "shear_damping")
 
 
@@ -181,7 +182,7 @@ class GrainsText(SwarmText):
 
     def _spin_cross(self, axis: str) -> str:
         """The component along an axis of the product of the spins and n."""
-        b, c = {"x": "yz", "y": "zx", "z": "xy"}[axis]
+        b, c = _NEXT[axis]
         terms = [f"{b}_spin * n{c}"] * (b in self._spins) + [f"- {c}_spin * n{b}"] * (c in self._spins)
         return " ".join(terms)
 
@@ -189,7 +190,7 @@ class GrainsText(SwarmText):
         condition = self._if_mass(block)
         return [f"if {condition}:", *(f"    {line}" for line in lines)] if condition else lines
 
-    def _offered(self, block: GrainsBlock) -> dict[str, str]:
+    def _offered(self, block: SwarmBlock) -> dict[str, str]:
         return super()._offered(block) | {"radius": "radius", "mass": "mass"}
 
     def _spin(self, array: str, c: int, i: str) -> str:
@@ -206,5 +207,5 @@ def _dot(first: str, second: str) -> str:
 
 
 def _cross(axis: str, first: str, second: str) -> str:
-    b, c = {"x": "yz", "y": "zx", "z": "xy"}[axis]
+    b, c = _NEXT[axis]
     return f"{first}{b} * {second}{c} - {first}{c} * {second}{b}"

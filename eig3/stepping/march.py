@@ -368,6 +368,7 @@ class March:
             "state": self.state[: self._carried].copy(),
             "tally": self.tally.copy(),
             "numbers": numbers,
+            "remembered": self.params.copy() if self.system.history else None,
         }
 
     @property
@@ -375,8 +376,8 @@ class March:
         """The number of rows of the state that are not scratch."""
         return len(self.state)
 
-    def restore(self, kept: Mapping[str, Any], params: np.ndarray) -> None:
-        """Become the march that has returned `kept`, with its parameters then; it has the same arguments.
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Become the march that has returned `kept`; it has the same arguments.
 
         Raises
         ------
@@ -384,7 +385,8 @@ class March:
             If `kept` is that of another march.
         """
         self._restore_method(kept["changed_at"])
-        self.params[...] = params
+        if kept["remembered"] is not None:
+            self.params[...] = kept["remembered"]
         state, tally = (reals(kept[name], name) for name in ("state", "tally"))
         carried = self.state[: self._carried]
         if state.shape != carried.shape or tally.shape != self.tally.shape:
