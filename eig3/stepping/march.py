@@ -375,8 +375,8 @@ class March:
         """The number of rows of the state that are not scratch."""
         return len(self.state)
 
-    def restore(self, kept: Mapping[str, Any], params: np.ndarray) -> None:
-        """Become the march that has returned `kept`, with its parameters then; it has the same arguments.
+    def restore(self, kept: Mapping[str, Any], params: np.ndarray | None = None) -> None:
+        """Become the march that has returned `kept`, with its parameters then, if given; it has the same arguments.
 
         Raises
         ------
@@ -384,7 +384,8 @@ class March:
             If `kept` is that of another march.
         """
         self._restore_method(kept["changed_at"])
-        self.params[...] = params
+        if params is not None:
+            self.params[...] = params
         state, tally = (reals(kept[name], name) for name in ("state", "tally"))
         carried = self.state[: self._carried]
         if state.shape != carried.shape or tally.shape != self.tally.shape:
