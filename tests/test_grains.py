@@ -316,3 +316,17 @@ def test_spin_is_a_degree_of_freedom():
     np.testing.assert_array_equal(problem.v0[4:], 2.0)
     free = problem.integrate(h=1e-4, method="rk4", save_every=None, t_end=0.001)
     np.testing.assert_allclose(free.u[-1, 4:], 0.002, rtol=1e-12)
+
+
+def test_more_contacts_than_there_is_room_for_are_refused():
+    """Springs that are left out would change the motion: the run ends with an error that names the remedy."""
+    rng = np.random.default_rng(0)
+    for room, fits in ((None, False), (60, True)):
+        scene = Scene(2)
+        scene.add(hertz_mindlin(E=1e3), scene.mass(M, rng.uniform(0, R, (60, 2)), inertia=SPHERE), room=room)
+        problem = scene.problem((0, 1e-3))
+        if fits:
+            assert problem.integrate(h=1e-4).success
+        else:
+            with pytest.raises(ValueError, match="give room="):
+                problem.integrate(h=1e-4)
