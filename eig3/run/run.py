@@ -6,12 +6,14 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from ..functions.checks import check_cancel, check_flag
+from ..functions.evaluation import accelerations
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
@@ -419,7 +421,9 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
         "kernel_seconds": stepper.seconds,
         "method": stepper.system.method,
         "labels": stepper.system.labels,
-        "_accelerations": stepper.accelerations,
+        "_accelerations": None
+        if stepper.system.history
+        else partial(accelerations, stepper.system.callback, stepper.params),
     }
     if stepper.look:
         later = later | stepper.look.found()
