@@ -12,9 +12,8 @@ import functools
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba.extending import intrinsic
-from numba.types import Array, boolean, float64, int64, none
+from numba.types import Array, boolean, float64, int64, intp, none
 
 from .compile.jit import compile_kernel, element, function_at
 from .compile.numba_internals import array_over, parts_of
@@ -42,8 +41,9 @@ def board_at(typingctx, address):  # type: ignore[no-untyped-def]
     """``board_at(address)`` is the board at an address."""
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        data = builder.inttoptr(args[0], ir.IntType(64).as_pointer())
-        return array_over(context, builder, _board, data, ir.Constant(args[0].type, SIZE), ir.Constant(args[0].type, 8))
+        data = builder.inttoptr(args[0], context.get_value_type(int64).as_pointer())
+        size, stride = context.get_constant(intp, SIZE), context.get_constant(intp, 8)
+        return array_over(context, builder, _board, data, size, stride)
 
     return _board(int64), codegen
 
@@ -53,8 +53,8 @@ def vector_at(typingctx, address, count):  # type: ignore[no-untyped-def]
     """``vector_at(address, count)`` is an array of floats at an address."""
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        data = builder.inttoptr(args[0], ir.DoubleType().as_pointer())
-        return array_over(context, builder, vector_type, data, args[1], ir.Constant(args[0].type, 8))
+        data = builder.inttoptr(args[0], context.get_value_type(float64).as_pointer())
+        return array_over(context, builder, vector_type, data, args[1], context.get_constant(intp, 8))
 
     return vector_type(int64, int64), codegen
 
@@ -64,7 +64,9 @@ def address_of_vector(typingctx, array):  # type: ignore[no-untyped-def]
     """``address_of_vector(x)`` is the address of the first value of an array."""
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        return builder.ptrtoint(parts_of(context, builder, signature.args[0], args[0]).data, ir.IntType(64))
+        return builder.ptrtoint(
+            parts_of(context, builder, signature.args[0], args[0]).data, context.get_value_type(int64)
+        )
 
     return int64(array), codegen
 
