@@ -34,7 +34,8 @@ class SwarmText:
         for number, block in enumerate(self._swarms):
             if self._team is not None:
                 yield f"kept, place = memory(p), index({block.listing.place})"
-                given = "t, memory(u), memory(v), kept, memory(a), place"
+                velocity = "v" if self._reads_rate(block) else "u"  # a rhs that names v is one that reads it
+                given = f"t, memory(u), memory({velocity}), kept, memory(a), place"
                 yield f"add_forces(share, lists, {number}, {given}, {self._team})"
                 continue
             yield from self._refreshed(block, "tension", "density")
