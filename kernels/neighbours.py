@@ -31,8 +31,8 @@ from numba.types import Array, int32, int64, intp
 
 from .compile.cache import keep_on_disk
 from .compile.jit import KERNEL_OPTIONS, element, outlined
-from .compile.numba_internals import array_over, parts_of
-from .protocol import stack_rows, vector_type
+from .compile.numba_internals import array_over, floats_on_stack, parts_of
+from .protocol import vector_type
 
 #: The numbers of a list: of its points, of the masses among them (which come first), and of all masses of the scene;
 #: the skin; 1 if only pairs of different groups count; the largest cutoff, and where in p each point has its cutoff, or
@@ -66,7 +66,7 @@ _ROUND_OFF = 1e-6  # a part of a cell that is larger than the round-off so far f
 _LARGEST = np.finfo(np.float64).max
 _ULPS = 1e-12  # a part of a cutoff that is larger than the round-off of a distance
 _ROW, _LAYER = 2654435761, 2246822519  # steps between buckets, odd and with bits that follow no pattern
-_BATCH = 64  # points that are looked at together
+BATCH = 64  # points that are looked at together
 
 
 class Areas(NamedTuple):
@@ -139,6 +139,20 @@ def floats(typingctx, p, begin, count):  # type: ignore[no-untyped-def]
         return array_over(context, builder, _floats, data, args[2], context.get_constant(intp, 8))
 
     return _floats(p, int64, int64), codegen
+
+
+@intrinsic
+def batch(typingctx):  # type: ignore[no-untyped-def]
+    """``batch()`` is an array of BATCH floats on the stack.
+
+    It takes no literal number: a pickled intrinsic does not keep that it prefers literals.
+    """
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        size, stride = context.get_constant(intp, BATCH), context.get_constant(intp, 8)
+        return array_over(context, builder, vector_type, floats_on_stack(builder, BATCH), size, stride)
+
+    return vector_type(), codegen
 
 
 @element
@@ -318,8 +332,8 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
     low_y, high_y = around(ny)
     low_z, high_z = around(nz)
     across, over = floats(p, place + _STEPS, 3)[1:]
-    squares, some = stack_rows(_BATCH, 2)
-    k, which, furthest = low, integers(some, 0, _BATCH), ((1 + _ULPS) * (skin + widest)) ** 2
+    squares, some = batch(), batch()
+    k, which, furthest = low, integers(some, 0, BATCH), ((1 + _ULPS) * (skin + widest)) ** 2
     for i in range(start, end):
         first[i] = above[i] = stop[i] = begin_of_mates = k
         if bucket[i] < 0:
@@ -336,8 +350,8 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
                 for ox in range(0 if in_row else low_x, 1 if in_row else high_x):
                     c = c if in_row else (row + within(cx + ox, nx)) & mask
                     last = starts[c + 1 + in_row]
-                    for begin in range(starts[c - in_row], last, _BATCH):
-                        size, near = min(_BATCH, last - begin), 0
+                    for begin in range(starts[c - in_row], last, BATCH):
+                        size, near = min(BATCH, last - begin), 0
                         xs = floats(p, ordered + begin, size)  # with an index that is a sum, LLVM does not vectorise
                         ys, zs = floats(p, above_x + begin, size), floats(p, above_y + begin, size)
                         for e in range(size):

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..kernels import grains, neighbours, shared_forces
-from ..kernels.protocol import stack_rows
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
 from .names import identifier, words
@@ -306,7 +305,7 @@ class Packing:
         self.team = self._add(np.array([0, 0, threads])) if is_large else None
         if self.swarms or self.grains:
             views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
-            views["stack_rows"] = stack_rows
+            views["batch"] = neighbours.batch
             tasks = {name: getattr(neighbours, name) for name in ("REFRESH", "SCAN", "BUILD", "REACH")}
             self.functions |= {"lists": neighbours.LISTS[assembly.dimension], **tasks, **views}
         if self.grains:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
+from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, SCANNING, STAGES
 from .assembly import Assembly
 from .box_text import BoxText
 from .packing import Packing, SwarmBlock, entry
 
-_BATCH = 64  # mates of a point that are looked at together
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
 
 
@@ -115,9 +115,9 @@ class SwarmText:
         yield f"stops = integers(kept, {areas.stop}, {listing.masses})"
         yield f"mates = integers(kept, {areas.mates}, {listing.room})"
         if listing.is_dense:
-            ways = ", ".join(f"{axis}_ways" for axis in self._axes)
-            yield f"{ways}, squares, some = stack_rows({_BATCH}, {len(self._axes) + 2})"
-            yield f"which = integers(some, 0, {_BATCH})"
+            for name in (*(f"{axis}_ways" for axis in self._axes), "squares", "some"):
+                yield f"{name} = batch()"
+            yield f"which = integers(some, 0, {BATCH})"
         if listing.begin < 0:
             yield f"indices = integers(kept, {areas.number}, {listing.masses})"
         yield from block.law.constants(*functions)
@@ -158,19 +158,19 @@ class SwarmText:
         """Do so for many mates, in three loops: the compiler vectorises the first, and the second has no branch."""
         ways = [f"{axis}_ways" for axis in self._axes]
         yield f"low_mate, high_mate = {mates}"
-        yield f"for batch in range(low_mate, high_mate, {_BATCH}):"
-        yield f"    size, near = min({_BATCH}, high_mate - batch), index(0)"
+        yield f"for low_of_batch in range(low_mate, high_mate, {BATCH}):"
+        yield f"    size, near = min({BATCH}, high_mate - low_of_batch), index(0)"
         yield "    for k in range(size):"
-        yield "        mate = index(mates[batch + k])"
+        yield "        mate = index(mates[low_of_batch + k])"
         yield from (f"        {line}" for line in self._way(block))
         yield f"        {', '.join(f'{way}[k]' for way in ways)}, squares[k] = {self._ways}, square"
         yield "    for k in range(size):"
-        yield "        mate = index(mates[batch + k])"
+        yield "        mate = index(mates[low_of_batch + k])"
         yield "        which[near] = k"
         yield f"        near += {self._is_near(block, 'squares[k]')}"
         yield "    for q in range(near):"
         yield "        k = index(which[q])"
-        yield "        mate = index(mates[batch + k])"
+        yield "        mate = index(mates[low_of_batch + k])"
         yield f"        {self._ways}, square = {', '.join(f'{way}[k]' for way in ways)}, squares[k]"
         yield from (f"        {line}" for line in inside)
 
