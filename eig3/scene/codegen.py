@@ -55,11 +55,11 @@ def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
     """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
 
 
-def compiled(assembly: Assembly, threads: int = 0) -> tuple[Any, Any, dict[str, Event], np.ndarray]:
+def compiled(assembly: Assembly, threads: int | None = None) -> tuple[Any, Any, dict[str, Event], np.ndarray]:
     """Return the right-hand side of a scene, its energy or None, its events, and the parameters of these functions.
 
-    Scenes that differ only in parameters get the same functions. A large one is for this number of threads, or for one
-    on each core if it is 0.
+    Scenes that differ only in parameters get the same functions. A large one is for this number of threads, if it
+    is given.
     """
     packing = Packing(assembly, threads)
     source = _Source(assembly, packing)

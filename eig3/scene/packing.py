@@ -266,7 +266,7 @@ class Packing:
         The place of the team of threads that share the forces between near points; None if the scene is small.
     """
 
-    def __init__(self, assembly: Assembly, threads: int) -> None:
+    def __init__(self, assembly: Assembly, threads: int | None) -> None:
         self._parts: list[np.ndarray] = []
         # the names with an underscore in every source; `_name` makes no name without one
         self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}
@@ -301,8 +301,8 @@ class Packing:
         self.turn = (
             self._column(inverse(assembly.cloud.inertia[assembly.cloud.masses > 0])) if assembly.angles else None
         )
-        is_large = any(block.listing.masses >= _SHARED for block in self.swarms)
-        self.team = self._add(np.array([0, 0, threads])) if is_large else None
+        is_large = threads is not None and any(block.listing.masses >= _SHARED for block in self.swarms)
+        self.team = self._add(np.array([0, 0, threads or 0])) if is_large else None
         if self.swarms or self.grains:
             views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
             views["batch"] = neighbours.batch

@@ -371,8 +371,9 @@ class Scene:
             in the exact motion. What an event takes from the energy is part of the work. A scene whose mechanical
             energy is constant follows no work.
         threads : int, optional
-            The threads of a run, which share the forces between thousands of near points; by default one on each core.
-            They change no bit of the results. In an ensemble, each member has one.
+            The threads of a run, which share the forces between thousands of near points. Their number, from 1 on,
+            changes no bit of the results; without `threads`, the compiler may round some forces in another way. In an
+            ensemble, each member has one.
 
         Returns
         -------
@@ -392,7 +393,7 @@ class Scene:
         cloud = self._cloud()
         assembly = assemble(cloud, self._placements, self._swarms, work=work)
         rhs, energy, events, params = codegen.compiled(
-            assembly, 0 if threads is None else check_count(threads, "threads")
+            assembly, None if threads is None else check_count(threads, "threads")
         )
         return Problem(
             name=name,
