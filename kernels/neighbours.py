@@ -195,9 +195,9 @@ def refresh(t, u, p, place, d):
 
 
 @element
-def first_of(p, place, part, parts):
-    """Return the first mass of a part."""
-    return int(p[place + MASSES]) * part // parts
+def bounds(count, part, parts):
+    """Return the first of the values of a part of `count` values, and the end of the part."""
+    return count * part // parts, count * (part + 1) // parts
 
 
 @element
@@ -212,7 +212,8 @@ def scan(t, u, p, place, part, parts, d):
     x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
     index = integers(p, area(p, place, NUMBER), count)
     worst, strain = 0.0, p[place + SHEAR] * (t - p[place + BUILT_AT])
-    for i in range(first_of(p, place, part, parts), first_of(p, place, part + 1, parts)):
+    start, end = bounds(int(p[place + MASSES]), part, parts)
+    for i in range(start, end):
         at, square = int(index[i]), 0.0
         for k in range(d):
             now = u[k * stride + at]
@@ -271,7 +272,7 @@ def is_built(p, place, d):
     """
     parts, is_whole, head = int(p[place + PARTS]), True, floats(p, place, HEAD)
     for part in range(parts):
-        is_whole &= head[_REACHED + part] == first_of(p, place, part + 1, parts)
+        is_whole &= head[_REACHED + part] == bounds(int(head[MASSES]), part, parts)[1]
     head[LISTED] = head[MASSES] if is_whole else head[_REACHED] if parts == 1 else 0.0
     if is_whole or (parts == 1 and head[PRESENT_SKIN] == 0):
         return True
@@ -300,8 +301,8 @@ def listed(p, place, start, end, d):
 @element
 def build(p, place, part, parts, d):
     """Write the pairs of the points of a part to the list."""
-    start, end = first_of(p, place, part, parts), first_of(p, place, part + 1, parts)
-    low, high = int(p[place + ROOM]) * part // parts, int(p[place + ROOM]) * (part + 1) // parts
+    start, end = bounds(int(p[place + MASSES]), part, parts)
+    low, high = bounds(int(p[place + ROOM]), part, parts)
     floats(p, place + _REACHED, MOST_PARTS)[part] = pairs_of(p, place, start, end, start, low, high, d)
 
 
@@ -550,7 +551,8 @@ REFRESH, SCAN, CHECK, BEGIN, BUILD, FINISH, REACH = map(np.int64, range(7))
 def lists(task, t, u, p, place, part, parts, d):
     """Do one task: `refresh` a list, or, where threads share it, `scan`, check, `begin`, `build` and finish it.
 
-    The task REACH returns the result of `listed`, for a piece from the point `part` to the point `parts`.
+    The task REACH returns the result of `listed`, for a piece from the point `part` to the point `parts`. The tasks
+    REFRESH and FINISH ignore both.
     """
     if task == REFRESH:
         refresh(t, u, p, place, d)

@@ -1,13 +1,12 @@
 """Let threads share a list of neighbours, and the forces between its points."""
 
 from .compile.jit import element
-from .neighbours import BEGIN, CHECK, FINISH, MOST_PARTS, PARTS, REFRESH
+from .neighbours import BEGIN, CHECK, FINISH, PARTS, REFRESH
 from .team import THREADS, board_at, board_of, together
 
 #: What the threads share of each list, the number of which they multiply by STAGES: the stages of `add_forces`.
 SCANNING, BUILDING, ACTING = range(3)
 STAGES = 3
-MOST = MOST_PARTS  # threads
 
 
 @element
@@ -32,9 +31,3 @@ def add_forces(share, lists, number, t, u, v, p, a, place, team):
             if lists(FINISH, t, u, p, place, place, place) == 1:
                 break
     together(share, board, first + ACTING, int(p[place + PARTS]), t, u, v, p, a)
-
-
-@element
-def bounds(count, part, parts):
-    """Return the first point of a part of `count` points, and the end of the part."""
-    return count * part // parts, count * (part + 1) // parts

@@ -29,7 +29,7 @@ _PARTS, _NEXT, _MASK = 2**16, 1, 2**16 - 1  # a ticket is (job number, parts, ne
 _PATIENCE = 2**20  # looks at the ticket before a thread sleeps: some milliseconds
 
 #: The places of the team in p: the address of the board, or 0; that of p itself, because a copy of p has no team; and
-#: the number of threads that is wanted, or 0 for one on each core.
+#: the number of threads that is wanted.
 BOARD, SELF, WANTED = range(3)
 #: ``share(phase, part, parts, t, u, v, p, a)`` does a part of a job.
 SHARE = none(int64, int64, int64, float64, *[vector_type] * 4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -24,7 +25,7 @@ from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
-from ..stepping.team import alone, cores
+from ..stepping.team import alone
 from ..stepping.watching import further_times
 from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
 from .alone import Alone, Singles
@@ -39,6 +40,11 @@ from .solution import EnsembleSolution
 _ALONE = 16  # members of a piece of work that runs them one at a time
 _PIECES = 4  # of the members with tolerances, for each thread
 _POLL_SECONDS = 0.05  # between two looks for Ctrl-C
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _not_in_lanes(error: Exception) -> str:
@@ -177,7 +183,8 @@ class Run:
         """Run the members to their ends, or until `cancel` is set."""
         try:
             with DeferredInterrupt() as interrupt, Progress(len(self.members), "member", shown=progress) as bar:
-                self._march(_Stop(interrupt, cancel), bar)
+                with alone():
+                    self._march(_Stop(interrupt, cancel), bar)
                 solution = self.solution()
         except BaseException as error:  # raised by rhs, or after Ctrl-C
             with DeferredInterrupt() as again:
@@ -188,10 +195,6 @@ class Run:
         return solution
 
     def _march(self, stop: _Stop, bar: Progress) -> None:
-        with alone():
-            self._march_members(stop, bar)
-
-    def _march_members(self, stop: _Stop, bar: Progress) -> None:
         if self.threads > 1 and len(self.work) > 1:
             self._march_in_threads(stop, bar)
             return

@@ -20,9 +20,8 @@ from ..methods import Method
 from ..result.labels import Labels
 from ..run.progress import check_progress
 from ..stepping.march import Cancel
-from ..stepping.team import cores
 from .files import Directory
-from .here import Run, at_start
+from .here import Run, at_start, cores
 from .members import Members, check_members
 from .named_members import split
 from .options import Options, check_options

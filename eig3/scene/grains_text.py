@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from ..kernels import grains
 from .assembly import Assembly
 from .packing import GrainsBlock, Packing, SwarmBlock, entry
-from .swarm_text import SwarmText
+from .swarm_text import SwarmText, only_if
 
 _NEXT = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the axes that follow
 _FUNCTIONS = ("tension", "shear_stiffness", "shear_damping")
@@ -76,15 +76,13 @@ class GrainsText(SwarmText):
                 "next_firsts[point] = held_count",
                 *self._of_mates(block, [*self._contact(block), *self._hold(block)]),
             ]
-            loop = [*self._all(block, inside)]
-            first = next(k for k, line in enumerate(loop) if line.startswith("stop = "))
-            yield from loop[:first]
+            yield from self._springs(block)
             yield f"side = index({block.place + grains.HEAD + table.size} - {table.size} * kept[{block.place + 1}])"
             yield f"next_firsts = integers(kept, side, {masses + 1})"
             yield f"next_mates = integers(kept, side + {table.mates}, {room})"
             yield f"next_held = floats(kept, side + {table.values}, {grains.VALUES * room})"
             yield "held_count = 0"
-            yield from loop[first:]
+            yield from self._grains_of(block, inside)
             yield f"next_firsts[{masses}] = held_count"
             yield f"kept[{block.place}] = t"
             yield f"kept[{block.place + 1}] = 1.0 - kept[{block.place + 1}]"
@@ -96,6 +94,14 @@ class GrainsText(SwarmText):
 
     def _all(self, block: GrainsBlock, inside: Iterable[str]) -> Iterator[str]:
         """Loop over the grains of a list, with the springs of its table at hand."""
+        yield from self._springs(block)
+        yield from self._grains_of(block, inside)
+
+    def _grains_of(self, block: GrainsBlock, inside: Iterable[str]) -> Iterator[str]:
+        return self._masses(block, [*self._point(block, True), *inside])
+
+    def _springs(self, block: GrainsBlock) -> Iterator[str]:
+        """Refresh the list, and read where it and the table of its springs are."""
         table, room = block.table, block.room
         yield from self._refreshed(block, *_FUNCTIONS)
         for name in ("friction", "near_radius"):
@@ -106,7 +112,6 @@ class GrainsText(SwarmText):
         yield f"held_firsts = integers(kept, side, {block.listing.masses + 1})"
         yield f"held_mates = integers(kept, side + {table.mates}, {room})"
         yield f"held = floats(kept, side + {table.values}, {grains.VALUES * room})"
-        yield from self._points(block, [*self._point(block, True), *inside])
 
     def _of_mates(self, block: GrainsBlock, inside: Iterable[str]) -> Iterator[str]:
         yield "h, h_end = int(held_firsts[point]), int(held_firsts[point + 1])"
@@ -128,7 +133,7 @@ class GrainsText(SwarmText):
         lines += [
             f"{self._spin('a', c, 'j')} += arm_of_mate * q{x} * {self._t('j')}" for c, x in enumerate(self._spins)
         ]
-        return self._where_mass(block, lines)
+        return only_if(self._if_mass(block), lines)
 
     def _contact(self, block: GrainsBlock) -> Iterator[str]:
         """Compute the force between two grains: the tension, and that of the spring along their surfaces."""
@@ -166,7 +171,7 @@ class GrainsText(SwarmText):
         yield f"arm, arm_of_mate = r * ({radii[0]}) / reach, r * ({radii[1]}) / reach"
         yield f"radius = ({radii[0]}) * ({radii[1]}) / reach"
         yield f"mass = {self._w('i')}"
-        yield from self._where_mass(block, [f"j = {self._mass(block, 'mate')}", f"mass += {self._w('j')}"])
+        yield from only_if(self._if_mass(block), [f"j = {self._mass(block, 'mate')}", f"mass += {self._w('j')}"])
         yield "mass = 1 / mass"
 
     def _surfaces(self, block: GrainsBlock) -> Iterator[str]:
@@ -175,7 +180,7 @@ class GrainsText(SwarmText):
             for c, axis in enumerate(self._spins):
                 yield f"{axis}_spin = arm * {self._spin('v', c, 'i')}"
             of_mate = [f"{x}_spin += arm_of_mate * {self._spin('v', c, 'j')}" for c, x in enumerate(self._spins)]
-            yield from self._where_mass(block, of_mate)
+            yield from only_if(self._if_mass(block), of_mate)
         for axis in self._axes:
             turned = f" - ({self._spin_cross(axis)})" if self._spins else ""
             yield f"w{axis} = e{axis} - rate * n{axis}{turned}"
@@ -185,10 +190,6 @@ class GrainsText(SwarmText):
         b, c = _NEXT[axis]
         terms = [f"{b}_spin * n{c}"] * (b in self._spins) + [f"- {c}_spin * n{b}"] * (c in self._spins)
         return " ".join(terms)
-
-    def _where_mass(self, block: GrainsBlock, lines: list[str]) -> list[str]:
-        condition = self._if_mass(block)
-        return [f"if {condition}:", *(f"    {line}" for line in lines)] if condition else lines
 
     def _offered(self, block: SwarmBlock) -> dict[str, str]:
         return super()._offered(block) | {"radius": "radius", "mass": "mass"}

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels import grains, neighbours, shared_forces
+from ..kernels import grains, neighbours
+from ..kernels.shared_forces import add_forces
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
 from .names import identifier, words
@@ -263,7 +264,8 @@ class Packing:
     shear : int or None
         The place of the rate at which it shears; None if it does not.
     team : int or None
-        The place of the team of threads that share the forces between near points; None if the scene is small.
+        The place of the team of threads that share the forces between near points; None if no number of threads is
+        given, or the scene is small.
     """
 
     def __init__(self, assembly: Assembly, threads: int | None) -> None:
@@ -302,7 +304,7 @@ class Packing:
             self._column(inverse(assembly.cloud.inertia[assembly.cloud.masses > 0])) if assembly.angles else None
         )
         is_large = threads is not None and any(block.listing.masses >= _SHARED for block in self.swarms)
-        self.team = self._add(np.array([0, 0, threads or 0])) if is_large else None
+        self.team = self._add(np.array([0, 0, threads])) if is_large else None
         if self.swarms or self.grains:
             views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
             views["batch"] = neighbours.batch
@@ -311,7 +313,7 @@ class Packing:
         if self.grains:
             self.functions |= grains.FUNCTIONS
         if self.team is not None:
-            self.functions |= {"add_forces": shared_forces.add_forces, "bounds": shared_forces.bounds}
+            self.functions |= {"add_forces": add_forces, "bounds": neighbours.bounds}
 
     def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:
         law = self._symbols(Law(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))

@@ -497,14 +497,15 @@ class Scene:
         return list(np.broadcast_arrays(*numbers)) if numbers else []
 
     def _values_of(self, numbers: np.ndarray, values: np.ndarray, angles: bool = False) -> np.ndarray:
-        free, kinds = self._cloud().free, self._cloud().spins.shape[1]
+        cloud = self._cloud()
+        free, kinds = cloud.free, cloud.spins.shape[1]
         if angles and not kinds:
             raise ValueError("no mass of the scene has an inertia, so that none has an angle.")
         if (free[numbers] < 0).any():
             raise ValueError("fixed points have no values in a run; only masses do.")
         count = np.count_nonzero(free >= 0)
         size = values.shape[-1] if values.ndim else 0
-        expected = count * (self.dimension + kinds) + count_states(self._cloud(), self._placements)
+        expected = count * (self.dimension + kinds) + count_states(cloud, self._placements)
         if size != expected:
             raise ValueError(
                 f"values must have {expected} degrees of freedom on the last axis, such as those of "

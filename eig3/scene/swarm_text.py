@@ -40,7 +40,7 @@ class SwarmText:
                 continue
             yield from self._refreshed(block, "tension", "density")
             act = [*self._force(block), *self._on_both(block, self._if_mass(block))]
-            yield from self._points(block, self._forces_on(block, act))
+            yield from self._masses(block, self._forces_on(block, act))
 
     def _stages(self) -> Iterator[str]:
         """Do a part of a stage: the lists of points, or the forces on them."""
@@ -61,16 +61,13 @@ class SwarmText:
         listing = block.listing
         yield f"firsts = integers(kept, {listing.areas.first}, {listing.masses})"
         yield f"low, end = bounds({listing.masses}, part, parts)"
-        yield "for goes_up in range(int(parts == 1), 2):"
-        yield "    stop = low"
-        yield "    while stop < end:"
-        yield "        begin, stop = stop, lists(REACH, 0.0, kept, kept, place, stop, end)"
-        yield "        for point in range(index(begin), index(stop)):"
-        yield "            first, last = (above[point], stops[point]) if goes_up else (firsts[point], above[point])"
+        mates = "first, last = (above[point], stops[point]) if goes_up else (firsts[point], above[point])"
         on_point = [f"{self._at('a', k, 'i')} += f{axis} * {self._w('i')}" for k, axis in enumerate(self._axes)]
         on_both = self._on_both(block, "mate < end")
         act = [*self._force(block), "if goes_up:", *_indented(on_both), "else:", *_indented(on_point)]
-        yield from (f"            {line}" for line in self._forces_on(block, act, "first, last"))
+        inside = [mates, *self._forces_on(block, act, "first, last")]
+        yield "for goes_up in range(int(parts == 1), 2):"
+        yield from _indented(self._points(inside, "low", "end"))
 
     def _forces_on(self, block: SwarmBlock, act: Sequence[str], mates: str = _ABOVE) -> list[str]:
         """Add the forces between a point and its mates."""
@@ -88,7 +85,7 @@ class SwarmText:
                 yield from self._refreshed(block, "potential")
                 offered = self._offered(block)
                 inside = ["r = sqrt(tiny + square)", f"total += {block.law.call('potential', '', offered)}"]
-                yield from self._points(block, [*self._point(block, False), *self._mates(block, inside)])
+                yield from self._masses(block, [*self._point(block, False), *self._mates(block, inside)])
 
     def power(self) -> Iterator[str]:
         """Add the power of the forces without a potential, and of the images in a box that shears."""
@@ -99,7 +96,7 @@ class SwarmText:
                 inside = [*self._length(block, True), f"force = {self._tension(block)}"]
                 inside += ["total -= force * rate"] * loses
                 inside += ["fx = force * inverse * dx", *self._box.power()] if self._box.shears else []
-                yield from self._points(block, [*self._point(block, True), *self._mates(block, inside)])
+                yield from self._masses(block, [*self._point(block, True), *self._mates(block, inside)])
 
     def _refreshed(self, block: SwarmBlock, *functions: str) -> Iterator[str]:
         """Refresh the list, and read what all pairs share."""
@@ -126,12 +123,15 @@ class SwarmText:
     def _time(self) -> str:
         return "t" if self._box.shears else "0.0"
 
-    def _points(self, block: SwarmBlock, inside: Iterable[str]) -> Iterator[str]:
-        """Loop over the masses of the list, which has the pairs of some of them at a time if it has no room for all."""
-        listing = block.listing
-        yield "stop = index(0)"
-        yield f"while stop < {listing.masses}:"
-        yield f"    begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({listing.masses})))"
+    def _masses(self, block: SwarmBlock, inside: Iterable[str]) -> Iterator[str]:
+        """Loop over the masses of a list."""
+        return self._points(inside, "0", str(block.listing.masses))
+
+    def _points(self, inside: Iterable[str], low: str, end: str) -> Iterator[str]:
+        """Loop over some masses of a list, which has the pairs of a few of them at a time if it has no room for all."""
+        yield f"stop = index({low})"
+        yield f"while stop < {end}:"
+        yield f"    begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({end})))"
         yield "    for point in range(begin, stop):"
         yield from (f"        {line}" for line in inside)
 
@@ -201,7 +201,7 @@ class SwarmText:
         """Add the force between two points to both, or to the point only if its mate does not meet the condition."""
         scatter = [f"j = {self._mass(block, 'mate')}"]
         scatter += [f"{self._at('a', k, 'j')} -= f{axis} * {self._w('j')}" for k, axis in enumerate(self._axes)]
-        return [*(f"{axis}_sum += f{axis}" for axis in self._axes), *_only_if(condition, scatter)]
+        return [*(f"{axis}_sum += f{axis}" for axis in self._axes), *only_if(condition, scatter)]
 
     def _length(self, block: SwarmBlock, reads_rate: bool) -> list[str]:
         """Compute the distance of two points, and the rate at which it grows."""
@@ -210,7 +210,7 @@ class SwarmText:
             lines += [f"e{axis} = -{axis}_rate" for axis in self._axes]
             of_mate = [f"j = {self._mass(block, 'mate')}"]
             of_mate += [f"e{axis} += {self._at('v', k, 'j')}" for k, axis in enumerate(self._axes)]
-            lines += [*_only_if(self._if_mass(block), of_mate), *self._box.rate()]
+            lines += [*only_if(self._if_mass(block), of_mate), *self._box.rate()]
             lines.append(f"rate = ({' + '.join(f'd{axis} * e{axis}' for axis in self._axes)}) * inverse")
         return lines
 
@@ -247,7 +247,8 @@ class SwarmText:
         return "w" if self._weight.is_uniform else self._weight.of(i)
 
 
-def _only_if(condition: str, lines: Sequence[str]) -> list[str]:
+def only_if(condition: str, lines: Sequence[str]) -> list[str]:
+    """Return lines that are done on a condition, or always if it is empty."""
     return [f"if {condition}:", *_indented(lines)] if condition else [*lines]
 
 

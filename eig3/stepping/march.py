@@ -246,6 +246,8 @@ class March:
         self._before = self.position()
         end, kernel = self.index + count, self.kernel
         self.ended, self.raised_before = GOING, None
+        if self.system.shares is None:
+            return self._take(end, kernel, every, row, rows, cancels)
         with team(self.system.shares, self.params, count):
             return self._take(end, kernel, every, row, rows, cancels)
 

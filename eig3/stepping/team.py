@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Iterator
@@ -13,7 +12,7 @@ import numpy as np
 
 from ..kernels.compile.jit import compiled
 from ..kernels.compile.numba_internals import address_of
-from ..kernels.shared_forces import MOST
+from ..kernels.neighbours import MOST_PARTS
 from ..kernels.team import BOARD, LEAVE, SELF, SHARE, WANTED, new_board, serve
 
 _WORTH = 100_000  # points times steps, from which on the threads are worth their start, some tenths of a millisecond
@@ -40,11 +39,6 @@ class Shares(NamedTuple):
     size: int
 
 
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 @contextmanager
 def alone() -> Iterator[None]:
     """A block in which runs have one thread each, because the other cores are busy."""
@@ -57,16 +51,16 @@ def alone() -> Iterator[None]:
 
 
 @contextmanager
-def team(shares: Shares | None, params: np.ndarray, steps: int) -> Iterator[None]:
+def team(shares: Shares, params: np.ndarray, steps: int) -> Iterator[None]:
     """A block in which threads share the evaluations of a right-hand side with these parameters, if it pays.
 
     No bit of the results depends on them. If another run of this process has the other cores, this one runs alone.
     """
-    if shares is None or steps * shares.size < _WORTH:
+    if steps * shares.size < _WORTH:
         yield
         return
     place = params[shares.place :]
-    count = min(int(place[WANTED]) or cores(), MOST)
+    count = min(int(place[WANTED]), MOST_PARTS)
     if count == 1 or not _others.acquire(blocking=False):
         yield
         return
