@@ -31,7 +31,7 @@ from numba.types import Array, int32, int64, intp
 
 from .compile.cache import keep_on_disk
 from .compile.jit import KERNEL_OPTIONS, element, outlined
-from .compile.numba_internals import array_over, floats_on_stack, parts_of
+from .compile.numba_internals import array_over, floats_on_stack, parts_of, pickled_by_name
 from .protocol import vector_type
 
 #: The numbers of a list: of its points, of the masses among them (which come first), and of all masses of the scene;
@@ -573,7 +573,7 @@ def lists(task, t, u, p, place, part, parts, d):
 
 def _kept(function: Any) -> Any:
     """Decorate a function that scenes call, and that is kept on the disk."""
-    return keep_on_disk(numba.njit(**KERNEL_OPTIONS)(function))
+    return pickled_by_name(keep_on_disk(numba.njit(**KERNEL_OPTIONS)(function)))
 
 
 @_kept

@@ -71,6 +71,18 @@ def address_of_vector(typingctx, array):  # type: ignore[no-untyped-def]
     return int64(array), codegen
 
 
+@intrinsic
+def out_of_line(typingctx):  # type: ignore[no-untyped-def]
+    """``out_of_line()`` keeps the function that calls it out of its callers, so that it rounds in one way for all."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        builder.function.attributes.discard("alwaysinline")  # of all functions of a scene
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return none(), codegen
+
+
 def _cell(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     return builder.gep(parts_of(context, builder, signature.args[0], args[0]).data, [args[1]])
 

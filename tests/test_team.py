@@ -111,7 +111,7 @@ def test_the_forces_are_those_of_a_small_scene(make, monkeypatch):
     run = shared.integrate(h=1e-3, save_every=100)
     monkeypatch.setattr(packing, "_SHARED", 10**9)
     alone = make().problem((0, 1))
-    assert not hasattr(alone.rhs, "shares")
+    assert not hasattr(alone.rhs.py_func, "shares")
     for k in range(len(run.t)):
         found, expected = np.empty((2, alone.u0.size))
         shared.rhs(run.t[k], run.u[k], run.v[k], shared.params, found)
@@ -192,7 +192,7 @@ def test_a_copy_of_the_parameters_has_no_team():
     stepper = problem.stepper(h=1e-3)
     expected = stepper.fork()
     expected.advance(400)
-    with team.team(problem.rhs.shares, stepper.params, 10), ThreadPoolExecutor(2) as pool:
+    with team.team(problem.rhs.py_func.shares, stepper.params, 10), ThreadPoolExecutor(2) as pool:
         forks = [stepper.fork() for _ in range(2)]
         list(pool.map(lambda fork: fork.advance(400), forks))
     for fork in forks:

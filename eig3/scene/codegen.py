@@ -74,7 +74,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> tuple[Any, Any, 
     source.events()
     functions = _functions(str(source), tuple(packing.functions.items()))
     if packing.team is not None:
-        functions["rhs"].shares = Shares(functions["share"], packing.team, assembly.n)
+        functions["rhs"].py_func.shares = Shares(functions["share"], packing.team, assembly.n)
     if packing.grains:
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
     found: dict[str, Event] = {}

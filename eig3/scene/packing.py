@@ -10,6 +10,7 @@ import numpy as np
 
 from ..kernels import grains, neighbours
 from ..kernels.shared_forces import add_forces
+from ..kernels.team import out_of_line
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
 from .names import identifier, words
@@ -313,7 +314,7 @@ class Packing:
         if self.grains:
             self.functions |= grains.FUNCTIONS
         if self.team is not None:
-            self.functions |= {"add_forces": add_forces, "bounds": neighbours.bounds}
+            self.functions |= {"add_forces": add_forces, "bounds": neighbours.bounds, "out_of_line": out_of_line}
 
     def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:
         law = self._symbols(Law(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))

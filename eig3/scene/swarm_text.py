@@ -44,6 +44,7 @@ class SwarmText:
 
     def _stages(self) -> Iterator[str]:
         """Do a part of a stage: the lists of points, or the forces on them."""
+        yield "out_of_line()"
         for number, block in enumerate(self._swarms):
             first, functions = number * STAGES, ("tension", "density")
             for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")):

@@ -123,7 +123,7 @@ class System:
         self.events: Mapping[str, Event] = check_events(events)
         self._checked: list[tuple[tuple, Callback]] = []
         self.callback = self._check(rhs, "rhs", form)
-        self.shares: Shares | None = getattr(rhs, "shares", None)
+        self.shares: Shares | None = getattr(getattr(rhs, "py_func", rhs), "shares", None)
         if method.jacobian is not None:
             self._check(method.jacobian, "jacobian", form)
         self.event_callbacks = [self._check_event(name, event) for name, event in self.events.items()]

@@ -9,9 +9,11 @@ methods of jitted functions, such as `recompile`.
 from __future__ import annotations
 
 import functools
+import importlib
 import itertools
 import operator
 import re
+import sys
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -149,7 +151,30 @@ class _LinkedCompiler(Compiler):
 _WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
-class _LinkedFunction(CPUDispatcher):
+class _NamedFunction(CPUDispatcher):
+    """A jitted function of a module, which is pickled by its name, as Python's functions are.
+
+    Numba would pickle its code without its options and its cache. Then functions that call it would round differently
+    in another process.
+    """
+
+    def __reduce__(self) -> Any:
+        module, name = self.py_func.__module__, self.py_func.__qualname__
+        is_found = getattr(sys.modules.get(module), name, None) is self
+        return (_named, (module, name)) if is_found else super().__reduce__()
+
+
+def _named(module: str, name: str) -> Any:
+    return getattr(importlib.import_module(module), name)
+
+
+def pickled_by_name(function: Jitted) -> Jitted:
+    """Let a jitted function of a module be pickled by its name, and return the function."""
+    function.__class__ = _NamedFunction
+    return function
+
+
+class _LinkedFunction(_NamedFunction):
     """A jitted function that compiled functions link. For calls from Python, it is compiled once more, as a whole."""
 
     @functools.cached_property
