@@ -7,7 +7,9 @@ The probes load one file of the library, and need nothing else of it. So where t
 import ast
 import ctypes
 import operator
+import pickle
 import re
+import sys
 from contextlib import contextmanager
 from importlib.metadata import version
 from importlib.util import module_from_spec, spec_from_file_location
@@ -211,6 +213,18 @@ def test_a_function_that_is_linked():
         assert "cfunc" in plain
         assert "cpython" not in bare
         assert "cfunc" not in bare
+
+
+def test_functions_that_are_pickled_by_name(monkeypatch):
+    with probe("Numba does not pickle a jitted function by `__reduce__` of its class"):
+        named = internals.pickled_by_name(numba.njit(double))
+        monkeypatch.setitem(globals(), "double", named)
+        monkeypatch.setitem(sys.modules, internals.__name__, internals)
+        assert pickle.loads(pickle.dumps(named)) is named
+        caller = internals.cloudpickle.dumps(numba.njit(lambda x: named(x)))
+        assert b"_named" in caller
+        hidden = internals.pickled_by_name(numba.njit(lambda x: x))
+        assert pickle.loads(pickle.dumps(hidden))(2.0) == 2.0
 
 
 def test_arrays_that_do_not_overlap():

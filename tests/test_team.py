@@ -1,7 +1,8 @@
 """Threads that share the forces of a scene: they change no bit, and a run does not depend on their being there."""
 
+import multiprocessing
 import threading
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -178,6 +179,18 @@ def test_an_exception_of_a_part_is_that_of_the_run(last):
             problem.integrate(h=1e-3)
         assert 0.02 < caught.value.solution.t[-1] < 0.1
     problem.with_(v0=0 * problem.v0).integrate(h=1e-3)
+
+
+def _integrated_by_threads(problem):
+    return problem.integrate(h=1e-3).u, problem.rhs.py_func.shares.size
+
+
+def test_a_spawned_process_finds_the_same_bits():
+    problem = damped().problem((0.0, 0.8), threads=3)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        u, size = pool.submit(_integrated_by_threads, problem).result()
+    assert size == 150
+    np.testing.assert_array_equal(u, problem.integrate(h=1e-3).u)
 
 
 def test_a_run_does_not_wait_for_threads_that_never_come(monkeypatch):
