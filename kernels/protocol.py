@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
 from numba import types
 from numba.extending import intrinsic
 from numba.types import Array, float64, int64, none
@@ -321,6 +322,12 @@ VECTOR = Form(
     state=matrix_type,
     calls={},
 )
+
+
+@element
+def index(x):
+    """Convert a number to an index. It is unsigned, so that the compiler omits the test for negative indices."""
+    return np.int64(np.uint32(x))
 
 
 @intrinsic

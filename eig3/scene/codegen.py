@@ -27,8 +27,8 @@ from ..functions.callbacks import cached_jit, jit
 from ..functions.events import Event
 from ..functions.families import Family
 from ..functions.history import History
-from ..kernels.compile.jit import element
 from ..kernels.compile.source import define
+from ..kernels.protocol import index
 from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .box_text import BoxText
@@ -42,12 +42,6 @@ _BODY, _LINK = FORCES[:2], FORCES[2:4]
 _TINY = (
     2.0**-1000
 )  # added under a root to avoid a division by 0 where points coincide; too small to change other values
-
-
-@element
-def index(x):  # type: ignore[no-untyped-def]
-    """Convert a number in p to an index. It is unsigned, so that the compiler omits the test for negative indices."""
-    return np.int64(np.uint32(x))
 
 
 @cached_jit
