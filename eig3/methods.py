@@ -54,6 +54,8 @@ class Method:
         Whether the steps add random numbers. The commands and `eig3.plan` do not compare such a method with others.
     jacobian : jitted function or None
         df/dv, for a method that can use it.
+    second : str
+        The kind of the second callback, if the method has another one than a jacobian.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class Method:
     ignores_velocity: ClassVar[bool] = False
     is_stochastic: ClassVar[bool] = False
     jacobian: Callable | None = None
+    second: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
         if not isinstance(vars(cls).get("name"), str):
@@ -106,6 +109,19 @@ class Method:
 
     def for_force(self, reads_velocity: bool, n: int) -> "Method":
         """Return the record that takes the steps for n degrees of freedom, with every option "auto" decided."""
+        return self
+
+    def with_constraints(self) -> "Method":
+        """Return the record that takes the steps if the right-hand side has constraints.
+
+        By default the steps are the same: the accelerations know the constraints, and the state is projected after each
+        step.
+
+        Raises
+        ------
+        ValueError
+            If there is none.
+        """
         return self
 
     def fallback(self, n: int) -> "Method | None":
@@ -186,6 +202,10 @@ class EIG3(_MayIgnoreVelocity):
     def variable(self) -> str:  # type: ignore[override]
         return "eig3_variable" if self.settings == (1.0, 0.5) else ""
 
+    def with_constraints(self) -> Method:
+        explicit = dataclasses.replace(self, velocity="explicit")
+        return _EIG3WithConstraints() if self.settings == (1.0, 0.5) else explicit
+
     @property
     def order(self) -> int:  # type: ignore[override]
         return 2 if self.beta == 0.5 else 1
@@ -193,6 +213,17 @@ class EIG3(_MayIgnoreVelocity):
     @property
     def settings(self) -> tuple[float, ...]:
         return float(self.alpha), float(self.beta)
+
+
+@dataclass(frozen=True)
+class _EIG3WithConstraints(EIG3):
+    """EIG-3 (1, 1/2) with accelerations that do not know the constraints, and multipliers that keep them."""
+
+    second: ClassVar[str] = "leap"
+
+    @property
+    def kernel(self) -> str:  # type: ignore[override]
+        return "eig3.kernels.methods.eig3_constrained"
 
 
 @dataclass(frozen=True, repr=False)
@@ -291,6 +322,9 @@ class CentralDifference(Method):
     @property
     def _solver_is_open(self) -> bool:
         return self.is_implicit and self.solver == "auto" and self.jacobian is None
+
+    def with_constraints(self) -> Method:
+        raise ValueError("method 'cd' has no steps with constraints: take 'eig3', which has the same u, or 'rk4'.")
 
     def without_velocity(self) -> Method:
         return dataclasses.replace(self, velocity="none", jacobian=None)

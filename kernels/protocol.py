@@ -138,7 +138,8 @@ class Follow(NamedTuple):
     parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the end of the part, else 0.0: that
     of a part is row part % PARTS. A part ends with a step index, and is longer by a fifth than those before together.
 
-    `advance` is the address of the function that changes what p remembers, after each step, or 0.
+    `advance` is the address of the function that changes what p remembers, after each step, or 0; and `project` that of
+    the function that moves the state to the nearest one which keeps the constraints, before all else.
     """
 
     table: Any
@@ -149,6 +150,7 @@ class Follow(NamedTuple):
     forward: Any
     most: Any
     advance: int = 0
+    project: int = 0
 
 
 class Within(NamedTuple):
@@ -197,12 +199,12 @@ class At(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arguments of a method that solves equations: the tally, for n degrees of freedom an n x n matrix, and the
-    jacobian or None."""
+    """Arguments of a method that solves equations: the tally, for n degrees of freedom an n x n matrix, and its second
+    callback, such as a jacobian, or None."""
 
     tally: Any
     matrix: Any
-    jacobian: Any
+    callback: Any
 
 
 vector_type, matrix_type = Array(float64, 1, "C"), Array(float64, 2, "C")
@@ -214,7 +216,7 @@ _vector, _matrix = vector_type, matrix_type
 
 #: The types of the records. They hold matrices in each form; for one degree of freedom, these have one column.
 WATCH = types.NamedTuple((_integers, _matrix, _vector, _vector, *[_matrix] * 4), Watch)
-FOLLOW = types.NamedTuple((_integers, _vector, _matrix, _matrix, _parts_type, _matrix, _vector, int64), Follow)
+FOLLOW = types.NamedTuple((_integers, _vector, _matrix, _matrix, _parts_type, _matrix, _vector, int64, int64), Follow)
 WITHIN_STEP = types.NamedTuple(
     (_vector, _matrix, _vector, _vector, _matrix, _vector, _vector, _matrix, _matrix), Within
 )
@@ -234,7 +236,8 @@ SPAN = types.NamedTuple(
 class Form:
     """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom.
 
-    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. A kernel
+    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. A `leap`
+    changes u, v and the drift: it is a step of EIG-3 with constraints, for which there is no scalar form. A kernel
     has rows of n values also for one degree of freedom: `calls` has an element that calls a function of each kind of
     the scalar form with rows.
     """
@@ -245,6 +248,7 @@ class Form:
     invariant: Any
     apply: Any
     output: Any
+    leap: Any
     state: Any
     calls: Mapping[str, Any]
 
@@ -303,6 +307,7 @@ SCALAR = Form(
     invariant=float64(float64, float64, float64, _given),
     apply=types.UniTuple(float64, 2)(float64, float64, float64, _given),
     output=none(float64, float64, float64, _given, vector_type),
+    leap=None,
     state=vector_type,
     calls={
         "rhs": acceleration_of_one,
@@ -319,6 +324,7 @@ VECTOR = Form(
     invariant=float64(float64, _given, _given, _given),
     apply=none(float64, vector_type, vector_type, _given),
     output=none(float64, _given, _given, _given, vector_type),
+    leap=none(float64, float64, vector_type, vector_type, vector_type, _given),
     state=matrix_type,
     calls={},
 )

@@ -1,4 +1,4 @@
-"""What a right-hand side remembers of its run, such as the springs between grains that stick to each other."""
+"""What belongs to a right-hand side besides its accelerations: a history, and constraints."""
 
 from __future__ import annotations
 
@@ -20,6 +20,26 @@ class History(NamedTuple):
 
     begin: Any
     advance: Any
+
+
+class Constraints(NamedTuple):
+    """Two compiled functions that keep the constraints of a right-hand side, whose accelerations know them.
+
+    Attributes
+    ----------
+    project : jitted function
+        A function of (t, u, v, p), which returns a number and moves u and v to the nearest state that keeps them.
+    leap : jitted function
+        A step of EIG-3 by accelerations that do not know them: see `eig3.kernels.constraints.leap`.
+    """
+
+    project: Any
+    leap: Any
+
+
+def constraints_of(rhs: Any) -> Constraints | None:
+    """Return the constraints of a right-hand side, or None. They travel as its history does."""
+    return getattr(getattr(rhs, "py_func", None), "constraints", None)
 
 
 def history_of(rhs: Any) -> History | None:

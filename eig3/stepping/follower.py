@@ -40,11 +40,13 @@ class Followed:
         The number of values of all quantities.
     advance : int
         The address of the function that advances the history of a right-hand side, or 0.
+    project : int
+        The address of the function that moves a state to the nearest one which keeps the constraints, or 0.
     """
 
-    def __init__(self, functions: Functions, form: Form, advance: int = 0) -> None:
+    def __init__(self, functions: Functions, form: Form, advance: int = 0, project: int = 0) -> None:
         invariants, outputs = functions.quantities(form)
-        self.advance = advance
+        self.advance, self.project = advance, project
         self.functions = functions
         self.quantities: list[Quantity] = [*invariants.values(), *outputs.values()]
         self.invariants = {name: k for k, name in enumerate(invariants)}
@@ -64,6 +66,11 @@ class Followed:
         self._out_size = size
         self._places: dict[int, tuple[int, list[tuple[int, int, tuple[int, ...]]]]] = {}
         self._idle: dict[int, Follower] = {}
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether a run does something after each step."""
+        return bool(self.quantities or self.advance or self.project)
 
     def follower(self, n: int) -> Follower:
         """Return a follower for a run. Runs without quantities share one for each n, in which nothing changes."""
@@ -171,7 +178,7 @@ class Follower:
     def record(self) -> Follow:
         """The arguments of the kernel."""
         arrays = self.table, self.out, self.widest, self.steps, self.parts, self.forward, self.most
-        return Follow(*arrays, self.followed.advance)
+        return Follow(*arrays, self.followed.advance, self.followed.project)
 
     def fork(self) -> Follower:
         """Return an independent copy, which saves no values."""

@@ -299,9 +299,14 @@ _NONE = np.empty(0)
 def _kernel(system: System, method: Method, n: int) -> Kernel:
     """Compile the kernel of a record for n degrees of freedom, or load it."""
     running = method.for_force(system.callback.reads_velocity, n)
+    if system.leap:
+        running = running.with_constraints()
     formulas, form = running.formulas, system.form
     check_workspace(running, n)
-    jacobian = running.jacobian and check_callback(running.jacobian, "jacobian", form)
+    second = "jacobian" if running.jacobian else running.second
+    addresses = {"": None, "leap": system.leap}
+    if running.jacobian:
+        addresses["jacobian"] = check_callback(running.jacobian, "jacobian", form).address
     settings = np.array(running.settings, dtype=np.float64)
     order, looks = system.method.order, system.looks
     if system.inline:
@@ -310,6 +315,6 @@ def _kernel(system: System, method: Method, n: int) -> Kernel:
         call = inlined(make, (formulas, literal, looks), form, system.rhs, running.jacobian, system.followed.quantities)
         callbacks: tuple = ()
     else:
-        call = fixed.kernel(formulas, order, form, n, looks=looks, takes_jacobian=jacobian is not None)
-        callbacks = system.callback.address, jacobian and jacobian.address
+        call = fixed.kernel(formulas, order, form, n, looks=looks, second=second)
+        callbacks = system.callback.address, addresses[second]
     return Kernel(running, formulas, formulas.state_rows(n), call, callbacks, settings, (formulas, n, system.inline))

@@ -10,9 +10,11 @@ import numpy as np
 from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_flag
 from ..functions.events import Event, check_events
-from ..functions.history import history_of
+from ..functions.history import constraints_of, history_of
 from ..functions.layout import bound_layout
 from ..functions.quantities import Functions
+from ..kernels.compile.jit import compiled
+from ..kernels.compile.numba_internals import address_of
 from ..kernels.protocol import FOLLOWS, SEARCHES, Form
 from ..methods import Method
 from ..result.labels import Labels
@@ -83,6 +85,8 @@ class System:
         What a kernel needs of the events; see `eig3.kernels.protocol.Watch`.
     history : list of Callback or None
         The functions of the history of the right-hand side, if it has one.
+    leap : int or None
+        The address of the step of EIG-3 with the constraints of the right-hand side, if it has some.
     followed : Followed
         The quantities, compiled.
     looks : int
@@ -118,8 +122,8 @@ class System:
     ) -> None:
         self.labels, self.integrals, self.layout = labels, integrals, bound_layout(rhs)
         self.rhs, self.form, self.method, self.functions = rhs, form, method, functions
-        history = history_of(rhs)
-        self.inline = check_flag(inline, "inline") and history is None
+        history, constraints = history_of(rhs), constraints_of(rhs)
+        self.inline = check_flag(inline, "inline") and history is None and constraints is None
         self.events: Mapping[str, Event] = check_events(events)
         self._checked: list[tuple[tuple, Callback]] = []
         self.callback = self._check(rhs, "rhs", form)
@@ -133,10 +137,14 @@ class System:
         ]
         self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 4)
         self.history = history and [self._check(function, "invariant", form) for function in history]
-        self.followed = Followed(functions, form, self.history[1].address if self.history else 0)
+        self.leap = constraints and address_of(compiled(constraints.leap, form.leap.args))
+        project = constraints and self._check(constraints.project, "invariant", form)
+        self.followed = Followed(
+            functions, form, self.history[1].address if self.history else 0, project.address if project else 0
+        )
         for quantity in self.followed.quantities:
             self._checked.append(((quantity.function, quantity.kind, form, quantity.name), quantity.callback))
-        self.looks = SEARCHES if has_times or self.events else FOLLOWS if self.followed.quantities or history else 0
+        self.looks = SEARCHES if has_times or self.events else FOLLOWS if self.followed.is_needed else 0
         self.pace = {} if self.looks else self.callback.pace
         self.ignores_velocity = method.ignores_velocity
         self.kernels: dict[Any, Kernel] = {}

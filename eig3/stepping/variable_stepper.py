@@ -183,7 +183,8 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
         call = inlined(make, (module, literal, looks), form, system.rhs, None, system.followed.quantities)
         callbacks: tuple = ()
     else:
-        call, callbacks = variable.kernel(module, form, n, looks=looks), (system.callback.address, None)
+        call = variable.kernel(module, form, 0 if system.leap else n, looks=looks)
+        callbacks = system.callback.address, None
     return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NO_SETTINGS, (module, n, system.inline))
 
 

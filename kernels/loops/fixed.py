@@ -55,7 +55,7 @@ from ..protocol import (
     vector_type,
 )
 from .events import quiet
-from .follow import end_part, functions, inline_functions, no_history, save, widen_all
+from .follow import end_part, functions, inline_functions, no_history, no_projection, save, widen_all
 from .formulas import Formulas, nothing
 from .march import FOUND, THROUGH, copy_two, march, settle, write
 from .pair import U_END, V_END, A
@@ -76,7 +76,7 @@ def fixed(callbacks, state, settings, tally, steps, look):
     """
     n = N if N > 0 else state.shape[1]
     f = RHS(callbacks)
-    c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], JACOBIAN(callbacks)))
+    c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], SECOND(callbacks)))
     kept = ROWS_OF(state, OWN_ROWS)
     if IS_CHECKED > 0:
         for row in range(CARRIED, OWN_ROWS):
@@ -142,6 +142,8 @@ def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
             if outcome != PASSED:
                 t = tally[TIME] if outcome > RESET else t
                 copy_two(y[0], y[1], pair[U_END], pair[V_END], n)
+                if STACKED == 0:
+                    PROJECT(follow, t, y[0], y[1], p)
                 START_ANEW(f, t, y, steps.h, p, n, pair[A])
                 tally[EVALUATIONS] += 1
                 tally[ANEW] = i
@@ -186,7 +188,7 @@ def stack_step(f, at, y, c, n):
     return y, success
 
 
-def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: int, takes_jacobian: bool = False) -> Any:
+def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: int, second: str = "") -> Any:
     """Compile the kernel of a method for callbacks given as addresses, or load it from the disk.
 
     The scalar form has a kernel with its rows in registers. Without a look, two degrees of freedom have a kernel of
@@ -196,7 +198,7 @@ def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: int, take
     The kernel of a method outside this package is compiled in each process: its formulas may use other files, and a
     change of these would go unnoticed.
 
-    The kernel is called as ``kernel((rhs, jacobian or None), state, settings, tally, steps, look)``, and returns the
+    The kernel is called as ``kernel((rhs, second or None), state, settings, tally, steps, look)``, and returns the
     number of steps that it took, the next row to write, and how it ended: GOING after all steps, FAILED if a solve
     failed, FULL, or an outcome of an event.
 
@@ -210,21 +212,21 @@ def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: int, take
         Number of degrees of freedom.
     looks : int
         0 if the argument `look` is None, or one of `FOLLOWS` and `SEARCHES`, which say for what the kernel uses it.
-    takes_jacobian : bool
-        Whether the second callback is an address.
+    second : str
+        The kind of the second callback, such as "jacobian"; empty if there is none.
     """
     has_own = form is SCALAR or (n == 2 and not looks)
-    return _kernel(method, order if looks == SEARCHES else 0, form, n if has_own else 0, looks, takes_jacobian)
+    return _kernel(method, order if looks == SEARCHES else 0, form, n if has_own else 0, looks, second)
 
 
 @functools.cache
-def _kernel(method: Formulas, order: int, form: Form, n: int, looks: int, takes_jacobian: bool) -> Any:
-    parts = (method.label, form.name, str(n), f"look{looks}", *["jacobian"] * takes_jacobian)
-    callbacks, shared = pointer_callbacks(form, takes_jacobian)
+def _kernel(method: Formulas, order: int, form: Form, n: int, looks: int, second: str) -> Any:
+    parts = (method.label, form.name, str(n), f"look{looks}", *[second] * bool(second))
+    callbacks, shared = pointer_callbacks(form, second)
     seen = functions(form)
     names = {**shared, "N": n, "STACKED": int(form is SCALAR)}
     names |= {"EVALUATE": seen.evaluate, "WIDEN": widen_all, "QUANTITY": seen.first, "MAY_BE_ONLY": 1}
-    names["ADVANCE_HISTORY"] = seen.advance
+    names["ADVANCE_HISTORY"], names["PROJECT"] = seen.advance, seen.project
     return _compile(method, order, form, callbacks, names, looks, "_".join(parts) if method.is_own else "")
 
 
@@ -257,7 +259,8 @@ def inline_kernel(
     is_stacked = n <= STACKED_DEGREES
     names |= {"N": n if is_stacked else 0, "STACKED": int(is_stacked)}
     names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
-    names["ADVANCE_HISTORY"] = no_history  # a right-hand side with a history is called at its address
+    # a right-hand side with a history, or with constraints, is called at its address
+    names["ADVANCE_HISTORY"], names["PROJECT"] = no_history, no_projection
     names["MAY_BE_ONLY"] = int([width for _, width in quantities] == [0])
     if names["MAY_BE_ONLY"]:
         only = form.with_rows("invariant", quantities[0][0])
@@ -274,10 +277,11 @@ def wide_kernel(method: Formulas, looks: int) -> Any:
     """
     if looks == 0 and not has_wide_vectors():
         return kernel(method, 0, VECTOR, 0, looks=0)
-    callbacks, shared = pointer_callbacks(VECTOR, False)
+    callbacks, shared = pointer_callbacks(VECTOR)
     formulas = method.names(VECTOR)
     names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}, "N": 0, "STACKED": 0}
-    names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing, "MAY_BE_ONLY": 0, "ADVANCE_HISTORY": no_history}
+    names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing, "MAY_BE_ONLY": 0}
+    names |= {"ADVANCE_HISTORY": no_history, "PROJECT": no_projection}
     with wide_vectors():
         return _compile(method, 0, VECTOR, callbacks, names, looks, f"{method.label}_wide_{looks}" * method.is_own)
 
@@ -287,6 +291,7 @@ def _compile(
 ) -> Any:
     names["STACK_ROWS"] = stack_cells if form is SCALAR else stack_rows
     names = {**method.names(form), **names, "LOOKS": looks}
+    names["PROJECT_STEP"] = no_projection if method.keeps_constraints else names["PROJECT"]
     if names["STACKED"]:
         for name in {"STEP", "START_STEP"} & names.keys():
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
@@ -302,15 +307,15 @@ def _compile(
 
 
 @functools.cache
-def pointer_callbacks(form: Form, takes_jacobian: bool) -> tuple[Any, Mapping[str, Any]]:
+def pointer_callbacks(form: Form, second: str = "") -> tuple[Any, Mapping[str, Any]]:
     """Return the type of the argument `callbacks` of a kernel, and the functions that take the callbacks out of it."""
-    rhs_at, jacobian_at = form.at("rhs"), form.at("jacobian")
+    rhs_at, second_at = form.at("rhs"), form.at(second) if second else None
     names = {
         "RHS": element(lambda callbacks: rhs_at(callbacks[0])),
         "ADDRESS": element(lambda callbacks: callbacks[0]),
-        "JACOBIAN": element((lambda callbacks: jacobian_at(callbacks[1])) if takes_jacobian else no_jacobian),
+        "SECOND": element((lambda callbacks: second_at(callbacks[1])) if second else no_second),
     }
-    return Tuple((int64, int64 if takes_jacobian else none)), MappingProxyType(names)  # which all kernels share
+    return Tuple((int64, int64 if second else none)), MappingProxyType(names)  # which all kernels share
 
 
 def inline_callbacks(form: Form, rhs: Any, jacobian: Any) -> tuple[Any, dict[str, Any]]:
@@ -324,10 +329,10 @@ def inline_callbacks(form: Form, rhs: Any, jacobian: Any) -> tuple[Any, dict[str
     names = {
         "RHS": element(lambda callbacks: rhs),
         "ADDRESS": element(lambda callbacks: address),
-        "JACOBIAN": element((lambda callbacks: jacobian) if jacobian else no_jacobian),
+        "SECOND": element((lambda callbacks: jacobian) if jacobian else no_second),
     }
     return Tuple(()), names
 
 
-def no_jacobian(callbacks):
+def no_second(callbacks):
     return None

@@ -53,6 +53,17 @@ def advance_history(follow, t, u, v, p):
         RETURNED(follow.advance)(t, u, v, p)
 
 
+def project_state(follow, t, u, v, p):
+    """Move a state that a step or an event has reached to the nearest one which keeps the constraints."""
+    if follow.project != 0:
+        RETURNED(follow.project)(t, u, v, p)
+
+
+@element
+def no_projection(follow, t, u, v, p):
+    """The `project_state` of kernels for states that keep the constraints, or have none."""
+
+
 @element
 def no_history(follow, t, u, v, p):
     """The `advance_history` of kernels for right-hand sides without a history."""
@@ -162,7 +173,7 @@ def functions(form: Form) -> SimpleNamespace:
     """Return the elements `evaluate(follow, t, u, v, p)` and `evaluate_one(follow, k, t, u, v, p)` for one form.
 
     ``first(follow)`` is the function of the first quantity, if it returns its value. ``advance(follow, t, u, v, p)`` is
-    `advance_history`.
+    `advance_history`, and ``project(follow, t, u, v, p)`` is `project_state`.
     """
     returned_at = form.at("invariant")
     named = {"RETURNED": returned_at, "WRITTEN": form.at("output")}
@@ -170,7 +181,8 @@ def functions(form: Form) -> SimpleNamespace:
     one = element(bound(evaluate_one, named))
     every = element(bound(evaluate_all, {"EVALUATE_ONE": one}))
     advance = element(bound(advance_history, named))
-    return SimpleNamespace(evaluate=every, evaluate_one=one, first=first, advance=advance)
+    project = element(bound(project_state, named))
+    return SimpleNamespace(evaluate=every, evaluate_one=one, first=first, advance=advance, project=project)
 
 
 def inline_functions(form: Form, quantities: tuple) -> tuple[Any, Any]:

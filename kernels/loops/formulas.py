@@ -75,6 +75,7 @@ class Formulas:
         self.label = "_".join([module.__name__, *map(str, arguments)])
         self.past: int = getattr(defined, "PAST", 0)
         self.matrix: bool = getattr(defined, "MATRIX", False)
+        self.keeps_constraints: bool = getattr(defined, "KEEPS_CONSTRAINTS", False)
         self.turn: int = getattr(defined, "TURN", 6)
         self.start: Callable = getattr(defined, "start", None) or _start_at_zero(self.past)
         starter = getattr(defined, "START", None)

@@ -58,6 +58,8 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
         t = steps.t0 + i * steps.h
         if LOOKS > 0:
             complete(y, c, steps.h, n)
+            if STACKED == 0:
+                PROJECT_STEP(look.follow, t, y[0], y[1], steps.p)
             if LOOKS == SEARCHES:
                 u, v = y[0], y[1]
                 if N > 1 and STACKED > 0:  # rows whose address a function gets cannot be registers

@@ -133,6 +133,8 @@ def variable(callbacks, state, settings, tally, span, look):
                 tally[SILENT_STEP], tally[SILENT_END] = step, t_end
         was_rejected = False
         outcome, s, t_stop = PASSED, 1.0, t_end
+        if LOOKS > 0 and N == 0:
+            PROJECT(look.follow, t_end, u_end, v_end, p)
         if LOOKS > 0:
             is_known = follows
             if LOOKS == SEARCHES:
@@ -171,6 +173,8 @@ def variable(callbacks, state, settings, tally, span, look):
                 row += 1
             for j in range(n):
                 u[j], v[j] = u_there[j], v_there[j]
+            if N == 0:
+                PROJECT(follow, t_stop, u, v, p)
             f(t_stop, u, v, p, y[A])
             RESTART(y, n)
             tally[EVALUATIONS] += 1
@@ -242,7 +246,7 @@ def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
         `eig3.kernels.loops.pair`.
     form : Form
     n : int
-        Number of degrees of freedom.
+        Number of degrees of freedom; 0 for a kernel that serves every number.
     looks : int
         0 if the argument `look` is None, or one of `FOLLOWS` and `SEARCHES`, which say for what the kernel uses it.
     """
@@ -251,7 +255,7 @@ def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
 
 @functools.cache
 def _kernel(module: str, form: Form, n: int, looks: int) -> Any:
-    callbacks, names = pointer_callbacks(form, takes_jacobian=False)
+    callbacks, names = pointer_callbacks(form)
     return _compile(module, form, callbacks, {**names, "N": n}, looks, f"{module}_{form.name}_{n}_look{looks}")
 
 
@@ -287,6 +291,7 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         "IS_QUIET": quiet(form),
         "EVALUATE": following(form).evaluate,
         "ADVANCE_HISTORY": following(form).advance,
+        "PROJECT": following(form).project,
         "WIDEN": widen_all,
         **names,
     }

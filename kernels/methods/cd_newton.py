@@ -41,7 +41,7 @@ def step(f, at, y, c, n):
         u_next[j], w_next[j] = move(u[j], v[j], w[j], at.h)
         v_next[j] = v[j]
     scratch = a, perturbed, residual, row_swaps, column_swaps
-    if not solve(f, c[2].jacobian, at.t + at.h, u_next, v_next, w_next, scratch, c, at.h, at.p, n):
+    if not solve(f, c[2].callback, at.t + at.h, u_next, v_next, w_next, scratch, c, at.h, at.p, n):
         return y, False  # rows u, v and w still hold the last good state
     return (u_next, v_next, w_next, u, v, w, a, perturbed, residual, row_swaps, column_swaps), True
 
@@ -52,7 +52,7 @@ def step_of_one(f, at, y, c, n):
 
     It is a twin: `step` would compile in up to twice the time for it, and its round-off would change the last digits.
     """
-    return solve_one(f, c[2].jacobian, at, y, c)
+    return solve_one(f, c[2].callback, at, y, c)
 
 
 @element
