@@ -87,6 +87,9 @@ class Problem:
     view : callable, optional
         What `animate` shows: ``view(figure, film)`` draws what stays on a matplotlib figure, and returns ``show(i)``,
         which moves the drawing to frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
+    outputs : dict
+        Outputs that a run can follow, such as the reactions of constraints: give them, or some of them, to `integrate`
+        as its `outputs`.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Problem:
     integrals: tuple[str, ...] = ()
     events: Mapping[str, Event] = field(default_factory=dict)
     view: View | None = None
+    outputs: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_names(self.integrals, "integrals")

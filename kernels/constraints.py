@@ -23,13 +23,15 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
 from numba.types import Array, int32, int64, intp
 
-from .compile.jit import element
-from .compile.numba_internals import array_over, parts_of
+from .compile.cache import keep_on_disk
+from .compile.jit import KERNEL_OPTIONS, element
+from .compile.numba_internals import array_over, parts_of, pickled_by_name
 from .neighbours import floats
 from .protocol import index, vector_type
 
@@ -61,13 +63,13 @@ class Areas(NamedTuple):
     parts : array of floats
         The factor of the arm in each entry.
     scales, targets, target_rates, target_curvatures : array of a float for each row
-        s, and c with its derivatives.
+        s, which is 0 for a constraint of its own, and c with its derivatives.
     values, multipliers, pivots : array of a float for each row
         phi, l, and the inverses of D.
     profile : array of floats
         S or L, row by row.
-    before, ways, forces, factored : array of d n floats
-        Scratch, and the u for which S is factorised.
+    before, ways, forces, factored : array of floats
+        Scratch for a value for each degree of freedom, and the u for which S is factorised.
     begins, points : array of int
         Where the points of each arm begin, and these points.
     first_arms, second_arms : array of int
@@ -150,8 +152,8 @@ def nothing_of_its_own(task, t, u, v, p):
     """Do nothing: the scene has no constraint of its own, and no target that depends on the time.
 
     Other functions in this place write to areas of p. At the task PLACE, they write the targets, and the values and
-    the gradients of constraints of their own; at the task SPEED, the derivatives of the targets, where phi depends on
-    the time through `scales`, and the curvature v . phi_uu . v, with what else of phi'' is no acceleration.
+    the gradients of constraints of their own. At the task SPEED, they write the derivatives of the targets, and the
+    curvatures v . phi_uu . v of constraints of their own into the values.
     """
 
 
@@ -180,12 +182,12 @@ def product(x, first, y, second, d):
 def evaluate(own, t, u, p, place, c, n, rows, d):
     """Write phi, and what the gradients need; return the largest |phi|, or infinity if one is NaN."""
     sum_up(u, c, n, int(p[place + SUMS]), True, c.arms, d)
-    for k in range(rows):
-        both = product(c.arms, index(c.first_arms[k]), c.arms, index(c.second_arms[k]), d)
-        c.values[k] = c.scales[k] * (both - c.targets[k])
     own(PLACE, t, u, u, p)
     worst = 0.0
     for k in range(rows):
+        if c.scales[k] != 0:
+            both = product(c.arms, index(c.first_arms[k]), c.arms, index(c.second_arms[k]), d)
+            c.values[k] = c.scales[k] * (both - c.targets[k])
         size = abs(c.values[k])
         worst = max(worst, size if size == size else math.inf)
     return worst
@@ -288,14 +290,13 @@ def stand(own, t, u, p, place, c, n, rows, d):
 
 @element
 def speeds(own, t, u, v, p, place, c, n, rows, d):
-    """Write the rates of the arms and of the targets, and the curvatures into the values."""
+    """Write the rates of the arms and of the targets, and into the values phi'' without the accelerations."""
     sum_up(v, c, n, int(p[place + SUMS]), False, c.rates, d)
-    for k in range(rows):
-        both = product(c.rates, index(c.first_arms[k]), c.rates, index(c.second_arms[k]), d)
-        c.values[k] = 2 * c.scales[k] * both
     own(SPEED, t, u, v, p)
     for k in range(rows):
-        c.values[k] -= c.scales[k] * c.target_curvatures[k]
+        if c.scales[k] != 0:
+            both = product(c.rates, index(c.first_arms[k]), c.rates, index(c.second_arms[k]), d)
+            c.values[k] = c.scales[k] * (2 * both - c.target_curvatures[k])
 
 
 @element
@@ -355,35 +356,92 @@ def approach(own, t, u, x, p, place, c, n, rows, d):
 
 @element
 def project(own, t, u, v, p, place, d):
-    """Move u and v to the nearest state that keeps the constraints; return whether there is one."""
+    """Move u and v to the nearest state that keeps the constraints. Without one, u becomes NaN."""
     c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
     success = stand(own, t, u, p, place, c, n, rows, d)
     for j in range(d * n):
         c.before[j] = 0.0
     success &= approach(own, t, u, c.before, p, place, c, n, rows, d)
     for j in range(d * n):
-        u[j] += c.before[j]
-    success &= stand(own, t, u, p, place, c, n, rows, d)
+        u[j] += c.before[j] if success else math.nan
+    success = success and stand(own, t, u, p, place, c, n, rows, d)
     level(own, t, u, v, p, place, d)
-    return success
 
 
 @element
 def leap(own, t, h, u, v, drift, p, place, d):
     """Take a step of EIG-3, from the accelerations in `forces` that the constraints do not know.
 
-    `drift` is (u_n - u_{n-1}) / h. Return whether a state was found that keeps the constraints.
+    `drift` is (u_n - u_{n-1}) / h. What u has after the coordinates is without constraints. If no state is found that
+    keeps the constraints, u becomes NaN.
     """
     c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
     success = stand(own, t, u, p, place, c, n, rows, d)
-    for j in range(d * n):
+    for j in range(len(u)):
         c.before[j] = h * (drift[j] + h * c.forces[j])
     success &= approach(own, t + h, u, c.before, p, place, c, n, rows, d)
-    for j in range(d * n):
-        u[j] += c.before[j]
+    for j in range(len(u)):
+        u[j] += c.before[j] if success else math.nan
         now = c.before[j] / h
         v[j] = now + (now - drift[j]) / 2
         drift[j] = now
-    success &= stand(own, t + h, u, p, place, c, n, rows, d)
+    success = success and stand(own, t + h, u, p, place, c, n, rows, d)
     level(own, t + h, u, v, p, place, d)
-    return success
+
+
+def _kept(function: Any) -> Any:
+    """Decorate a function that scenes without constraints of their own call, and that is kept on the disk."""
+    return pickled_by_name(keep_on_disk(numba.njit(**KERNEL_OPTIONS)(function)))
+
+
+@_kept
+def constrain_1d(t, u, v, p, place, a):
+    constrain(nothing_of_its_own, t, u, v, p, place, a, 1)
+
+
+@_kept
+def constrain_2d(t, u, v, p, place, a):
+    constrain(nothing_of_its_own, t, u, v, p, place, a, 2)
+
+
+@_kept
+def constrain_3d(t, u, v, p, place, a):
+    constrain(nothing_of_its_own, t, u, v, p, place, a, 3)
+
+
+@_kept
+def project_1d(t, u, v, p, place):
+    project(nothing_of_its_own, t, u, v, p, place, 1)
+
+
+@_kept
+def project_2d(t, u, v, p, place):
+    project(nothing_of_its_own, t, u, v, p, place, 2)
+
+
+@_kept
+def project_3d(t, u, v, p, place):
+    project(nothing_of_its_own, t, u, v, p, place, 3)
+
+
+@_kept
+def leap_1d(t, h, u, v, drift, p, place):
+    leap(nothing_of_its_own, t, h, u, v, drift, p, place, 1)
+
+
+@_kept
+def leap_2d(t, h, u, v, drift, p, place):
+    leap(nothing_of_its_own, t, h, u, v, drift, p, place, 2)
+
+
+@_kept
+def leap_3d(t, h, u, v, drift, p, place):
+    leap(nothing_of_its_own, t, h, u, v, drift, p, place, 3)
+
+
+#: The functions of scenes without constraints of their own, by the number of dimensions.
+LIBRARY = {
+    1: (constrain_1d, project_1d, leap_1d),
+    2: (constrain_2d, project_2d, leap_2d),
+    3: (constrain_3d, project_3d, leap_3d),
+}

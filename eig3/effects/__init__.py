@@ -1,8 +1,10 @@
 """The effects of scenes, one per file, and the base classes for effects of your own."""
 
 from ..scene.cell import Cell
+from ..scene.constraint import Constraint
 from ..scene.effect import Body, Link, Motion
 from ..scene.rough import Rough
+from .actuator import Actuator
 from .angle import Angle
 from .bending import Bending
 from .breaking_string import BreakingString
@@ -27,24 +29,29 @@ from .plane_contact import PlaneContact
 from .quadratic_drag import QuadraticDrag
 from .rigid_stop import RigidStop
 from .rotating_frame import RotatingFrame
+from .rod import Rod
 from .ryckaert_bellemans import RyckaertBellemans
 from .sampled_acceleration import SampledAcceleration
 from .sampled_motion import SampledMotion
+from .slider import Slider
 from .softening_spring import SofteningSpring
 from .st_venant_kirchhoff import StVenantKirchhoff
 from .st_venant_kirchhoff_triangle import StVenantKirchhoffTriangle
 from .support_motion import SupportMotion
 from .tetrahedron import Tetrahedron
 from .triangle import Triangle
+from .weld import Weld
 from .wind_pressure import WindPressure
 
 __all__ = [
+    "Actuator",
     "Angle",
     "Bending",
     "Body",
     "BreakingString",
     "Cable",
     "Cell",
+    "Constraint",
     "Coulomb",
     "CoulombFriction",
     "Dihedral",
@@ -66,16 +73,19 @@ __all__ = [
     "PlaneContact",
     "QuadraticDrag",
     "RigidStop",
+    "Rod",
     "RotatingFrame",
     "Rough",
     "RyckaertBellemans",
     "SampledAcceleration",
     "SampledMotion",
+    "Slider",
     "SofteningSpring",
     "StVenantKirchhoff",
     "StVenantKirchhoffTriangle",
     "SupportMotion",
     "Tetrahedron",
     "Triangle",
+    "Weld",
     "WindPressure",
 ]

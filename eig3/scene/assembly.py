@@ -17,6 +17,7 @@ import numpy as np
 
 from .cell import Cell
 from .effect import FORCES, RESETS, Body, Effect, Link, Motion
+from .held import Held, held
 from .names import words
 from .swarm import Swarm, check_rest, joined_pairs
 
@@ -194,7 +195,7 @@ class Assembly:
     """The content of a scene's code: its masses, groups of effects, and motions of supports.
 
     `events` are the names of the events, in the order in which their effects were added, and `states` the names of
-    those that have a state. `joined` are the pairs of points that a link or a cell joins.
+    those that have a state. `joined` are the pairs of points that a link, a cell or a constraint joins.
     """
 
     cloud: Cloud
@@ -207,6 +208,7 @@ class Assembly:
     motions: list[Law]
     events: list[str]
     states: list[str]
+    held: Held | None
     follows_work: bool
 
     @property
@@ -243,11 +245,12 @@ class Assembly:
     def is_conservative(self) -> bool:
         """Whether the sum of the kinetic energy and the potentials is constant."""
         moves = bool(self.supports.moved) or any(group.motions for group in self.links)
+        moves |= bool(self.held and self.held.depends_on_time)
         return all(law.is_conservative for law in self.laws) and not moves and not self.cloud.shear
 
     @property
     def reads_velocity(self) -> bool:
-        return self.follows_work or any(law.effect.reads_velocity() for law in self.laws)
+        return self.follows_work or bool(self.held) or any(law.effect.reads_velocity() for law in self.laws)
 
     def start(self, values: np.ndarray, spins: np.ndarray | None = None) -> np.ndarray:
         """Return u0, or v0, from the positions or velocities of all points, by coordinate and mass, and their spins.
@@ -279,7 +282,8 @@ def assemble(
     check_rest(swarms, placements)
     joined = joined_pairs(placements if any(swarm.leaves_joined for swarm in swarms) else ())
     given = bodies, links, meshes, supports, list(swarms), joined, motions, events, states
-    assembly = Assembly(cloud, *given, follows_work=False)
+    assembly = Assembly(cloud, *given, held=None, follows_work=False)
+    assembly = replace(assembly, held=held(cloud, placements, assembly.degrees + 1))
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
@@ -521,6 +525,7 @@ def _fused(groups: list[Group]) -> list[Group]:
 def sources(assembly: Assembly) -> str:
     """Return the sources of the effects."""
     effects = [law.effect for law in assembly.laws + assembly.motions]
+    effects += assembly.held.effects if assembly.held else []
     return "; ".join(dict.fromkeys(f"{effect.title}: {effect.source}" for effect in effects if effect.source))
 
 
@@ -549,6 +554,7 @@ def note(assembly: Assembly) -> str:
     for group in assembly.bodies + assembly.links:
         for law in group.laws:
             acting[law.effect.title] += group.first.size
+    acting += assembly.held.counts if assembly.held else Counter()
     for mesh in assembly.meshes:
         acting[mesh.law.effect.title] += mesh.corners.shape[1]
     lines += [f"{count} x {title}" for title, count in acting.items()]
@@ -559,7 +565,7 @@ def note(assembly: Assembly) -> str:
         others = f" to {assembly.events[-1]!r}" * (len(assembly.events) > 1)
         lines.append(f"{len(assembly.events)} event{'s' * bool(others)}: {assembly.events[0]!r}{others}")
     reads = [law.effect.title for law in assembly.laws if law.effect.reads_velocity()]
-    reads += ["the work that is followed"] * assembly.follows_work
+    reads += ["the work that is followed"] * assembly.follows_work + ["the constraints"] * bool(assembly.held)
     if reads:
         lines.append(f"velocity is read by {', '.join(dict.fromkeys(reads))}")
     else:

@@ -19,19 +19,20 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..functions.callbacks import cached_jit, jit
 from ..functions.events import Event
 from ..functions.families import Family
-from ..functions.history import History
+from ..functions.history import Constraints, History
 from ..kernels.compile.source import define
 from ..kernels.protocol import index
 from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .box_text import BoxText
+from .constraint_text import ConstraintText
 from .effect import FORCES, RESETS
 from .grains_text import GrainsText
 from .mesh_text import MeshText
@@ -49,8 +50,18 @@ def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
     """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
 
 
-def compiled(assembly: Assembly, threads: int | None = None) -> tuple[Any, Any, dict[str, Event], np.ndarray]:
-    """Return the right-hand side of a scene, its energy or None, its events, and the parameters of these functions.
+class Compiled(NamedTuple):
+    """The right-hand side of a scene, its energy or None, its events and outputs, and the parameters of these."""
+
+    rhs: Any
+    energy: Any
+    events: dict[str, Event]
+    outputs: dict[str, Any]
+    params: np.ndarray
+
+
+def compiled(assembly: Assembly, threads: int | None = None) -> Compiled:
+    """Return the functions of a scene, and their parameters.
 
     Scenes that differ only in parameters get the same functions. A large one is for this number of threads, if it
     is given.
@@ -69,13 +80,16 @@ def compiled(assembly: Assembly, threads: int | None = None) -> tuple[Any, Any, 
     functions = _functions(str(source), tuple(packing.functions.items()))
     if packing.team is not None:
         functions["rhs"].py_func.shares = Shares(functions["share"], packing.team, assembly.n)
+    if packing.held:
+        functions["rhs"].py_func.constraints = Constraints(functions["projection"], functions["constrained_step"])
     if packing.grains:
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
     found: dict[str, Event] = {}
     for occasion in source.occasions:
         found |= occasion.events(functions, assembly.events)
     events = {name: found[name] for name in assembly.events}  # in the order in which the effects were added
-    return functions["rhs"], functions.get("energy"), events, packing.params
+    outputs = {"reactions": (functions["reactions"], len(assembly.held.names))} if assembly.held else {}
+    return Compiled(functions["rhs"], functions.get("energy"), events, outputs, packing.params)
 
 
 @functools.lru_cache(maxsize=256)
@@ -134,7 +148,8 @@ class _Source:
         self._bodies = _acting(packing.bodies, _BODY)
         self._links = _acting(packing.links, _LINK)
         self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing)
-        self._grains = GrainsText(assembly, packing)
+        self._grains, self._constraints = GrainsText(assembly, packing), ConstraintText(assembly, packing)
+        self._rhs_name = "forces" if packing.held else "rhs"
         self._box = BoxText(packing)
         # on a line without end, a link has a sign: its ends may pass through each other
         self._is_signed = len(self._axes) == 1 and not packing.box
@@ -155,7 +170,7 @@ class _Source:
 
     def rhs(self) -> None:
         """Write the function of the accelerations."""
-        with self._function("rhs(t, u, v, p, a)", self._links):
+        with self._function(f"{self._rhs_name}(t, u, v, p, a)", self._links):
             on_all = [block for block in self._bodies if block.size == self._n and len(block.runs) == 1]
             rows = [block for block in self._links if block.is_row and len(block.runs) == 1 and block.size > 1]
             row = max(rows, key=lambda block: block.size, default=None)
@@ -177,6 +192,9 @@ class _Source:
             if self._follows_work:
                 with self._indented(f"if a.size > {self._work}:"):  # a run that follows the work
                     self._write(f"a[{self._work}] = power(t, u, v, p)")
+        for head, lines in self._constraints.functions():
+            with self._function(head, ()):
+                self._write_all(lines)
 
     def power(self) -> None:
         """Write the function of the power of the effects without a potential and of the supports."""

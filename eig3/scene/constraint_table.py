@@ -31,22 +31,22 @@ class Arm:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A constraint s (D . E - c) = 0, or one of its own, for which `arms` has the gradients by its masses.
+    """A constraint s (D . E - c) = 0, or one of its own.
 
     Attributes
     ----------
     arms : tuple of int
-        The numbers of D and E among the arms; for a constraint of its own, those for its gradients.
+        The numbers of D and E among the arms; for a constraint of its own, those of the positions of its points.
     scale, target : float
         s and c.
-    points : tuple of int
-        The masses of a constraint of its own.
+    slopes : tuple of int
+        The arms for the gradients of a constraint of its own, one for each of its points.
     """
 
     arms: tuple[int, ...]
     scale: float = 1.0
     target: float = 0.0
-    points: tuple[int, ...] = ()
+    slopes: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +64,8 @@ class ConstraintTable:
         The number of arms for the gradients of constraints of their own. They follow the others.
     length : float
         The largest length of the scene, m.
+    degrees : int
+        The number of degrees of freedom of a run at most.
     """
 
     weights: np.ndarray
@@ -72,10 +74,11 @@ class ConstraintTable:
     rows: Sequence[Row]
     own_arms: int
     length: float
+    degrees: int
 
     def values(self, place: int) -> tuple[np.ndarray, np.ndarray, Areas]:
         """Return the numbers of the table at a place of p, the order of its rows, and the places of its areas."""
-        entries = self._entries()
+        entries = self.entries()
         order = _order(entries, len(self.rows), len(self.weights))
         areas = self._areas(entries, order)
         sizes = [len(area) for area in areas]
@@ -92,18 +95,19 @@ class ConstraintTable:
                 part.view(np.int32)[: len(area)] = area
         return values, order, Areas(*begins[:-1].tolist())
 
-    def _entries(self) -> np.ndarray:
+    def entries(self) -> np.ndarray:
         """Return a row (row, point, arm, factor) for each entry of the gradients."""
         found: list[tuple[float, ...]] = []
         for k, row in enumerate(self.rows):
-            if row.points:
-                found += [(k, point, arm, 1.0) for point, arm in zip(row.points, row.arms, strict=True)]
-                continue
-            first, second = row.arms
-            ends = [(first, second, 2.0)] if first == second else [(first, second, 1.0), (second, first, 1.0)]
+            if row.slopes:
+                ends = [(of, slope, 1.0) for of, slope in zip(row.arms, row.slopes, strict=True)]
+            else:
+                first, second = row.arms
+                ends = [(first, second, row.scale), (second, first, row.scale)]
+                ends = [(first, second, 2 * row.scale)] if first == second else ends
             for of, other, factor in ends:
                 arm = self.arms[of]
-                factors = factor * row.scale * arm.factors
+                factors = factor * arm.factors
                 found += [(k, point, other, f) for point, f in zip(arm.points, factors, strict=True)]
         return np.array(found, dtype=np.float64).reshape(len(found), 4)
 
@@ -118,8 +122,8 @@ class ConstraintTable:
         fixed = np.zeros((all_arms, d))
         fixed[: len(self.arms)] = [x.constant for x in self.arms]
         none = np.zeros(count)
-        two = np.array([row.arms if not row.points else (0, 0) for row in rows], dtype=int).reshape(count, 2)
-        scales = [0.0 if row.points else row.scale for row in rows]
+        two = np.array([(0, 0) if row.slopes else row.arms for row in rows], dtype=int).reshape(count, 2)
+        scales = [0.0 if row.slopes else row.scale for row in rows]
         return Areas(
             weights=self.weights,
             fixed=fixed.ravel(),
@@ -136,9 +140,9 @@ class ConstraintTable:
             multipliers=none,
             pivots=none,
             profile=np.zeros(starts[-1]),
-            before=np.zeros(n * d),
+            before=np.zeros(self.degrees),
             ways=np.zeros(n * d),
-            forces=np.zeros(n * d),
+            forces=np.zeros(self.degrees),
             factored=np.zeros(n * d),
             begins=_begins([x.points.size for x in self.arms]),
             points=_joined([x.points for x in self.arms]),

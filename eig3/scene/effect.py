@@ -199,7 +199,7 @@ class Effect:
             allowed = " or ".join(map(str, self.dimensions))
             raise ValueError(f"{self.title} needs a scene of {allowed} dimensions, not {dimension}.")
         functions = self.functions()
-        if not any(name in functions for name in self.needs):
+        if self.needs and not any(name in functions for name in self.needs):
             raise TypeError(f"{self.title} must have a function {' or '.join(self.needs)}.")
         for name, function in functions.items():
             if not isinstance(function, Jitted):

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels import grains, neighbours
+from ..kernels import constraints, grains, neighbours
+from ..kernels.constraints import Areas
 from ..kernels.shared_forces import add_forces
 from ..kernels.team import out_of_line
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
+from .held import Held
 from .names import identifier, words
 from .rough import Rough
 from .swarm import Listing, Swarm, listed
@@ -242,6 +244,28 @@ class SupportTable:
     moved: list[tuple[int, Column]]
 
 
+@dataclass(frozen=True, eq=False)
+class HeldBlock:
+    """The constraints in the source.
+
+    Attributes
+    ----------
+    place : int
+        Of their table in p.
+    order : int
+        The place in p of the number of each row, in the order in which they were added, among those of the table.
+    areas : Areas
+    own : list of (Symbols, int, int)
+        The laws with functions of their own, the first of their rows, and the number of their members.
+    """
+
+    held: Held
+    place: int
+    order: int
+    areas: Areas
+    own: list[tuple[Symbols, int, int]]
+
+
 class Packing:
     """The parameters and functions of a scene, and the blocks that refer to them.
 
@@ -258,6 +282,8 @@ class Packing:
         None if no cell has a fixed point.
     swarms : list of SwarmBlock
     grains : list of GrainsBlock
+    held : HeldBlock or None
+        None if the scene has no constraints.
     turn : Column or None
         Inverse inertias, 0 for masses that do not spin; None if none does.
     box : dict of str to int
@@ -304,6 +330,7 @@ class Packing:
         self.turn = (
             self._column(inverse(assembly.cloud.inertia[assembly.cloud.masses > 0])) if assembly.angles else None
         )
+        self.held = self._held(assembly.held) if assembly.held else None
         is_large = threads is not None and any(block.listing.masses >= _SHARED for block in self.swarms)
         self.team = self._add(np.array([0, 0, threads])) if is_large else None
         if self.swarms or self.grains:
@@ -323,6 +350,20 @@ class Packing:
         listing = listed(swarm, sum(part.size for part in self._parts), assembly.cloud, u0, pairs)
         self._add(listing.values)
         return SwarmBlock(law, listing)
+
+    def _held(self, held: Held) -> HeldBlock:
+        place = sum(part.size for part in self._parts)
+        values, order, areas = held.table.values(place)
+        self._add(values)
+        own = [(self._symbols(Law(x.effect, x.columns)), int(x.rows[0]), len(x.rows)) for x in held.kinds]
+        self.functions |= {"memory": neighbours.memory, "areas": constraints.areas, "react": constraints.react}
+        names = "constrain", "project", "leap"
+        if own:
+            self.functions |= {name: getattr(constraints, name) for name in (*names, "PLACE", "sum_up")}
+        else:
+            self.functions |= dict(zip(names, constraints.LIBRARY[held.table.dimension], strict=True))
+            self.functions["own"] = constraints.nothing_of_its_own
+        return HeldBlock(held, place, self._add(np.argsort(order)), areas, own)
 
     def _grains(self, assembly: Assembly, swarm: Swarm) -> GrainsBlock:
         block = self._swarm(assembly, swarm)

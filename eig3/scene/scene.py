@@ -16,6 +16,7 @@ from . import codegen
 from .assembly import Cloud, Placement, assemble, count_states, names, note, numbered, sources, units
 from .cell import Cell, same_points
 from .effect import Effect, Link
+from .held import fitting
 from .mesh import check_cells, is_fixed, lumped
 from .picture import mechanism
 from .rough import Rough
@@ -392,23 +393,25 @@ class Scene:
         check_span(t_span)
         cloud = self._cloud()
         assembly = assemble(cloud, self._placements, self._swarms, work=work)
-        rhs, energy, events, params = codegen.compiled(
-            assembly, None if threads is None else check_count(threads, "threads")
-        )
+        code = codegen.compiled(assembly, None if threads is None else check_count(threads, "threads"))
+        u0, v0 = assembly.start(cloud.positions), assembly.start(cloud.velocities, cloud.spins)
+        if assembly.held:
+            v0 = fitting(assembly.held, u0, v0, float(t_span[0]))
         return Problem(
             name=name,
-            rhs=rhs,
-            u0=assembly.start(cloud.positions),
-            v0=assembly.start(cloud.velocities, cloud.spins),
-            params=params,
+            rhs=code.rhs,
+            u0=u0,
+            v0=v0,
+            params=code.params,
             t_span=(t_span[0], t_span[1]),
-            energy=energy,
+            energy=code.energy,
             source=sources(assembly),
             note=note(assembly),
             names=names(assembly),
             units=units(assembly),
             integrals=("work",) if assembly.follows_work else (),
-            events=events,
+            events=code.events,
+            outputs=code.outputs,
             view=mechanism(cloud, numbered(cloud, self._placements)[0], self._swarms),
         )
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..kernels import neighbours
 from ..kernels.neighbours import Areas
+from .constraint import Constraint
 from .cell import Cell
 from .effect import Link, Motion
 from .rough import Rough
@@ -142,7 +143,7 @@ def joined_pairs(placements: Sequence[Any]) -> np.ndarray:
     """Return the pairs of points that a link or a cell joins, of shape (pairs, 2), the smaller number first."""
     found = [np.empty((0, 2), dtype=np.int64)]
     for effect, numbers, _ in placements:
-        if isinstance(effect, Link | Cell):
+        if isinstance(effect, Link | Cell | Constraint):
             ends = np.column_stack(numbers)
             found += [ends[:, [i, j]] for i in range(ends.shape[1]) for j in range(i)]
     return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)

@@ -1,0 +1,110 @@
+"""The base class of constraints: conditions on the positions of points that hold exactly, with the forces for it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar, NamedTuple
+
+import numba
+import numpy as np
+
+from .effect import Effect, arguments
+
+#: The imaginary part that gives the derivative of phi: its square vanishes beside 1.
+TINY = 1e-100
+
+_POINTS = ("x0", "x1", "x2", "x3")
+
+
+class Equation(NamedTuple):
+    """A condition scale (D . E - target) = 0 on the points of a constraint.
+
+    Attributes
+    ----------
+    first, second : (sequence of float, ndarray)
+        D and E: a factor for each of the points, and a constant vector. For D = E, `second` is `first`.
+    scale, target : float
+    """
+
+    first: tuple[Any, np.ndarray]
+    second: tuple[Any, np.ndarray]
+    scale: float = 1.0
+    target: float = 0.0
+
+
+class Constraint(Effect):
+    """A condition on the positions of points.
+
+    A class has ``phi``, which is 0 as long as the condition holds. Its arguments can be the positions of the points,
+    x0, x1, x2 and x3 as tuples, and fields. It may have ``gradient``, a tuple with the derivatives of phi with respect
+    to the components of x0, then of x1, and so on. Without it, phi is also called with complex numbers, whose small
+    imaginary parts give the derivatives to round-off: phi then must not take absolute values, or compare numbers. The
+    force on a point is the gradient times the multiplier of the constraint, which is its reaction::
+
+        @dataclass(frozen=True, eq=False)
+        class OnCircle(eig3.effects.Constraint):
+            radius: ArrayLike
+
+            takes = (1,)
+
+            @staticmethod
+            @eig3.jit
+            def phi(x0, radius):
+                return (x0[0] * x0[0] + x0[1] * x0[1]) / (2 * radius) - radius / 2
+
+    Choose phi so that its gradient has no unit and a size near 1: its value is then a length, and its reaction a force.
+
+    Attributes
+    ----------
+    takes : tuple of int
+        The number of points, in a tuple: from 1 to 4.
+    """
+
+    offers: ClassVar[dict[str, tuple[str, ...]]] = dict.fromkeys(("phi", "gradient"), _POINTS)
+    needs: ClassVar[tuple[str, ...]] = ("phi",)
+    takes: ClassVar[tuple[int, ...]] = (2,)
+    picture: ClassVar[str] = "line"
+
+    def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
+        """Return the conditions on one member, for a constraint that has no `phi`.
+
+        Parameters
+        ----------
+        points : list of ndarray, shape (dimension,)
+            The positions of its points at the start.
+        values : dict of str to float or ndarray
+            Its fields.
+        """
+        raise NotImplementedError
+
+    def reads_velocity(self) -> bool:
+        return True
+
+    def check_points(
+        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
+    ) -> None:
+        if np.all([m == 0 for m in masses], axis=0).any():
+            raise ValueError(f"{self.title} joins fixed points only, which do not move.")
+
+    def _read(self) -> list[str]:
+        known = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
+        return [name for name in known if not callable(getattr(self, name, None)) and getattr(self, name) is not None]
+
+    def _argument_types(self, name: str, dimension: int) -> dict[str, Any]:
+        given = super()._argument_types(name, dimension)
+        return given | dict.fromkeys(_POINTS, numba.types.UniTuple(numba.float64, dimension))
+
+    def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
+        if name != "gradient":
+            super()._check_returned(name, returned, dimension)
+            return
+        count = self.takes[0] * dimension
+        if not isinstance(returned, numba.types.BaseTuple) or len(returned) != count:
+            raise TypeError(f"gradient of {self.title} must return a tuple of {count} numbers here, not {returned}.")
+
+    def check(self, dimension: int) -> None:
+        super().check(dimension)
+        for function in self.functions().values():
+            for name in _POINTS[self.takes[0] :]:
+                if name in arguments(function):
+                    raise TypeError(f"{self.title} takes {self.takes[0]} points, and none with the name {name}.")

@@ -1,0 +1,151 @@
+"""Write the functions of the constraints of a scene as lines of Python source.
+
+In the source, c are the areas of their table, and row is the number of a row in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from .assembly import Assembly
+from .constraint import TINY
+from .effect import arguments
+from .packing import HeldBlock, Packing, Symbols
+
+
+class ConstraintText:
+    """The constraints of one scene in the source."""
+
+    def __init__(self, assembly: Assembly, packing: Packing) -> None:
+        self._d, self._follows_work, self._work = assembly.dimension, assembly.follows_work, assembly.degrees
+        self._block = packing.held
+
+    def functions(self) -> Iterator[tuple[str, Iterable[str]]]:
+        """The heads and the bodies of the functions, all but the accelerations that do not know the constraints."""
+        if self._block:
+            if self._block.own:
+                yield "own(task, t, u, v, p)", self._own(self._block)
+            yield "rhs(t, u, v, p, a)", self._rhs(self._block)
+            yield "projection(t, u, v, p)", self._project(self._block)
+            yield "constrained_step(t, h, u, v, drift, p)", self._leap(self._block)
+            yield "reactions(t, u, v, p, out)", self._reactions(self._block)
+
+    def _rhs(self, block: HeldBlock) -> Iterator[str]:
+        yield "forces(t, u, v, p, a)"
+        yield f"constrain({self._given(block, 'memory(u), memory(v)', 'memory(a)')})"
+        yield from self._effort(block, "a", ())
+
+    def _effort(self, block: HeldBlock, a: str, react: Iterable[str]) -> Iterator[str]:
+        """Add the power of the constraints that depend on the time, in a run that follows the work."""
+        if self._follows_work and block.held.depends_on_time:
+            yield f"if len(u) > {self._work}:"
+            yield f"    c = areas(memory(p), {block.place})"
+            yield from _indented(react)
+            yield "    for row in range(len(c.scales)):"
+            yield f"        {a}[{self._work}] += c.multipliers[row] * c.scales[row] * c.target_rates[row]"
+
+    def _project(self, block: HeldBlock) -> Iterator[str]:
+        yield f"project({self._given(block, 'memory(u), memory(v)')})"
+        yield "return 0.0"
+
+    def _leap(self, block: HeldBlock) -> Iterator[str]:
+        yield f"c = areas(memory(p), {block.place})"
+        yield "forces(t, u, v, p, c.forces[:len(u)])"
+        react = f"react(own, t, memory(u), memory(v), memory(p), {block.place}, c.forces, {self._d})"
+        yield from self._effort(block, "c.forces", [react])
+        yield f"leap({self._given(block, 'h, u, v, drift')})"
+
+    def _reactions(self, block: HeldBlock) -> Iterator[str]:
+        yield f"c = areas(memory(p), {block.place})"
+        yield "forces(t, u, v, p, c.forces[:len(u)])"
+        yield f"react(own, t, memory(u), memory(v), memory(p), {block.place}, c.forces, {self._d})"
+        yield "for row in range(len(out)):"
+        yield f"    out[row] = c.multipliers[index(p[{block.order} + row])]"
+
+    def _given(self, block: HeldBlock, state: str, *more: str) -> str:
+        """The arguments of a function of the library, or of one that takes the constraints of their own."""
+        given = ["t", state, "memory(p)", str(block.place), *more]
+        return ", ".join(["own", *given, str(self._d)] if block.own else given)
+
+    def _own(self, block: HeldBlock) -> Iterator[str]:
+        """Write what the table does not know: targets that depend on the time, and constraints of their own."""
+        yield f"c = areas(memory(p), {block.place})"
+        table = block.held.table
+        if table.own_arms:
+            yield "if task != PLACE:"
+            yield f"    sum_up(u, c, {len(table.weights)}, {len(table.arms)}, True, c.arms, {self._d})"
+        for law, first, count in block.own:
+            yield from law.constants("length", "phi", "gradient")
+            yield f"for s in range({count}):"
+            yield f"    row = index(p[{block.order + first} + s])"
+            yield from _indented(self._target(law) if "length" in law.functions else self._phi(law, block, first))
+
+    def _target(self, law: Symbols) -> Iterator[str]:
+        yield f"length, rate, acceleration = {law.call('length', 's', {'t': 't'})}"
+        yield "c.targets[row] = length * length"
+        yield "c.target_rates[row] = 2 * length * rate"
+        yield "c.target_curvatures[row] = 2 * (rate * rate + length * acceleration)"
+
+    def _phi(self, law: Symbols, block: HeldBlock, first: int) -> Iterator[str]:
+        """Write the value and the gradient, or the curvature: the change of the gradient along the velocity."""
+        row = block.held.table.rows[first]
+        count, arm, slope = len(row.arms), row.arms[0], row.slopes[0]
+        yield "if task == PLACE:"
+        for k in range(count):
+            yield f"    x{k} = {self._vector('c.arms', arm + k, count)}"
+        yield f"    c.values[row] = {self._call(law, 'phi', [f'x{k}' for k in range(count)])}"
+        yield from _indented(self._gradient(law, count))
+        for k in range(count):
+            for axis in range(self._d):
+                yield f"    c.arms[{self._at(slope + k, count)} + {axis}] = g{k}_{axis}"
+        yield "else:"
+        yield "    speed = 0.0"
+        for k in range(count):
+            yield f"    w{k} = {self._vector('c.rates', arm + k, count)}"
+            for axis in range(self._d):
+                yield f"    speed = max(speed, abs(w{k}[{axis}]))"
+        yield f"    step = {float(1e-5 * block.held.table.length)!r} / speed if speed > 0 else 0.0"
+        yield "    curvature = 0.0"
+        yield "    for sign in range(-1, 2, 2):"
+        for k in range(count):
+            parts = ", ".join(
+                f"c.arms[{self._at(arm + k, count)} + {axis}] + sign * step * w{k}[{axis}]" for axis in range(self._d)
+            )
+            yield f"        x{k} = ({parts},)"
+        yield from _indented(_indented(self._gradient(law, count)))
+        along = " + ".join(f"g{k}_{axis} * w{k}[{axis}]" for k in range(count) for axis in range(self._d))
+        yield f"        curvature += sign * ({along})"
+        yield "    c.values[row] = curvature / (2 * step) if step > 0 else 0.0"
+
+    def _gradient(self, law: Symbols, count: int) -> Iterator[str]:
+        """Write the gradient with respect to the points x0, x1, ..., by the law's function or by imaginary parts."""
+        places = [f"x{k}" for k in range(count)]
+        names = ", ".join(f"g{k}_{axis}" for k in range(count) for axis in range(self._d))
+        if "gradient" in law.functions:
+            yield f"{names}, = {self._call(law, 'gradient', places)}"
+            return
+        for k in range(count):
+            for axis in range(self._d):
+                moved = [
+                    "("
+                    + ", ".join(
+                        f"complex({place}[{b}], {TINY if (j, b) == (k, axis) else 0.0!r})" for b in range(self._d)
+                    )
+                    + ",)"
+                    for j, place in enumerate(places)
+                ]
+                yield f"g{k}_{axis} = complex({self._call(law, 'phi', moved)}).imag / {TINY!r}"
+
+    def _call(self, law: Symbols, function: str, places: list[str]) -> str:
+        return law.call(function, "s", {f"x{k}": place for k, place in enumerate(places)})
+
+    def _vector(self, array: str, arm: int, count: int) -> str:
+        return "(" + ", ".join(f"{array}[{self._at(arm, count)} + {axis}]" for axis in range(self._d)) + ",)"
+
+    def _at(self, arm: int, count: int) -> str:
+        """The place of an arm of the first member, and of the same arm of the member s."""
+        return f"{arm * self._d} + {count * self._d} * s"
+
+
+def _indented(lines: Iterable[str]) -> Iterator[str]:
+    return (f"    {line}" for line in lines)

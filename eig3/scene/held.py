@@ -1,0 +1,245 @@
+"""The constraints of a scene: their rows, what is special about some of them, and whether they fit together."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse.linalg import splu
+
+from .constraint import TINY, Constraint
+from .constraint_table import Arm, ConstraintTable, Row
+from .effect import arguments
+from .names import words
+
+_WRONG = 1e-9  # a value of phi at the start, as a part of the largest length, that is no round-off
+_DEPENDENT = 1e-10  # a pivot, as a part of the entry on the diagonal
+_NOTED = 1e-6  # a change of the velocities at the start, as a part of the largest one
+_MOST_NAMED = 4  # constraints that an error names
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """Constraints of one placement with functions of their own, or with a target that depends on the time.
+
+    Attributes
+    ----------
+    effect : Constraint
+    columns : dict of str to ndarray
+        The parameters of its members.
+    rows : ndarray of int, shape (members,)
+    """
+
+    effect: Constraint
+    columns: dict[str, Any]
+    rows: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """The constraints of a scene.
+
+    Attributes
+    ----------
+    table : ConstraintTable
+    names : list of str
+        The name of each row, such as "rod 3".
+    counts : Counter
+        The number of constraints by the title of their effect.
+    effects : list of Constraint
+    kinds : list of Kind
+    """
+
+    table: ConstraintTable
+    names: list[str]
+    counts: Counter[str]
+    effects: list[Constraint]
+    kinds: list[Kind]
+
+    @property
+    def depends_on_time(self) -> bool:
+        return any("length" in kind.effect.functions() for kind in self.kinds)
+
+
+def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held | None:
+    """Collect the constraints of a scene; None if it has none."""
+    placed = [placement for placement in placements if isinstance(placement[0], Constraint)]
+    if not placed:
+        return None
+    arms: list[Arm] = []
+    rows: list[Row] = []
+    names: list[str] = []
+    counts: Counter[str] = Counter()
+    kinds: list[Kind] = []
+    slopes = 0
+    for effect, numbers, columns in placed:
+        columns, first = columns or {}, len(rows)
+        functions = effect.functions()
+        for member, points in enumerate(zip(*(array.tolist() for array in numbers), strict=True)):
+            name = f"{words(effect.title)} {counts[effect.title]}"
+            counts[effect.title] += 1
+            if "phi" in functions:
+                places = tuple(len(arms) + k for k in range(len(points)))
+                arms += [_arm(cloud, (point,), (1.0,), np.zeros(len(cloud.box))) for point in points]
+                rows.append(Row(places, slopes=tuple(slopes + k for k in range(len(points)))))
+                names.append(name)
+                slopes += len(points)
+                continue
+            positions = [cloud.positions[point] for point in points]
+            values = {key: column[member] for key, column in columns.items() if key not in functions}
+            equations = effect.equations(positions, values)
+            for k, equation in enumerate(equations):
+                both = []
+                for vector in (equation.first, equation.second):
+                    if both and vector is equation.first:
+                        both.append(both[0])
+                        continue
+                    both.append(len(arms))
+                    arms.append(_arm(cloud, points, *vector))
+                rows.append(Row((both[0], both[1]), equation.scale, equation.target))
+                names.append(f"{name}, {'first second third fourth'.split()[k]} row" if len(equations) > 1 else name)
+        if functions:
+            kinds.append(Kind(effect, columns, np.arange(first, len(rows))))
+    rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
+    is_mass = cloud.masses > 0
+    length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
+    table = ConstraintTable(
+        1 / cloud.masses[is_mass], len(cloud.box), arms, rows, slopes, length, degrees
+    )
+    return Held(table, names, counts, [effect for effect, _, _ in placed], kinds)
+
+
+def _arm(cloud: Any, points: Sequence[int], factors: Any, constant: np.ndarray) -> Arm:
+    """Return a sum of positions of points as an arm of masses."""
+    constant, found = np.array(constant, dtype=float), {}
+    for point, factor in zip(points, factors, strict=True):
+        if cloud.masses[point] > 0:
+            found[int(cloud.free[point])] = found.get(int(cloud.free[point]), 0.0) + float(factor)
+        else:
+            constant = constant + factor * cloud.positions[point]
+    kept = {mass: factor for mass, factor in found.items() if factor}
+    return Arm(np.array(list(kept), dtype=int), np.array(list(kept.values()), dtype=float), constant)
+
+
+def fitting(held: Held, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
+    """Check the constraints at the start; return the velocities that are nearest to v0 and keep them.
+
+    Parameters
+    ----------
+    held : Held
+    u0, v0 : ndarray, shape (degrees,)
+    t : float
+        The time at the start, s.
+
+    Raises
+    ------
+    ValueError
+        If a constraint does not hold, or some depend on each other. The error names them.
+
+    Warns
+    -----
+    UserWarning
+        If v0 does not keep them.
+    """
+    table = held.table
+    size = table.dimension * len(table.weights)
+    values, gradients = _linearised(held, u0[:size].reshape(table.dimension, -1).T)
+    rates = _driven(held, t, values)
+    wrong = np.flatnonzero(~(np.abs(values) <= _WRONG * table.length))
+    if wrong.size:
+        name, value = held.names[wrong[0]], values[wrong[0]]
+        raise ValueError(f"{name} does not hold at the start, where its phi is {value:.3g}: move its points.")
+    weights = np.tile(table.weights, table.dimension)
+    product = csc_array(gradients @ diags_array(weights) @ gradients.T)
+    solve = _factors(held, product)
+    wanted = solve(gradients @ v0[:size] + rates)
+    change = -weights * (gradients.T @ wanted)
+    if np.abs(change).max() > _NOTED * np.abs(v0[:size]).max(initial=0.0):
+        row = int(np.argmax(np.abs(gradients @ v0[:size] + rates)))
+        warnings.warn(
+            f"the velocities at the start do not keep {held.names[row]}: the run starts with the nearest ones that do.",
+            stacklevel=4,
+        )
+    return np.concatenate([v0[:size] + change, v0[size:]])
+
+
+def _driven(held: Held, t: float, values: np.ndarray) -> np.ndarray:
+    """Put targets that depend on the time into the values of phi; return their part of its rate."""
+    rates = np.zeros(len(values))
+    for kind in held.kinds:
+        function = kind.effect.functions().get("length")
+        if function is not None:
+            length, rate, _ = function(t)
+            for row in kind.rows:
+                scale, target = held.table.rows[row].scale, held.table.rows[row].target
+                values[row] -= scale * (length * length - target)
+                rates[row] = -2 * scale * length * rate
+    return rates
+
+
+def _linearised(held: Held, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
+    """Return phi and its gradients for masses at some places."""
+    table = held.table
+    arms = np.array([arm.factors @ places[arm.points] + arm.constant for arm in table.arms])
+    values, slopes = np.zeros(len(table.rows)), np.zeros((table.own_arms, table.dimension))
+    for kind in held.kinds:
+        if "phi" in kind.effect.functions():
+            for member, row in enumerate(kind.rows):
+                values[row], slope = _own(kind, member, arms[list(table.rows[row].arms)])
+                slopes[np.array(table.rows[row].slopes) - len(arms)] = slope
+    for k, row in enumerate(table.rows):
+        if not row.slopes:
+            values[k] = row.scale * (arms[row.arms[0]] @ arms[row.arms[1]] - row.target)
+    entries = table.entries()
+    row, point, arm = entries[:, :3].T.astype(int)
+    parts = entries[:, 3:] * np.concatenate([arms, slopes])[arm]
+    columns = point[:, None] + len(table.weights) * np.arange(table.dimension)
+    shape = len(table.rows), len(table.weights) * table.dimension
+    return values, csr_array((parts.ravel(), (np.repeat(row, table.dimension), columns.ravel())), shape=shape)
+
+
+def _own(kind: Kind, member: int, places: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return phi of a constraint of its own, and its gradients."""
+    given = {name: column[member] for name, column in kind.columns.items()}
+    given = {name: tuple(value) if np.ndim(value) else float(value) for name, value in given.items()}
+    functions = kind.effect.functions()
+
+    def call(function: str, x: np.ndarray) -> Any:
+        names = arguments(functions[function])
+        offered = {f"x{k}": tuple(place) for k, place in enumerate(x.tolist())} | given
+        return functions[function](*(offered[name] for name in names))
+
+    if "gradient" in functions:
+        slope = np.reshape(call("gradient", places), places.shape)
+    else:
+        slope = np.empty(places.shape)
+        for at in np.ndindex(places.shape):
+            moved = places.astype(complex)
+            moved[at] += 1j * TINY
+            slope[at] = complex(call("phi", moved)).imag / TINY
+    return float(call("phi", places)), slope
+
+
+def _factors(held: Held, product: csc_array) -> Any:
+    """Return the function that solves with G W G^T, whose pivots tell which constraints depend on each other."""
+    diagonal = product.diagonal()
+    try:
+        factors = splu(product, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        pivots = np.abs(factors.U.diagonal()) / diagonal[np.argsort(factors.perm_c)]
+        if pivots.min() > _DEPENDENT:
+            return factors.solve
+    except RuntimeError:  # exactly singular
+        pass
+    dense = product.toarray() / np.sqrt(np.outer(diagonal, diagonal))
+    share = np.abs(np.linalg.eigh(dense)[1][:, 0])
+    named = list(dict.fromkeys(held.names[k] for k in np.argsort(-share, kind="stable") if share[k] > 1e-6))
+    some = ", ".join(named[:_MOST_NAMED]) + " and others" * (len(named) > _MOST_NAMED)
+    raise ValueError(
+        f"these constraints depend on each other at the start: {some}; leave out those that the others imply already, "
+        "or begin in another position."
+    )
