@@ -136,9 +136,7 @@ def areas(typingctx, p, place):  # type: ignore[no-untyped-def]
 
         def area(k):  # type: ignore[no-untyped-def]
             kind = _areas.types[k]
-            begin = builder.bitcast(
-                builder.gep(data, [number(2 * k)]), context.get_data_type(kind.dtype).as_pointer()
-            )
+            begin = builder.bitcast(builder.gep(data, [number(2 * k)]), context.get_data_type(kind.dtype).as_pointer())
             stride = context.get_constant(intp, kind.dtype.bitwidth // 8)
             return array_over(context, builder, kind, begin, number(2 * k + 1), stride)
 
@@ -387,6 +385,34 @@ def leap(own, t, h, u, v, drift, p, place, d):
         drift[j] = now
     success = success and stand(own, t + h, u, p, place, c, n, rows, d)
     level(own, t + h, u, v, p, place, d)
+
+
+@element
+def strike(own, t, u, v, p, place, d):
+    """Let the constraints take part in an impulse that has changed the velocity from `before` to v.
+
+    The impulse itself, of free points, is what v shows. With the reactions, its part along itself must have the same
+    effect: for a change x of the velocity of free points, with the projection y, the change is y (x . M x) / (x . M y).
+    So a coefficient of restitution, and the sum of the energies of two points that meet, are what they were.
+    """
+    c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
+    success = stand(own, t, u, p, place, c, n, rows, d)
+    for j in range(d * n):
+        c.ways[j] = v[j] - c.before[j]
+    for k in range(rows):
+        c.multipliers[k] = along(c, k, n, c.ways, d)
+    solve(c, c.multipliers, rows)
+    push(c, -1.0, rows, n, c.ways, d)
+    free = held = 0.0
+    for axis in range(d):
+        for i in range(n):
+            j = axis * n + i
+            change = (v[j] - c.before[j]) / c.weights[i]
+            free += change * (v[j] - c.before[j])
+            held += change * c.ways[j]
+    scale = free / held if success and held > _SINGULAR * free else 0.0
+    for j in range(d * n):
+        v[j] = c.before[j] + scale * c.ways[j]
 
 
 def _kept(function: Any) -> Any:

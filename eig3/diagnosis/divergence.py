@@ -49,11 +49,21 @@ class Divergence:
     @property
     def message(self) -> str:
         """Time and degree of freedom at which the state became non-finite. This takes no further evaluation."""
-        return f"{self._what}; solution.explain() looks for the reason."
+        return f"{self._what}{self._lost}; solution.explain() looks for the reason."
 
     @property
     def _what(self) -> str:
         return became_non_finite(self.last.t, self.last.h, self.degree if np.ndim(self.last.u) else None)
+
+    @property
+    def _lost(self) -> str:
+        """What may have become of constraints."""
+        if not self.last.system.leap:
+            return ""
+        return (
+            ", and no state was found that keeps the constraints: near there they may depend on each other, or the "
+            "step is too long for them"
+        )
 
     def explain(self) -> str:
         """Find the reason: an error of rhs, or a step above the critical step, and a shorter step that works.
@@ -73,7 +83,7 @@ class Divergence:
             return f"{self._what}: {culprit}."
         why = _comparison(last, steps) or unstable
         reasons = [reason for reason in (culprit, why, _remedy(last, limits) if not unstable else "") if reason]
-        return f"{self._what}: {'; '.join(reasons)}."
+        return f"{self._what}{self._lost}: {'; '.join(reasons)}." if reasons else f"{self._what}{self._lost}."
 
 
 def became_non_finite(t: float, h: float, degree: int | None) -> str:

@@ -28,8 +28,8 @@ from .neo_hookean import NeoHookean
 from .plane_contact import PlaneContact
 from .quadratic_drag import QuadraticDrag
 from .rigid_stop import RigidStop
-from .rotating_frame import RotatingFrame
 from .rod import Rod
+from .rotating_frame import RotatingFrame
 from .ryckaert_bellemans import RyckaertBellemans
 from .sampled_acceleration import SampledAcceleration
 from .sampled_motion import SampledMotion

@@ -22,6 +22,4 @@ class Weld(Constraint):
 
     def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
         way, axes = (np.array([-1.0, 1.0]), np.zeros(len(points[0]))), np.eye(len(points[0]))
-        return [
-            Equation(way, (np.zeros(2), axis), 1.0, float(axis @ (points[1] - points[0]))) for axis in axes
-        ]
+        return [Equation(way, (np.zeros(2), axis), 1.0, float(axis @ (points[1] - points[0]))) for axis in axes]

@@ -369,6 +369,8 @@ class _Source:
             offered = self._offered(block, s, i, j, *RESETS)
             if "state_after" in law.functions:
                 self._write(f"state = {law.call('state_after', s, offered)}")
+            changes_velocity = law.functions.keys() & {"velocity_after", "rate_after"}
+            self._write_all(self._constraints.before_impulse() if changes_velocity else ())
             if "velocity_after" in law.functions:
                 self._write(f"after = {law.call('velocity_after', s, offered)}")
                 for k, axis in enumerate(self._axes):
@@ -376,6 +378,7 @@ class _Source:
             if "rate_after" in law.functions:
                 self._write(f"change = {law.call('rate_after', s, offered)} - {offered['rate']}")
                 self._strike(block, i, j)
+            self._write_all(self._constraints.after_impulse() if changes_velocity else ())
             if "state_after" in law.functions:
                 self._write(f"{law.columns[STATE].of(s)} = state")
             if self._follows_work:

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator
 
 from .assembly import Assembly
 from .constraint import TINY
-from .effect import arguments
 from .packing import HeldBlock, Packing, Symbols
 
 
@@ -18,7 +17,7 @@ class ConstraintText:
 
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
         self._d, self._follows_work, self._work = assembly.dimension, assembly.follows_work, assembly.degrees
-        self._block = packing.held
+        self._n, self._block = assembly.n, packing.held
 
     def functions(self) -> Iterator[tuple[str, Iterable[str]]]:
         """The heads and the bodies of the functions, all but the accelerations that do not know the constraints."""
@@ -61,6 +60,18 @@ class ConstraintText:
         yield f"react(own, t, memory(u), memory(v), memory(p), {block.place}, c.forces, {self._d})"
         yield "for row in range(len(out)):"
         yield f"    out[row] = c.multipliers[index(p[{block.order} + row])]"
+
+    def before_impulse(self) -> Iterator[str]:
+        """Keep the velocity before an event that changes it."""
+        if self._block:
+            yield f"c = areas(memory(p), {self._block.place})"
+            yield f"for k in range({self._d * self._n}):"
+            yield "    c.before[k] = v[k]"
+
+    def after_impulse(self) -> Iterator[str]:
+        """Let the constraints take part in the impulse of an event."""
+        if self._block:
+            yield f"strike(own, t, memory(u), v, memory(p), {self._block.place}, {self._d})"
 
     def _given(self, block: HeldBlock, state: str, *more: str) -> str:
         """The arguments of a function of the library, or of one that takes the constraints of their own."""

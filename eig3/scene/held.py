@@ -102,15 +102,13 @@ def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held | None:
                     both.append(len(arms))
                     arms.append(_arm(cloud, points, *vector))
                 rows.append(Row((both[0], both[1]), equation.scale, equation.target))
-                names.append(f"{name}, {'first second third fourth'.split()[k]} row" if len(equations) > 1 else name)
+                names.append(f"{name}, {['first', 'second', 'third', 'fourth'][k]} row" if len(equations) > 1 else name)
         if functions:
             kinds.append(Kind(effect, columns, np.arange(first, len(rows))))
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
     is_mass = cloud.masses > 0
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
-    table = ConstraintTable(
-        1 / cloud.masses[is_mass], len(cloud.box), arms, rows, slopes, length, degrees
-    )
+    table = ConstraintTable(1 / cloud.masses[is_mass], len(cloud.box), arms, rows, slopes, length, degrees)
     return Held(table, names, counts, [effect for effect, _, _ in placed], kinds)
 
 

@@ -357,6 +357,7 @@ class Packing:
         self._add(values)
         own = [(self._symbols(Law(x.effect, x.columns)), int(x.rows[0]), len(x.rows)) for x in held.kinds]
         self.functions |= {"memory": neighbours.memory, "areas": constraints.areas, "react": constraints.react}
+        self.functions["strike"] = constraints.strike
         names = "constrain", "project", "leap"
         if own:
             self.functions |= {name: getattr(constraints, name) for name in (*names, "PLACE", "sum_up")}

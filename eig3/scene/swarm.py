@@ -10,8 +10,8 @@ import numpy as np
 
 from ..kernels import neighbours
 from ..kernels.neighbours import Areas
-from .constraint import Constraint
 from .cell import Cell
+from .constraint import Constraint
 from .effect import Link, Motion
 from .rough import Rough
 

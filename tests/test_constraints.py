@@ -1,0 +1,314 @@
+"""Constraints: they hold to round-off, keep the order of every method, and take part in all that a run can do."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+from scipy.integrate import solve_ivp
+
+import eig3
+from eig3 import effects
+from eig3.scene import Scene
+
+from .test_extend import assert_same
+
+G = 9.81
+
+
+def chain(n, drag=0.0, angle=0.7, dimension=2):
+    """Rods of the length 1/n that begin in a straight line, at an angle to the vertical."""
+    scene = Scene(dimension)
+    way = np.array([np.sin(angle), *[0.0] * (dimension - 2), -np.cos(angle)]) / n
+    bobs = scene.mass(1 / n, np.arange(1, n + 1)[:, None] * way)
+    scene.add(effects.Rod(), scene.fixed(np.zeros(dimension)), bobs[0])
+    scene.add(effects.Rod(), bobs[:-1], bobs[1:])
+    scene.add(effects.Gravity([0.0] * (dimension - 1) + [-G]))
+    if drag:
+        scene.add(effects.LinearDamper(drag), bobs[-1], scene.fixed([2.0] + [0.0] * (dimension - 1)))
+    return scene
+
+
+def lengths(problem, u):
+    x = np.moveaxis(u.reshape(*u.shape[:-1], 2, -1), -2, -1)
+    return np.linalg.norm(np.diff(x, axis=-2, prepend=0.0), axis=-1)
+
+
+def slider_crank():
+    scene = Scene(2)
+    crank, block = scene.mass(1.0, (0.3, 0.4)), scene.mass(2.0, (1.5, 0.0))
+    scene.add(effects.Rod(), scene.fixed((0.0, 0.0)), crank)
+    scene.add(effects.Rod(), crank, block)
+    scene.add(effects.Slider(direction=(1.0, 0.0)), block)
+    scene.add(effects.Gravity((0.0, -G)))
+    scene.add(effects.LinearDamper(0.5), crank, block)
+    return scene
+
+
+def closed_loop():
+    """Five rods around, of which two ends are fixed, with a spring across."""
+    scene = Scene(2)
+    joints = scene.mass([1.0, 2.0, 1.0], [(0.1, 1.0), (1.0, 1.4), (1.9, 0.9)])
+    ground = scene.fixed([(0.0, 0.0), (2.0, 0.0)])
+    scene.add(effects.Rod(), joints[:-1], joints[1:])
+    scene.add(effects.Rod(), ground, joints[[0, 2]])
+    scene.add(effects.LinearSpring(5.0, 1.0), ground[0], joints[1])
+    scene.add(effects.Gravity((0.0, -G)))
+    return scene
+
+
+@eig3.jit
+def swelling(t):
+    return 1 + 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t), -0.9 * np.sin(3 * t)
+
+
+def actuated():
+    scene = Scene(3)
+    bob = scene.mass(1.0, (0.6, 0.0, -0.8), (0.0, 0.5, 0.0) + 0.3 * np.array([0.6, 0.0, -0.8]))
+    scene.add(effects.Actuator(swelling), scene.fixed((0.0, 0.0, 0.0)), bob)
+    scene.add(effects.Gravity((0.0, 0.0, -G)))
+    return scene
+
+
+SCENES = [lambda: chain(3, drag=0.3), slider_crank, closed_loop, actuated]
+
+
+@pytest.mark.parametrize(
+    ("method", "order", "h"), [("eig3", 2, 4e-3), ("rk4", 4, 2e-2), ("eig5", 4, 4e-3), ("ab2", 2, 2e-3)]
+)
+@pytest.mark.parametrize("make", SCENES)
+def test_positions_and_reactions_keep_the_order(make, method, order, h):
+    problem = make().problem((0.0, 0.8))
+    options = {"outputs": problem.outputs}
+    exact = problem.integrate(rtol=1e-13, method="rk8", **options)
+    errors = []
+    for step in (h, h / 2, h / 4):
+        run = problem.integrate(h=step, method=method, **options)
+        values = (run.u, run.v, run.outputs["reactions"]), (exact.u, exact.v, exact.outputs["reactions"])
+        errors.append([np.abs(x[-1] - y[-1]).max() / np.abs(y[-1]).max() for x, y in zip(*values, strict=True)])
+    ratios = np.log2([np.divide(a, b) for a, b in pairwise(errors)])
+    # the terms of higher order change the ratio by less than a third of the order at these steps
+    assert ratios[-1] == pytest.approx(order, abs=order / 3)
+
+
+def test_a_pendulum_is_that_of_its_angle():
+    run = chain(1, angle=2.0).problem((0.0, 5.0)).integrate(rtol=1e-12, method="rk8")
+    angle = solve_ivp(lambda t, y: (y[1], -G * np.sin(y[0])), (0, 5), (2.0, 0.0), "DOP853", rtol=1e-12, atol=1e-12).y[0]
+    np.testing.assert_allclose(run.u[-1], [np.sin(angle[-1]), -np.cos(angle[-1])], rtol=0, atol=1e-10)
+
+
+def test_the_reaction_is_the_force_in_a_rod():
+    """A bob that hangs has the tension m g, and one that swings on a circle m v^2 / r more."""
+    problem = chain(1, angle=0.0).problem((0.0, 0.1))
+    problem = problem.with_(v0=np.array([2.0, 0.0]))
+    run = problem.integrate(h=1e-3, outputs=problem.outputs)
+    assert run.outputs["reactions"][0, 0] == pytest.approx(-(G + 4.0), rel=1e-14)
+
+
+@pytest.mark.parametrize("method", ["eig3", "rk4"])
+def test_a_million_steps_keep_the_lengths(method):
+    run = chain(3).problem((0.0, 1000.0)).integrate(h=1e-3, method=method, save_every=10_000)
+    assert np.abs(lengths(chain(3), run.u) - 1 / 3).max() < 1e-13
+    assert len(run.t) == 101
+
+
+def test_the_energy_of_a_chain_stays_bounded():
+    """EIG-3 is symplectic here: in 10^4 s, some 10^4 periods, the extremes of the energy grow by nothing but chaos."""
+    problem = chain(2, angle=0.5).problem((0.0, 10_000.0))
+    run = problem.integrate(h=5e-3, save_every=1000)
+    energy = problem.energy_of(run.u, run.v)
+    first, last = energy[: len(energy) // 10], energy[-len(energy) // 10 :]
+    assert np.abs(last - energy[0]).max() < 2 * np.abs(first - energy[0]).max()
+    assert abs(last.mean() - first.mean()) < 0.1 * np.ptp(first)
+
+
+@dataclass(frozen=True, eq=False)
+class OnCircle(effects.Constraint):
+    radius: ArrayLike
+
+    takes = (1,)
+
+    @staticmethod
+    @eig3.jit
+    def phi(x0, radius):
+        return (x0[0] * x0[0] + x0[1] * x0[1]) / (2 * radius) - radius / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Apart(effects.Constraint):
+    """A rod with functions of its own."""
+
+    length: ArrayLike
+
+    @staticmethod
+    @eig3.jit
+    def phi(x0, x1, length):
+        dx, dy = x1[0] - x0[0], x1[1] - x0[1]
+        return (dx * dx + dy * dy - length * length) / (2 * length)
+
+    @staticmethod
+    @eig3.jit
+    def gradient(x0, x1, length):
+        gx, gy = (x1[0] - x0[0]) / length, (x1[1] - x0[1]) / length
+        return -gx, -gy, gx, gy
+
+
+@pytest.mark.parametrize("options", [{"h": 1e-3}, {"h": 1e-3, "method": "rk4"}, {"rtol": 1e-9}])
+def test_constraints_of_ones_own_are_those_of_the_library(options):
+    """The curvature of one's own is a difference, with an error of 1e-10 of it."""
+    runs = []
+    for own in (False, True):
+        scene = Scene(2)
+        bobs = scene.mass([1.0, 0.5], [(0.6, -0.8), (1.4, -1.4)])
+        if own:
+            scene.add(OnCircle([1.0]), bobs[:1])
+            scene.add(Apart(1.0), bobs[0], bobs[1])
+        else:
+            scene.add(effects.Rod(), scene.fixed((0.0, 0.0)), bobs[0])
+            scene.add(effects.Rod(), bobs[0], bobs[1])
+        scene.add(effects.Gravity((0.0, -G)))
+        problem = scene.problem((0.0, 2.0))
+        runs.append(problem.integrate(outputs=problem.outputs, **options))
+    np.testing.assert_allclose(runs[0].u[-1], runs[1].u[-1], rtol=0, atol=1e-9)
+    reactions = [run.outputs["reactions"][-1] for run in runs]
+    np.testing.assert_allclose(*reactions, rtol=1e-7)
+
+
+def test_sliders_and_welds():
+    """A bead on a skew line in space falls with a part of g; one in a plane that is welded to it goes with it."""
+    scene = Scene(3)
+    way = np.array([1.0, 2.0, -2.0]) / 3
+    bead, guest = scene.mass(1.0, (0.0, 0.0, 0.0)), scene.mass(3.0, (0.0, 1.0, 0.0))
+    scene.add(effects.Slider(direction=2 * way), bead)
+    scene.add(effects.Weld(), bead, guest)
+    puck = scene.mass(1.0, (5.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    scene.add(effects.Slider(normal=(0.0, 0.0, 3.0)), puck)
+    scene.add(effects.Gravity((0.0, 0.0, -G)))
+    problem = scene.problem((0.0, 1.0))
+    run = problem.integrate(h=1e-2, outputs=problem.outputs)
+    fall = G * 2 / 3 / 2
+    np.testing.assert_allclose(bead.of(run.u)[-1], fall * way, atol=1e-12)
+    np.testing.assert_allclose(guest.of(run.u)[-1], fall * way + [0.0, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(puck.of(run.u)[-1], [6.0, 0.0, 0.0], atol=1e-12)
+    assert abs(run.outputs["reactions"][-1, -1]) == pytest.approx(G)
+
+
+def test_the_work_of_an_actuator_is_followed():
+    """The error of the balance falls as h^2: without the work, the energy changes by more than 1 J."""
+    problem = actuated().problem((0.0, 1.0), work=True)
+    drifts = [problem.integrate(h=h).drift["energy"] for h in (2e-3, 1e-3)]
+    assert drifts[0] / drifts[1] == pytest.approx(4.0, rel=0.1)
+    assert problem.integrate(h=1e-2, method="rk8").drift["energy"] < 1e-10
+    assert np.ptp(problem.integrate(h=1e-2, method="rk8").integrals["work"]) > 1
+
+
+@pytest.mark.parametrize("options", [{"h": 1e-3}, {"h": 1e-3, "method": "rk4"}, {"rtol": 1e-8}])
+def test_an_impact_goes_through_the_joints(options):
+    """The end of a double pendulum strikes a wall: its restitution is exact, and no rod becomes longer."""
+    scene = chain(2, angle=1.2)
+    wall = scene.fixed((0.0, 0.0))
+    del wall
+    end = scene.mass(2.0, (1.5, 0.3))
+    scene.add(effects.Rod(), eig3.scene.Points(scene, np.array(1)), end)
+    scene.add(effects.RigidStop((1.0, 0.0), -0.4, restitution=0.7), end)
+    run = scene.problem((0.0, 3.0)).integrate(**options)
+    impacts = run.events["rigid stop 0"]
+    assert len(impacts.t) > 0
+    before, after = end.of(impacts.v)[0, 0], end.of(impacts.v_after)[0, 0]
+    assert after == pytest.approx(-0.7 * before, rel=1e-9)
+    x, v = (np.moveaxis(values.reshape(2, -1), 0, -1) for values in (impacts.u[0], impacts.v_after[0]))
+    rates = [v[0] @ x[0], (v[1] - v[0]) @ (x[1] - x[0]), (v[2] - v[1]) @ (x[2] - x[1])]
+    # the positions come from the dense output, which keeps the constraints to the order of the method only
+    np.testing.assert_allclose(rates, 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("options", [{"h": 1e-3}, {"h": 1e-3, "method": "rk4"}, {"rtol": 1e-7}])
+def test_runs_go_on_with_the_same_bits(options, tmp_path):
+    problem = chain(4, drag=0.2).problem((0.0, 1.0))
+    whole = problem.integrate(save_to=tmp_path / "whole", **options)
+    half = problem.with_(t_span=(0.0, 0.5)).integrate(**options)
+    if "h" in options:
+        assert_same(half.extend(1.0), whole)
+    members = problem.ensemble(u0=np.tile(problem.u0, (3, 1)), v0=np.tile(problem.v0, (3, 1)), **options)
+    np.testing.assert_array_equal(members.u[1, -1], whole.u[-1])
+
+
+def test_a_chain_takes_time_as_its_number_of_rods():
+    """The profile of S has as many numbers for each rod of a chain, and of a tree, whatever their number."""
+    for n in (20, 200):
+        table = chain(n).problem((0, 1)).params
+        assert len(table) < 80 * n + 200
+    scene, count = Scene(2), 127
+    x = np.random.default_rng(1).normal(size=(count, 2))
+    knots = scene.mass(1.0, x)
+    scene.add(effects.Rod(), knots[(np.arange(1, count) - 1) // 2], knots[1:])
+    assert len(scene.problem((0, 1)).params) < 120 * count
+
+
+def test_constraints_that_do_not_fit_are_named():
+    scene = Scene(2)
+    corners = scene.mass(1.0, [(0, 0), (1, 0), (0, 1), (1, 1)])
+    first, second = np.array([(i, j) for i in range(4) for j in range(i)]).T
+    scene.add(effects.Rod(), corners[first], corners[second])
+    with pytest.raises(ValueError, match=r"these constraints depend on each other at the start: rod .*leave out"):
+        scene.problem((0.0, 1.0))
+    scene = Scene(2)
+    scene.add(effects.Rod([1.0, 3.0]), scene.fixed((0, 0)), scene.mass(1.0, [(1, 0), (0, 2)]))
+    with pytest.raises(ValueError, match=r"rod 1 does not hold at the start, where its phi is -0.833: move its points"):
+        scene.problem((0.0, 1.0))
+    scene = Scene(2)
+    scene.add(effects.Rod(), scene.fixed((0, 0)), scene.mass(1.0, (1, 0), (1.0, 2.0)))
+    with pytest.warns(UserWarning, match="the velocities at the start do not keep rod 0"):
+        problem = scene.problem((0.0, 1.0))
+    np.testing.assert_allclose(problem.v0, [0.0, 2.0], atol=1e-15)
+    with pytest.raises(ValueError, match="length of Rod must be positive"):
+        effects.Rod(0.0)
+    with pytest.raises(TypeError, match="give one of them"):
+        effects.Slider()
+    with pytest.raises(ValueError, match="Rod joins fixed points only"):
+        scene.add(effects.Rod(), scene.fixed((0, 0)), scene.fixed((1, 0)))
+    with pytest.raises(ValueError, match="Rod has no direction where its ends coincide"):
+        scene.add(effects.Rod(), scene.fixed((0, 0)), scene.mass(1.0, (0, 0)))
+    with pytest.raises(ValueError, match="method 'cd' has no steps with constraints: take 'eig3'"):
+        problem.integrate(h=1e-3, method="cd")
+    with pytest.raises(ValueError, match="needs a rhs that ignores v"):
+        problem.integrate(h=1e-3, method="bm6")
+
+
+def flat_four_bar(flat=False):
+    """Two cranks of the same length and their coupler: a parallelogram, which may lie flat and then turn inside out."""
+    scene = Scene(2)
+    ground = scene.fixed([(0.0, 0.0), (2.0, 0.0)])
+    way = np.array([1.0, 0.0]) if flat else np.array([np.cos(1.2), np.sin(1.2)])
+    speed = 3.0 * np.array([way[1], -way[0]])
+    pins = scene.mass(1.0, [way, way + np.array([2.0, 0.0])], [speed, speed])
+    scene.add(effects.Rod(), ground, pins)
+    scene.add(effects.Rod(), pins[0], pins[1])
+    return scene.problem((0.0, 2.0)) if flat else (pins, scene.problem((0.0, 2.0)))
+
+
+@pytest.mark.parametrize("options", [{"h": 1e-3}, {"h": 1e-2}, {"h": 1e-3, "method": "rk4"}, {"rtol": 1e-9}])
+def test_a_singular_position_is_passed_or_reported(options):
+    """Where the parallelogram is flat, the pins could go on either way; a run that goes on keeps the parallelogram."""
+    pins, problem = flat_four_bar()
+    run = problem.integrate(**options)
+    x = pins.of(run.u)
+    np.testing.assert_allclose(x[:, 1] - x[:, 0], np.tile([2.0, 0.0], (len(x), 1)), atol=1e-6)
+    if not run.success:
+        assert run.t[-1] == pytest.approx(0.4, abs=0.02)
+        assert "no state was found that keeps the constraints" in run.message
+        assert "may depend on each other" in run.explain()
+    with pytest.raises(ValueError, match="these constraints depend on each other at the start"):
+        flat_four_bar(flat=True)
+
+
+def test_a_straight_chain_stays_straight_and_swings_again():
+    """A chain that hangs at rest does not move; with a push, it straightens again and again."""
+    problem = chain(20, angle=0.0).problem((0.0, 2.0))
+    still = problem.integrate(h=1e-3)
+    np.testing.assert_allclose(still.u[-1], problem.u0, atol=1e-13)
+    pushed = problem.with_(v0=np.concatenate([np.linspace(0, 1, 20), np.zeros(20)])).integrate(h=5e-4)
+    assert pushed.success
+    assert pushed.drift["energy"] < 1e-3
+    assert np.abs(lengths(problem, pushed.u) - 1 / 20).max() < 1e-13
