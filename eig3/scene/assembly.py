@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,21 @@ _MOTIONS = 8  # up to this number, motions of one kind are computed once each; m
 _LEAST_RUN = 4  # from this mean length of runs of indices on, a loop over runs is used in place of a table of indices
 
 
+class Bodies(NamedTuple):
+    """The points of rigid bodies.
+
+    Attributes
+    ----------
+    vectors : list of int
+        The numbers of the points that stand for vectors.
+    carried : dict of int to (ndarray of int, ndarray)
+        For each point that is fixed to a body, points whose positions it sums up, and their factors.
+    """
+
+    vectors: list[int]
+    carried: dict[int, tuple[np.ndarray, np.ndarray]]
+
+
 @dataclass(frozen=True)
 class Cloud:
     """All points of a scene.
@@ -52,6 +67,8 @@ class Cloud:
         kg m^2; 0 for points that do not spin.
     spins : ndarray, shape (points, angles)
         The angular velocities; without angles if no point spins.
+    bodies : Bodies
+        What rigid bodies have among the points.
     """
 
     masses: np.ndarray
@@ -62,12 +79,29 @@ class Cloud:
     shear: float
     inertia: np.ndarray
     spins: np.ndarray
+    bodies: Bodies
+
+    @cached_property
+    def is_carried(self) -> np.ndarray:
+        """Whether each point is carried by a rigid body."""
+        return np.isin(np.arange(self.masses.size), list(self.bodies.carried))
+
+    @cached_property
+    def is_own(self) -> np.ndarray:
+        """Whether each point has coordinates of its own in u: it is free, and no body carries it."""
+        return (self.masses > 0) & ~self.is_carried
+
+    @cached_property
+    def material(self) -> np.ndarray:
+        """The numbers of the masses on which an effect on all masses acts: no vectors, and no points of bodies."""
+        return np.flatnonzero(self.is_own & ~np.isin(np.arange(self.masses.size), self.bodies.vectors))
 
     @cached_property
     def free(self) -> np.ndarray:
-        """The index of each point among the masses; -1 for fixed points."""
-        is_free = self.masses > 0
-        return np.where(is_free, np.cumsum(is_free) - 1, -1)
+        """The index of each point among the masses; -1 for fixed points. Those that bodies carry are last."""
+        own = np.cumsum(self.is_own) - 1
+        carried = np.count_nonzero(self.is_own) + np.cumsum(self.is_carried) - 1
+        return np.where(self.is_own, own, np.where(self.is_carried, carried, -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,8 +251,13 @@ class Assembly:
 
     @property
     def n(self) -> int:
-        """The number of masses."""
+        """The number of masses in the code, which counts the points that bodies carry."""
         return int(np.count_nonzero(self.cloud.masses))
+
+    @property
+    def own(self) -> int:
+        """The number of masses with coordinates in u."""
+        return int(np.count_nonzero(self.cloud.is_own))
 
     @property
     def angles(self) -> int:
@@ -227,13 +266,18 @@ class Assembly:
 
     @property
     def coordinates(self) -> int:
-        """The number of coordinates and angles of masses. The states follow them in u."""
+        """The number of coordinates and angles of masses in the code. The states follow them."""
         return self.n * (self.dimension + self.angles)
 
     @property
     def degrees(self) -> int:
         """The number of coordinates and states."""
         return self.coordinates + len(self.states)
+
+    @property
+    def size(self) -> int:
+        """The number of degrees of freedom of the problem."""
+        return self.degrees - self.dimension * (self.n - self.own)
 
     @property
     def laws(self) -> list[Law]:
@@ -257,7 +301,7 @@ class Assembly:
 
         The angles follow the coordinates. The states follow them.
         """
-        is_mass = self.cloud.masses > 0
+        is_mass = self.cloud.is_own
         spins = np.zeros_like(self.cloud.spins) if spins is None else spins
         return np.concatenate([values[is_mass].T.ravel(), spins[is_mass].T.ravel(), np.zeros(len(self.states))])
 
@@ -289,7 +333,7 @@ def assemble(
 
 def numbered(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Placement], list[str], list[str]]:
     """Give numbers to the events and states of all members, as columns; return their names too."""
-    count, dimension = int(np.count_nonzero(cloud.masses)), cloud.positions.shape[1]
+    count, dimension = cloud.material.size, cloud.positions.shape[1]
     found: list[Placement] = []
     events: list[str] = []
     states: list[str] = []
@@ -374,7 +418,7 @@ def _merged(laws: list[Law]) -> Law:
 
 
 def _body_groups(cloud: Cloud, placements: Sequence[Placement]) -> list[Group]:
-    masses = np.arange(np.count_nonzero(cloud.masses))
+    masses = cloud.free[cloud.material]
     kinds: dict[Any, list[Group]] = {}
     for effect, numbers, columns in placements:
         if not isinstance(effect, Body):
@@ -533,20 +577,21 @@ def names(assembly: Assembly) -> tuple[str, ...]:
     """Return the names of the degrees of freedom."""
     angles = {0: (), 1: ("angle",), 3: ("angle_x", "angle_y", "angle_z")}[assembly.angles]
     kinds = (*"xyz"[: assembly.dimension], *angles)
-    return (*(f"{kind}{j}" for kind in kinds for j in range(assembly.n)), *assembly.states)
+    return (*(f"{kind}{j}" for kind in kinds for j in range(assembly.own)), *assembly.states)
 
 
 def units(assembly: Assembly) -> str | tuple[str, ...]:
     """Return the units of the degrees of freedom, or the only one."""
     if not assembly.states and not assembly.angles:
         return "m"
-    n = assembly.n
+    n = assembly.own
     return ("m",) * (n * assembly.dimension) + ("rad",) * (n * assembly.angles) + ("-",) * len(assembly.states)
 
 
 def note(assembly: Assembly) -> str:
     """Return a description of the scene, with a line for each kind of effect."""
-    masses = f"{assembly.n} mass{'es' * (assembly.n > 1)}"
+    count = assembly.cloud.material.size
+    masses = f"{count} mass{'es' * (count > 1)}"
     lines = [f"{masses} in {assembly.dimension} dimension{'s' * (assembly.dimension > 1)}"]
     acting: Counter[str] = Counter()
     for law in assembly.motions:

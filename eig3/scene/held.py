@@ -106,9 +106,8 @@ def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held | None:
         if functions:
             kinds.append(Kind(effect, columns, np.arange(first, len(rows))))
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
-    is_mass = cloud.masses > 0
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
-    table = ConstraintTable(1 / cloud.masses[is_mass], len(cloud.box), arms, rows, slopes, length, degrees)
+    table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
     return Held(table, names, counts, [effect for effect, _, _ in placed], kinds)
 
 
@@ -116,10 +115,12 @@ def _arm(cloud: Any, points: Sequence[int], factors: Any, constant: np.ndarray) 
     """Return a sum of positions of points as an arm of masses."""
     constant, found = np.array(constant, dtype=float), {}
     for point, factor in zip(points, factors, strict=True):
-        if cloud.masses[point] > 0:
-            found[int(cloud.free[point])] = found.get(int(cloud.free[point]), 0.0) + float(factor)
-        else:
-            constant = constant + factor * cloud.positions[point]
+        for part, share in zip(*cloud.bodies.carried.get(point, ((point,), (1.0,))), strict=True):
+            if cloud.masses[part] > 0:
+                mass = int(cloud.free[part])
+                found[mass] = found.get(mass, 0.0) + float(factor * share)
+            else:
+                constant = constant + factor * share * cloud.positions[part]
     kept = {mass: factor for mass, factor in found.items() if factor}
     return Arm(np.array(list(kept), dtype=int), np.array(list(kept.values()), dtype=float), constant)
 

@@ -11,6 +11,7 @@ import numpy as np
 from ..animation import Mechanism
 from .assembly import STATE, Cloud, Placement
 from .cell import Cell
+from .constraint import Constraint
 from .effect import Body, Link, Motion, arguments
 from .mesh import surface
 from .swarm import Swarm
@@ -32,6 +33,8 @@ class Places:
         The index of each point among the masses; -1 for fixed points.
     upright : bool
         Whether a scene of one dimension is drawn from the bottom to the top, not from left to right.
+    carried : dict of int to (ndarray of int, ndarray)
+        The points of rigid bodies: see `eig3.scene.assembly.Bodies`.
     moves : list of (function, arguments, direction, points)
         The motions of supports: ``function(t, *arguments)`` returns the displacement along the direction, and its rate.
     """
@@ -39,13 +42,17 @@ class Places:
     positions: np.ndarray
     free: np.ndarray
     upright: bool = False
+    carried: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     moves: list[tuple[Any, tuple, np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
         dimension = self.positions.shape[1]
         x = np.tile(self.positions, (len(t), 1, 1))
         is_mass = self.free >= 0
+        is_mass[list(self.carried)] = False
         x[:, is_mass] = u[:, self.free[is_mass, None] + np.count_nonzero(is_mass) * np.arange(dimension)]
+        for point, (parts, factors) in self.carried.items():
+            x[:, point] = np.einsum("p,tpk->tk", factors, x[:, parts])
         for function, given, direction, some in self.moves:
             way = np.array([function(float(time), *given)[0] for time in t])
             x[:, some] += way[:, None, None] * direction
@@ -64,24 +71,25 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Sw
     placements : sequence of Placement
         Effects whose columns contain the numbers of their states, and all of which have columns.
     """
-    dimension, masses = cloud.positions.shape[1], np.flatnonzero(cloud.free >= 0)
+    dimension, masses = cloud.positions.shape[1], cloud.material
     radii = _radii(cloud, placements, swarms)
     upright = dimension == 1 and any(effect.picture == "weight" for effect, _, _ in placements)
     links: dict[tuple[int, int], str] = {}
     strings: dict[tuple[int, int], int] = {}
-    first_state = (dimension + cloud.spins.shape[1]) * np.count_nonzero(cloud.masses)
+    first_state = (dimension + cloud.spins.shape[1]) * np.count_nonzero(cloud.is_own)
     for effect, numbers, columns in placements:
-        if isinstance(effect, Link) and effect.picture not in ("", "discs"):
+        if isinstance(effect, Link | Constraint) and effect.picture not in ("", "discs") and len(numbers) == 2:
             for k, ends in enumerate(zip(*(x.tolist() for x in numbers), strict=True)):
                 if links.get(ends) != "spring":
                     links[ends] = effect.picture
                 if effect.picture == "string":
                     strings[ends] = first_state + int((columns or {})[STATE][k])
     faces, hidden = _surfaces(placements)
+    hidden = np.union1d(hidden, cloud.bodies.vectors).astype(int)
     inside = set(hidden.tolist())
     order = [ends for ends in links if not inside.issuperset(ends)]
     return Mechanism(
-        places=Places(cloud.positions, cloud.free, upright, _moves(placements)),
+        places=Places(cloud.positions, cloud.free, upright, cloud.bodies.carried, _moves(placements)),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},

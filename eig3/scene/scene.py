@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_count, check_flag, check_span, reals
 from ..problem import Problem
 from . import codegen
-from .assembly import Cloud, Placement, assemble, count_states, names, note, numbered, sources, units
+from .assembly import Bodies, Cloud, Placement, assemble, count_states, names, note, numbered, sources, units
 from .cell import Cell, same_points
 from .effect import Effect, Link
 from .held import fitting
@@ -146,6 +146,7 @@ class Scene:
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
         self._placements: list[Placement] = []
+        self._bodies = Bodies([], {})
 
     def fixed(self, position: ArrayLike) -> Points:
         """Add points that do not move, unless a `Motion` moves them.
@@ -449,10 +450,11 @@ class Scene:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
         if not self._parts:
             none = np.empty((0, self.dimension))
-            return Cloud(np.empty(0), none, none, none, self._box, self._shear, np.empty(0), none[:, :0])
+            return Cloud(np.empty(0), none, none, none, self._box, self._shear, np.empty(0), none[:, :0], self._bodies)
         masses, positions, velocities, rest, inertia, spins = self._parts[0]
         spins = spins if inertia.any() else spins[:, :0]
-        return Cloud(masses, positions, velocities, rest, self._box, self._shear, inertia, spins)
+        given = self._box, self._shear, inertia, spins, self._bodies
+        return Cloud(masses, positions, velocities, rest, *given)
 
     def _turning(
         self, inertia: ArrayLike | None, spin: ArrayLike, shape: tuple[int, ...]
@@ -506,7 +508,7 @@ class Scene:
             raise ValueError("no mass of the scene has an inertia, so that none has an angle.")
         if (free[numbers] < 0).any():
             raise ValueError("fixed points have no values in a run; only masses do.")
-        count = np.count_nonzero(free >= 0)
+        count = np.count_nonzero(cloud.is_own)
         size = values.shape[-1] if values.ndim else 0
         expected = count * (self.dimension + kinds) + count_states(cloud, self._placements)
         if size != expected:
@@ -515,8 +517,19 @@ class Scene:
                 f"solution.u of this scene, not {size}."
             )
         parts = self.dimension + np.arange(kinds) if angles else np.arange(self.dimension)
+        if cloud.is_carried[numbers].any():
+            return self._carried_of(numbers, values)
         taken = values[..., free[numbers][..., np.newaxis] + count * parts]
         return taken[..., 0] if parts.size == 1 else taken
+
+
+    def _carried_of(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Return the values of points of which a body carries some."""
+        found = []
+        for number in numbers.ravel().tolist():
+            parts, factors = self._bodies.carried.get(number, (np.array([number]), np.ones(1)))
+            found.append(np.einsum("p,...pk->...k", factors, self._values_of(parts, values)))
+        return np.stack(found, axis=-2).reshape(*values.shape[:-1], *numbers.shape, self.dimension)
 
 
 def _constant(numbers: np.ndarray) -> np.ndarray:
