@@ -388,12 +388,13 @@ def leap(own, t, h, u, v, drift, p, place, d):
 
 
 @element
-def strike(own, t, u, v, p, place, d):
+def strike(own, t, u, v, p, place, free, d):
     """Let the constraints take part in an impulse that has changed the velocity from `before` to v.
 
     The impulse itself, of free points, is what v shows. With the reactions, its part along itself must have the same
     effect: for a change x of the velocity of free points, with the projection y, the change is y (x . M x) / (x . M y).
-    So a coefficient of restitution, and the sum of the energies of two points that meet, are what they were.
+    So a coefficient of restitution, and the sum of the energies of two points that meet, are what they were. `free` is
+    x . M x, where points that bodies carry may take part; it is computed here if it is negative.
     """
     c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
     success = stand(own, t, u, p, place, c, n, rows, d)
@@ -403,13 +404,14 @@ def strike(own, t, u, v, p, place, d):
         c.multipliers[k] = along(c, k, n, c.ways, d)
     solve(c, c.multipliers, rows)
     push(c, -1.0, rows, n, c.ways, d)
-    free = held = 0.0
+    square = held = 0.0
     for axis in range(d):
         for i in range(n):
             j = axis * n + i
             change = (v[j] - c.before[j]) / c.weights[i]
-            free += change * (v[j] - c.before[j])
+            square += change * (v[j] - c.before[j])
             held += change * c.ways[j]
+    free = square if free < 0 else free
     scale = free / held if success and held > _SINGULAR * free else 0.0
     for j in range(d * n):
         v[j] = c.before[j] + scale * c.ways[j]

@@ -39,6 +39,7 @@ from .st_venant_kirchhoff import StVenantKirchhoff
 from .st_venant_kirchhoff_triangle import StVenantKirchhoffTriangle
 from .support_motion import SupportMotion
 from .tetrahedron import Tetrahedron
+from .torque import Torque
 from .triangle import Triangle
 from .weld import Weld
 from .wind_pressure import WindPressure
@@ -85,6 +86,7 @@ __all__ = [
     "StVenantKirchhoffTriangle",
     "SupportMotion",
     "Tetrahedron",
+    "Torque",
     "Triangle",
     "Weld",
     "WindPressure",

@@ -103,6 +103,10 @@ class Cloud:
         carried = np.count_nonzero(self.is_own) + np.cumsum(self.is_carried) - 1
         return np.where(self.is_own, own, np.where(self.is_carried, carried, -1))
 
+    def in_order(self, values: np.ndarray) -> np.ndarray:
+        """Return values of points for the masses, in the order of their indices."""
+        return np.concatenate([values[self.is_own], values[self.is_carried]])
+
 
 @dataclass(frozen=True, eq=False)
 class Law:

@@ -31,6 +31,7 @@ from ..kernels.compile.source import define
 from ..kernels.protocol import index
 from ..stepping.team import Shares
 from .assembly import STATE, Assembly
+from .bodies_text import BodiesText
 from .box_text import BoxText
 from .constraint_text import ConstraintText
 from .effect import FORCES, RESETS
@@ -149,7 +150,9 @@ class _Source:
         self._links = _acting(packing.links, _LINK)
         self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing)
         self._grains, self._constraints = GrainsText(assembly, packing), ConstraintText(assembly, packing)
-        self._rhs_name = "forces" if packing.held else "rhs"
+        self._bodies_text = BodiesText(assembly, packing, self._constraints)
+        self._rhs_name = f"forces{self._bodies_text.suffix}" if packing.held else "rhs"
+        self._own_masses = assembly.own
         self._box = BoxText(packing)
         # on a line without end, a link has a sign: its ends may pass through each other
         self._is_signed = len(self._axes) == 1 and not packing.box
@@ -192,6 +195,9 @@ class _Source:
             if self._follows_work:
                 with self._indented(f"if a.size > {self._work}:"):  # a run that follows the work
                     self._write(f"a[{self._work}] = power(t, u, v, p)")
+        if self._suffix:
+            with self._function("forces(t, u, v, p, a)", ()):
+                self._write_all(self._bodies_text.forces())
         for head, lines in self._constraints.functions():
             with self._function(head, ()):
                 self._write_all(lines)
@@ -231,12 +237,12 @@ class _Source:
 
     def energy(self) -> None:
         """Write the function of the kinetic energy and the potentials, less the work in a run that follows it."""
-        with self._function("energy(t, u, v, p)", self._links):
+        with self._function(f"energy{self._suffix}(t, u, v, p)", self._links):
             self._write("total = 0.0")
             if self._follows_work:
                 with self._indented(f"if v.size > {self._work}:"):
                     self._write(f"total -= v[{self._work}]")
-            with self._masses(0, self._n) as i:
+            with self._masses(0, self._own_masses) as i:
                 speeds = [self._at("v", axis, i) for axis in self._axes]
                 self._write(f"total += {_sum([f'{v} * {v}' for v in speeds])} / (2 * {self._w(i)})")
             for block in self._some(self._bodies, has_potential=True):
@@ -249,6 +255,9 @@ class _Source:
             self._write_all(self._swarms.potentials())
             self._write_all(self._grains.energy())
             self._write("return total")
+        if self._suffix:
+            with self._function("energy(t, u, v, p)", ()):
+                self._write_all(self._bodies_text.value("energy_of_all(t, everywhere, speeds, p)"))
 
     def history(self) -> None:
         """Write the functions of the springs between grains."""
@@ -353,9 +362,12 @@ class _Source:
 
     def _event(self, block: Block, name: str) -> None:
         """Write the function whose zeros are the events of an effect on a block."""
-        with self._of_member(name, block) as (s, i, j):
+        with self._of_member(name + self._suffix, block) as (s, i, j):
             offered = self._offered(block, s, i, j, "event")
             self._write(f"return float({block.laws[0].call('event', s, offered)})")
+        if self._suffix:
+            with self._function(f"{name}(member, t, u, v, p)", ()):
+                self._write_all(self._bodies_text.value(f"{name}_of_all(member, t, everywhere, speeds, p)"))
 
     def _reset(self, block: Block, name: str) -> None:
         """Write the function that changes the state at the events of an effect on a block.
@@ -363,14 +375,16 @@ class _Source:
         In a run that follows the work, the change of the energy is added to the work.
         """
         law = block.laws[0]
-        with self._of_member(name, block) as (s, i, j):
-            if self._follows_work:
+        with self._of_member(name + self._suffix, block) as (s, i, j):
+            follows_work = self._follows_work and not self._suffix
+            if follows_work:
                 self._write("before = energy(t, u, v, p)")
             offered = self._offered(block, s, i, j, *RESETS)
             if "state_after" in law.functions:
                 self._write(f"state = {law.call('state_after', s, offered)}")
             changes_velocity = law.functions.keys() & {"velocity_after", "rate_after"}
-            self._write_all(self._constraints.before_impulse() if changes_velocity else ())
+            takes_part = changes_velocity and not self._suffix
+            self._write_all(self._constraints.before_impulse() if takes_part else ())
             if "velocity_after" in law.functions:
                 self._write(f"after = {law.call('velocity_after', s, offered)}")
                 for k, axis in enumerate(self._axes):
@@ -378,12 +392,20 @@ class _Source:
             if "rate_after" in law.functions:
                 self._write(f"change = {law.call('rate_after', s, offered)} - {offered['rate']}")
                 self._strike(block, i, j)
-            self._write_all(self._constraints.after_impulse() if changes_velocity else ())
+            self._write_all(self._constraints.after_impulse() if takes_part else ())
             if "state_after" in law.functions:
                 self._write(f"{law.columns[STATE].of(s)} = state")
-            if self._follows_work:
+            if follows_work:
                 with self._indented(f"if v.size > {self._work}:"):
                     self._write(f"v[{self._work}] += energy(t, u, v, p) - before")
+
+        if self._suffix:
+            with self._function(f"{name}(member, t, u, v, p)", ()):
+                self._write_all(self._bodies_text.reset(f"{name}_of_all(member, t, everywhere, speeds, p)"))
+
+    @property
+    def _suffix(self) -> str:
+        return self._bodies_text.suffix
 
     @contextmanager
     def _of_member(self, name: str, block: Block) -> Iterator[tuple[str, str, str]]:

@@ -16,8 +16,8 @@ class ConstraintText:
     """The constraints of one scene in the source."""
 
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
-        self._d, self._follows_work, self._work = assembly.dimension, assembly.follows_work, assembly.degrees
-        self._n, self._block = assembly.n, packing.held
+        self._d, self._follows_work, self._work = assembly.dimension, assembly.follows_work, assembly.size
+        self._n, self._block = assembly.own, packing.held
 
     def functions(self) -> Iterator[tuple[str, Iterable[str]]]:
         """The heads and the bodies of the functions, all but the accelerations that do not know the constraints."""
@@ -68,10 +68,10 @@ class ConstraintText:
             yield f"for k in range({self._d * self._n}):"
             yield "    c.before[k] = v[k]"
 
-    def after_impulse(self) -> Iterator[str]:
+    def after_impulse(self, free: str = "-1.0") -> Iterator[str]:
         """Let the constraints take part in the impulse of an event."""
         if self._block:
-            yield f"strike(own, t, memory(u), v, memory(p), {self._block.place}, {self._d})"
+            yield f"strike(own, t, memory(u), v, memory(p), {self._block.place}, {free}, {self._d})"
 
     def _given(self, block: HeldBlock, state: str, *more: str) -> str:
         """The arguments of a function of the library, or of one that takes the constraints of their own."""

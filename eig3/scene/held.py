@@ -102,7 +102,7 @@ def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held | None:
                     both.append(len(arms))
                     arms.append(_arm(cloud, points, *vector))
                 rows.append(Row((both[0], both[1]), equation.scale, equation.target))
-                names.append(f"{name}, {['first', 'second', 'third', 'fourth'][k]} row" if len(equations) > 1 else name)
+                names.append(f"{name} ({k + 1} of {len(equations)})" if len(equations) > 1 else name)
         if functions:
             kinds.append(Kind(effect, columns, np.arange(first, len(rows))))
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels import constraints, grains, neighbours
+from ..kernels import bodies, constraints, grains, neighbours
 from ..kernels.constraints import Areas
 from ..kernels.shared_forces import add_forces
 from ..kernels.team import out_of_line
@@ -266,6 +266,26 @@ class HeldBlock:
     own: list[tuple[Symbols, int, int]]
 
 
+@dataclass(frozen=True)
+class CarriedBlock:
+    """The points that bodies carry in the source: the places in p of their table, and of arrays for all points.
+
+    Attributes
+    ----------
+    count, size, degrees : int
+        The number of carried points, of masses that carry them, and of degrees of freedom of all points at most.
+    """
+
+    begins: int
+    parts: int
+    factors: int
+    weights: int
+    scratch: int
+    count: int
+    size: int
+    degrees: int
+
+
 class Packing:
     """The parameters and functions of a scene, and the blocks that refer to them.
 
@@ -284,6 +304,8 @@ class Packing:
     grains : list of GrainsBlock
     held : HeldBlock or None
         None if the scene has no constraints.
+    carried : CarriedBlock or None
+        None if no body carries points.
     turn : Column or None
         Inverse inertias, 0 for masses that do not spin; None if none does.
     box : dict of str to int
@@ -313,7 +335,7 @@ class Packing:
         self._names |= {"near_radius", "arm_of_mate", "h_end"}
         self.functions: dict[str, Any] = {}
         self._first_state = assembly.coordinates
-        self.weight = self._column(1 / assembly.cloud.masses[assembly.cloud.masses > 0])
+        self.weight = self._column(1 / assembly.cloud.in_order(assembly.cloud.masses))
         self.motions = [self._symbols(law) for law in assembly.motions]
         self.bodies = [self._block(group) for group in assembly.bodies]
         self.links = [self._block(group) for group in assembly.links]
@@ -327,9 +349,8 @@ class Packing:
         self.shear = self._add(np.array(assembly.cloud.shear)) if assembly.cloud.shear else None
         self.swarms = [self._swarm(assembly, x) for x in assembly.swarms if not isinstance(x.effect, Rough)]
         self.grains = [self._grains(assembly, x) for x in assembly.swarms if isinstance(x.effect, Rough)]
-        self.turn = (
-            self._column(inverse(assembly.cloud.inertia[assembly.cloud.masses > 0])) if assembly.angles else None
-        )
+        self.turn = self._column(inverse(assembly.cloud.in_order(assembly.cloud.inertia))) if assembly.angles else None
+        self.carried = self._carried(assembly) if assembly.n > assembly.own else None
         self.held = self._held(assembly.held) if assembly.held else None
         is_large = threads is not None and any(block.listing.masses >= _SHARED for block in self.swarms)
         self.team = self._add(np.array([0, 0, threads])) if is_large else None
@@ -350,6 +371,25 @@ class Packing:
         listing = listed(swarm, sum(part.size for part in self._parts), assembly.cloud, u0, pairs)
         self._add(listing.values)
         return SwarmBlock(law, listing)
+
+    def _carried(self, assembly: Assembly) -> CarriedBlock:
+        cloud, carried = assembly.cloud, assembly.cloud.bodies.carried
+        points = [carried[point] for point in sorted(carried)]
+        sizes, degrees = [len(parts) for parts, _ in points], assembly.degrees + 1
+        parts = np.concatenate([cloud.free[parts] for parts, _ in points])
+        factors = np.concatenate([factors for _, factors in points])
+        self.functions |= {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
+        self.functions |= {"spread": bodies.spread, "gather": bodies.gather, "change": bodies.change}
+        return CarriedBlock(
+            self._add(_as_floats(np.concatenate([[0], np.cumsum(sizes)]))),
+            self._add(_as_floats(parts)),
+            self._add(factors),
+            self._add(1 / cloud.masses[cloud.is_own]),
+            self._add(np.zeros(3 * degrees)),
+            len(points),
+            len(parts),
+            degrees,
+        )
 
     def _held(self, held: Held) -> HeldBlock:
         place = sum(part.size for part in self._parts)
@@ -436,6 +476,13 @@ class Packing:
         has_events = any(law.events.size for law in laws)
         ends = [self._column(x) for x in (group.first, group.second) if has_events and x is not None]
         return Block(group, laws, anchor, moved, runs, place, ends)
+
+
+def _as_floats(integers: np.ndarray) -> np.ndarray:
+    """Return 32-bit integers as the floats with the same bits, two in each."""
+    values = np.zeros((len(integers) + 1) // 2)
+    values.view(np.int32)[: len(integers)] = integers
+    return values
 
 
 def inverse(values: np.ndarray) -> np.ndarray:

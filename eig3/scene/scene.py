@@ -14,6 +14,7 @@ from ..functions.checks import check_count, check_flag, check_span, reals
 from ..problem import Problem
 from . import codegen
 from .assembly import Bodies, Cloud, Placement, assemble, count_states, names, note, numbered, sources, units
+from .bodies import Rigid, RigidBody, principal_moments, rotation_matrix
 from .cell import Cell, same_points
 from .effect import Effect, Link
 from .held import fitting
@@ -22,7 +23,7 @@ from .picture import mechanism
 from .rough import Rough
 from .swarm import Swarm, check_swarm
 
-__all__ = ["Points", "Scene"]
+__all__ = ["Points", "RigidBody", "Scene"]
 
 _ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension
 
@@ -207,6 +208,75 @@ class Scene:
         turning = self._turning(inertia, spin, shape)
         given = _spread(m, shape, "m"), _spread(velocity, position.shape, "velocity")
         return self._added(position, *given, turning=turning)
+
+    def body(
+        self,
+        mass: float,
+        inertia: ArrayLike,
+        position: ArrayLike,
+        rotation: Any = None,
+        *,
+        velocity: ArrayLike = 0.0,
+        spin: ArrayLike = 0.0,
+    ) -> RigidBody:
+        """Add a rigid body, in two or three dimensions.
+
+        Parameters
+        ----------
+        mass : float
+            kg.
+        inertia : float or array_like, shape (3,) or (3, 3)
+            About the centre of mass, kg m^2: in the plane a number; in space the principal moments, or the matrix, in
+            the frame of the body.
+        position : array_like, shape (dimension,)
+            Of the centre of mass, m.
+        rotation : optional
+            From the frame of the body to that of the scene: in the plane an angle, rad; in space a quaternion (x, y, z,
+            w), a 3 x 3 matrix or a SciPy ``Rotation``. By default the frames are the same.
+        velocity : array_like, shape (dimension,)
+            Of the centre of mass, m/s.
+        spin : float or array_like, shape (3,)
+            The angular velocity, rad/s; in space in the frame of the scene.
+
+        Returns
+        -------
+        RigidBody
+            It makes points, on which effects act, and joints.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument does not fit the dimension, or is not that of a body.
+        """
+        if self.dimension == 1:
+            raise ValueError("a rigid body needs a scene of 2 or 3 dimensions.")
+        if self._box.any():
+            raise ValueError("a scene with a periodic box has no rigid bodies: their points have no nearest images.")
+        squares, principal = principal_moments(inertia, self.dimension)
+        axes = (rotation_matrix(rotation, self.dimension) @ principal).T
+        turning = reals(spin, "spin")
+        if turning.shape not in ((), (3,)) or ((turning.shape == (3,)) != (self.dimension == 3) and turning.any()):
+            wanted = "a number" if self.dimension == 2 else "3 numbers"
+            raise ValueError(f"spin of a body in {self.dimension} dimensions must be {wanted}, in rad/s.")
+        across = axes @ np.array([[0.0, 1.0], [-1.0, 0.0]]) if self.dimension == 2 else axes
+        rates = turning * across if self.dimension == 2 else np.cross(np.broadcast_to(turning, 3), axes)
+        centre = self.mass(mass, position, np.broadcast_to(reals(velocity, "velocity"), (self.dimension,)))
+        vectors = self.mass(squares, axes, rates)
+        self._bodies.vectors.extend(vectors.numbers.tolist())
+        self.add(Rigid(), *vectors)
+        return RigidBody(self, centre, vectors, principal)
+
+    def _carry(self, parts: np.ndarray, factors: np.ndarray, is_vector: bool) -> Points:
+        """Add points that are sums of the positions of others, with factors of shape (..., parts)."""
+        cloud = self._cloud()
+        shape = *factors.shape[:-1], self.dimension
+        position = (factors @ cloud.positions[parts]).reshape(shape)
+        points = self._added(position, np.ones(shape[:-1]), (factors @ cloud.velocities[parts]).reshape(shape))
+        for number, row in zip(points.numbers.ravel().tolist(), factors.reshape(-1, len(parts)), strict=True):
+            kept = np.flatnonzero(row)
+            self._bodies.carried[number] = parts[kept], row[kept]
+            self._bodies.vectors.extend([number] * is_vector)
+        return points
 
     def add(
         self,
@@ -521,7 +591,6 @@ class Scene:
             return self._carried_of(numbers, values)
         taken = values[..., free[numbers][..., np.newaxis] + count * parts]
         return taken[..., 0] if parts.size == 1 else taken
-
 
     def _carried_of(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Return the values of points of which a body carries some."""

@@ -1,0 +1,246 @@
+"""Rigid bodies in natural coordinates: a centre, and the unit vectors along the axes of each body.
+
+The vectors are points of the scene whose masses are the principal moments J_k = sum m x_k^2, in kg m^2. So the kinetic
+energy is m |c'|^2 / 2 + sum J_k |e_k'|^2 / 2, with a constant diagonal mass matrix, and every point of a body is a sum
+of its centre and its vectors with constant factors. There are no angles, and no position is singular: J. Garcia de
+Jalon and E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, Springer (1994).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from ..functions.checks import reals
+from .constraint import Constraint, Equation
+
+if TYPE_CHECKING:
+    from .scene import Points, Scene
+
+_UNIT = 1e-9  # the largest error of a rotation
+_THIN = 1e-9  # a principal moment, as a part of the largest one, of a body without thickness
+
+
+@dataclass(frozen=True, eq=False)
+class Rigid(Constraint):
+    """The vectors of a body stay unit vectors at right angles."""
+
+    needs = ()
+    takes = (2, 3)
+    picture = ""
+    source = "phi = (e_i . e_j - delta_ij) / 2"
+
+    def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
+        d = len(points)
+        units = [(np.eye(d)[k], np.zeros(d)) for k in range(d)]
+        lengths = [Equation(unit, unit, 0.5, 1.0) for unit in units]
+        return lengths + [Equation(units[i], units[j], 1.0, 0.0) for i in range(d) for j in range(i)]
+
+
+@dataclass(frozen=True, eq=False)
+class Perpendicular(Constraint):
+    """The product of two vectors stays as at the start."""
+
+    needs = ()
+    picture = ""
+    source = "phi = e_0 . e_1 - (e_0 . e_1 at the start)"
+
+    def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
+        zero = np.zeros(len(points[0]))
+        return [Equation(((1.0, 0.0), zero), ((0.0, 1.0), zero), 1.0, float(points[0] @ points[1]))]
+
+
+@dataclass(frozen=True, eq=False)
+class Along(Constraint):
+    """The way between two points stays at right angles to a vector, the third point."""
+
+    needs = ()
+    takes = (3,)
+    picture = ""
+    source = "phi = (x1 - x0) . e"
+
+    def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
+        zero, target = np.zeros(len(points[0])), float((points[1] - points[0]) @ points[2])
+        return [Equation(((-1.0, 1.0, 0.0), zero), ((0.0, 0.0, 1.0), zero), 1.0, target)]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBody:
+    """A rigid body of a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+    centre : Points
+        The centre of mass.
+    axes : Points
+        Its unit vectors along the principal axes, of shape (dimension,), which `effects.Torque` takes.
+    principal : ndarray, shape (dimension, dimension)
+        The principal axes in the frame of the body, as columns.
+    """
+
+    scene: Scene
+    centre: Points
+    axes: Points
+    principal: np.ndarray
+
+    def point(self, place: ArrayLike) -> Points:
+        """Return a point that is fixed to the body, on which effects can act.
+
+        Parameters
+        ----------
+        place : array_like, shape (..., dimension)
+            In the frame of the body, whose origin is the centre of mass, m.
+        """
+        return self._carried(reals(place, "place"), 1.0)
+
+    def vector(self, direction: ArrayLike) -> Points:
+        """Return a vector that is fixed to the body.
+
+        Parameters
+        ----------
+        direction : array_like, shape (..., dimension)
+            In the frame of the body.
+        """
+        return self._carried(reals(direction, "direction"), 0.0)
+
+    def at(self, position: ArrayLike) -> Points:
+        """Return the point of the body that is at a position of the scene at the start, m."""
+        return self.point(self._local(reals(position, "position") - self.centre.position))
+
+    def joint(self, other: RigidBody | None, position: ArrayLike) -> None:
+        """Join the body to another one, or to the ground, at a position, m: a hinge in the plane, a ball in space."""
+        self.scene.add(_weld(), self.at(position), self._ground(position) if other is None else other.at(position))
+
+    def hinge(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike) -> None:
+        """Join the body in space to another one, or to the ground, with a hinge at a position along an axis."""
+        self.joint(other, position)
+        ahead, *across = _frame(axis)
+        for vector in across:
+            self.scene.add(Perpendicular(), self._facing(ahead), self._of(other, vector))
+
+    def slide(self, other: RigidBody | None, position: ArrayLike, direction: ArrayLike) -> None:
+        """Let the body slide along a direction of another one, or of the ground, without turning against it."""
+        frame = _frame(direction)
+        ahead, across = frame[0], frame[1:]
+        place = self._ground(position) if other is None else other.at(position)
+        for vector in across:
+            self.scene.add(Along(), place, self.at(position), self._of(other, vector))
+        turns = [(ahead, vector) for vector in across] + [(across[0], across[1])] * (len(across) > 1)
+        for mine, theirs in turns:
+            self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
+
+    def rotation(self, values: ArrayLike) -> np.ndarray:
+        """Return how the body is turned, from displacements such as ``solution.u`` of shape (..., degrees of freedom).
+
+        Returns
+        -------
+        ndarray, shape (...) in the plane, or (..., 4) in space
+            The angle from the x axis, rad, between -pi and pi; or quaternions (x, y, z, w), as SciPy's.
+        """
+        vectors = self.axes.of(np.asarray(values))
+        matrix = np.swapaxes(vectors, -1, -2) @ self.principal.T
+        if len(self.principal) == 2:
+            return np.arctan2(matrix[..., 1, 0], matrix[..., 0, 0])
+        return Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_quat().reshape(*matrix.shape[:-2], 4)
+
+    def spin(self, u: ArrayLike, v: ArrayLike) -> np.ndarray:
+        """Return the angular velocity, rad/s: of shape (...) in the plane, or (..., 3) in the frame of the scene."""
+        e, rates = self.axes.of(np.asarray(u)), self.axes.of(np.asarray(v))
+        if len(self.principal) == 2:
+            return (e[..., 0] * rates[..., 1] - e[..., 1] * rates[..., 0]).mean(axis=-1)
+        return np.cross(e, rates).sum(axis=-2) / 2
+
+    def _turned(self) -> np.ndarray:
+        """The rotation at the start."""
+        return np.asarray(self.axes.position.T @ self.principal.T)
+
+    def _local(self, vectors: np.ndarray) -> np.ndarray:
+        return vectors @ self._turned()
+
+    def _facing(self, vector: np.ndarray) -> Points:
+        """Return the vector of the body that is this one at the start."""
+        return self.vector(self._local(vector))
+
+    def _of(self, other: RigidBody | None, vector: np.ndarray) -> Points:
+        return self.scene.fixed(vector) if other is None else other._facing(vector)
+
+    def _ground(self, position: ArrayLike) -> Points:
+        return self.scene.fixed(position)
+
+    def _carried(self, local: np.ndarray, of_centre: float) -> Points:
+        if local.shape[-1:] != (len(self.principal),):
+            raise ValueError(f"a place in a body needs {len(self.principal)} components, not the shape {local.shape}.")
+        factors = np.concatenate([np.full((*local.shape[:-1], 1), of_centre), local @ self.principal], axis=-1)
+        parts = np.append(self.centre.numbers, self.axes.numbers)
+        return self.scene._carry(parts, factors, is_vector=not of_centre)
+
+
+def _weld() -> Constraint:
+    from ..effects.weld import Weld  # the effects are made with this package
+
+    return Weld()
+
+
+def _frame(direction: ArrayLike) -> list[np.ndarray]:
+    """Return a unit vector along a direction, and others at right angles to it and to each other."""
+    vector = reals(direction, "direction")
+    if not np.any(vector):
+        raise ValueError("direction must not be zero.")
+    unit = vector / np.linalg.norm(vector)
+    return [unit, *np.linalg.svd(unit[None])[2][1:]]
+
+
+def principal_moments(inertia: ArrayLike, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the moments J_k of a body, and its principal axes as columns, from its inertia about its centre.
+
+    Raises
+    ------
+    ValueError
+        If the inertia is not that of a body with a thickness along each axis.
+    """
+    given = reals(inertia, "inertia")
+    if dimension == 2:
+        if given.ndim or not (np.isfinite(given) and given > 0):
+            raise ValueError("inertia of a body in the plane must be a positive number, in kg m^2.")
+        return np.full(2, given / 2), np.eye(2)
+    tensor = np.diag(given) if given.shape == (3,) else given
+    if tensor.shape != (3, 3) or not np.allclose(tensor, tensor.T, rtol=1e-9, atol=0) or not np.isfinite(tensor).all():
+        raise ValueError("inertia of a body in space must be 3 principal moments or a symmetric 3 x 3 matrix, kg m^2.")
+    moments, axes = np.linalg.eigh(tensor) if given.ndim == 2 else (given, np.eye(3))
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    squares = moments.sum() / 2 - moments
+    if not squares.min() > _THIN * abs(squares).max():
+        raise ValueError(
+            "inertia must be that of a body with a thickness along each axis: each principal moment less than the sum "
+            "of the others; a thin rod can be a Rod between masses."
+        )
+    return squares, axes
+
+
+def rotation_matrix(rotation: Any, dimension: int) -> np.ndarray:
+    """Return the matrix of a rotation: an angle in the plane, or in space a matrix, a quaternion or SciPy's Rotation.
+
+    Raises
+    ------
+    ValueError
+        If it is no rotation.
+    """
+    if rotation is None:
+        return np.eye(dimension)
+    if isinstance(rotation, Rotation):
+        return np.asarray(rotation.as_matrix())
+    given = reals(rotation, "rotation")
+    if dimension == 2 and given.ndim == 0:
+        return np.array([[np.cos(given), -np.sin(given)], [np.sin(given), np.cos(given)]])
+    if dimension == 3 and given.shape == (4,) and given.any():
+        return np.asarray(Rotation.from_quat(given).as_matrix())
+    if given.shape == (3, 3) == (dimension, dimension) and np.linalg.det(given) > 0:
+        if np.abs(given @ given.T - np.eye(3)).max() < _UNIT:
+            return given
+    kinds = {2: "an angle in rad", 3: "a quaternion (x, y, z, w), a 3 x 3 rotation matrix or a SciPy Rotation"}
+    raise ValueError(f"rotation of a body in {dimension} dimensions must be {kinds[dimension]}, not {rotation!r}.")
