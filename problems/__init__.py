@@ -11,6 +11,7 @@ from .duffing import duffing
 from .elastic_bar import elastic_bar
 from .figure_eight import figure_eight
 from .flag import flag
+from .four_bar import four_bar
 from .friction_oscillator import friction_oscillator
 from .hardening_chain import hardening_chain
 from .hardening_spring import hardening_spring
@@ -23,13 +24,16 @@ from .outer_solar_system import outer_solar_system
 from .pounding_buildings import pounding_buildings
 from .quarter_car import quarter_car
 from .rail_joint import rail_joint
+from .rod_chain import rod_chain
 from .rotor import rotor
 from .sand_column import sand_column
 from .shear_building import shear_building
 from .single_dof import single_dof
 from .softening_spring import softening_spring
 from .spring_pendulum import spring_pendulum
+from .squeezer import squeezer
 from .ten_storey_frame import ten_storey_frame
+from .tumbling_box import tumbling_box
 from .two_frequency_oscillator import two_frequency_oscillator
 from .van_der_pol import van_der_pol
 
@@ -45,6 +49,7 @@ __all__ = [
     "elastic_bar",
     "figure_eight",
     "flag",
+    "four_bar",
     "friction_oscillator",
     "hardening_chain",
     "hardening_spring",
@@ -57,13 +62,16 @@ __all__ = [
     "pounding_buildings",
     "quarter_car",
     "rail_joint",
+    "rod_chain",
     "rotor",
     "sand_column",
     "shear_building",
     "single_dof",
     "softening_spring",
     "spring_pendulum",
+    "squeezer",
     "ten_storey_frame",
+    "tumbling_box",
     "two_frequency_oscillator",
     "van_der_pol",
 ]

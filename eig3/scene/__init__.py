@@ -6,7 +6,8 @@ writes and compiles the code, with `mesh_text` for the loops over cells. `fields
 fields, and `names` makes the names in the code.
 """
 
+from .bodies import RigidBody
 from .mesh import edges, hinges
 from .scene import Points, Scene
 
-__all__ = ["Points", "Scene", "edges", "hinges"]
+__all__ = ["Points", "RigidBody", "Scene", "edges", "hinges"]

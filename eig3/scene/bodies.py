@@ -167,7 +167,11 @@ class RigidBody:
         return self.vector(self._local(vector))
 
     def _of(self, other: RigidBody | None, vector: np.ndarray) -> Points:
-        return self.scene.fixed(vector) if other is None else other._facing(vector)
+        if other is not None:
+            return other._facing(vector)
+        fixed = self.scene.fixed(vector)
+        self.scene._bodies.vectors.append(int(fixed.numbers))
+        return fixed
 
     def _ground(self, position: ArrayLike) -> Points:
         return self.scene.fixed(position)
@@ -239,8 +243,8 @@ def rotation_matrix(rotation: Any, dimension: int) -> np.ndarray:
         return np.array([[np.cos(given), -np.sin(given)], [np.sin(given), np.cos(given)]])
     if dimension == 3 and given.shape == (4,) and given.any():
         return np.asarray(Rotation.from_quat(given).as_matrix())
-    if given.shape == (3, 3) == (dimension, dimension) and np.linalg.det(given) > 0:
-        if np.abs(given @ given.T - np.eye(3)).max() < _UNIT:
-            return given
+    is_matrix = given.shape == (3, 3) == (dimension, dimension)
+    if is_matrix and np.linalg.det(given) > 0 and np.abs(given @ given.T - np.eye(3)).max() < _UNIT:
+        return given
     kinds = {2: "an angle in rad", 3: "a quaternion (x, y, z, w), a 3 x 3 rotation matrix or a SciPy Rotation"}
     raise ValueError(f"rotation of a body in {dimension} dimensions must be {kinds[dimension]}, not {rotation!r}.")

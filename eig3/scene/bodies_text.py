@@ -62,8 +62,10 @@ class BodiesText:
         block = self._block
         assert block
         yield "kept = memory(p)"
-        yield f"begins, parts = integers(kept, {block.begins}, {block.count + 1}), integers(kept, {block.parts}, {block.size})"
-        yield f"factors, weights = floats(kept, {block.factors}, {block.size}), floats(kept, {block.weights}, {self._own})"
+        yield f"begins = integers(kept, {block.begins}, {block.count + 1})"
+        yield f"parts = integers(kept, {block.parts}, {block.size})"
+        yield f"factors = floats(kept, {block.factors}, {block.size})"
+        yield f"weights = floats(kept, {block.weights}, {self._own})"
         for k, (array, everything) in enumerate(zip(arrays, ("everywhere", "speeds"), strict=False)):
             yield self._array(everything, k, array)
             yield f"spread({array}, {everything}, {self._own}, {self._count}, begins, parts, factors, {self._d})"

@@ -84,6 +84,9 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Sw
                     links[ends] = effect.picture
                 if effect.picture == "string":
                     strings[ends] = first_state + int((columns or {})[STATE][k])
+    for point, (parts, _) in cloud.bodies.carried.items():
+        if point not in cloud.bodies.vectors:
+            links.setdefault((int(parts[0]), point), "line")
     faces, hidden = _surfaces(placements)
     hidden = np.union1d(hidden, cloud.bodies.vectors).astype(int)
     inside = set(hidden.tolist())

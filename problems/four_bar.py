@@ -1,0 +1,57 @@
+"""A four-bar linkage in the plane: a motor turns the crank, and the rocker swings with a load."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eig3.effects import Gravity, LinearDamper, Torque
+from eig3.problem import Problem
+from eig3.scene import RigidBody, Scene
+
+CRANK, COUPLER, ROCKER = np.array([0.1, 0.35, 0.25])  # lengths, m
+BASE = 0.4  # m
+LINE_DENSITY = 2.0  # kg/m
+
+
+def linkage(torque: float = 1.5, damping: float = 20.0) -> tuple[Scene, list[RigidBody]]:
+    """Return the scene, and its crank, coupler and rocker."""
+    scene = Scene(dimension=2)
+    start, end = np.zeros(2), np.array([BASE, 0.0])
+    elbow = np.array([0.0, CRANK])
+    way = end - elbow
+    reach = np.linalg.norm(way)
+    along = (COUPLER**2 - ROCKER**2 + reach**2) / (2 * reach)
+    height = np.sqrt(COUPLER**2 - along**2)
+    knee = elbow + (along * way + height * np.array([-way[1], way[0]])) / reach
+    bars = []
+    for first, second in ((start, elbow), (elbow, knee), (end, knee)):
+        length, angle = np.linalg.norm(second - first), np.arctan2(*(second - first)[::-1])
+        mass = LINE_DENSITY * length
+        bars.append(scene.body(mass, mass * length**2 / 12, (first + second) / 2, angle))
+    crank, coupler, rocker = bars
+    crank.joint(None, start)
+    crank.joint(coupler, elbow)
+    coupler.joint(rocker, knee)
+    rocker.joint(None, end)
+    scene.add(Gravity((0.0, -9.81)))
+    scene.add(Torque(torque), crank.axes)
+    scene.add(LinearDamper(damping), rocker.at(knee), scene.fixed((BASE + 0.3, 0.25)))
+    return scene, bars
+
+
+def four_bar(torque: float = 1.5, damping: float = 20.0, t_end: float = 5.0) -> Problem:
+    """A crank and rocker with a motor and a damper.
+
+    Parameters
+    ----------
+    torque : float
+        Of the motor, N m.
+    damping : float
+        N s/m.
+    t_end : float
+        s.
+    """
+    scene, _ = linkage(torque, damping)
+    return replace(
+        scene.problem((0.0, t_end), name="four_bar"), h=5e-4, source="a crank-rocker after Grashof's condition"
+    )

@@ -1,0 +1,51 @@
+"""A box in free flight that turns about its intermediate axis, and flips again and again."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eig3.problem import Problem
+from eig3.scene import RigidBody, Scene
+
+
+def scene_of_box(
+    sides: tuple[float, float, float] = (0.3, 0.2, 0.1), mass: float = 1.0, spin: float = 10.0, tilt: float = 1e-3
+) -> tuple[Scene, RigidBody]:
+    """Return the scene, and the box."""
+    scene = Scene(dimension=3)
+    a, b, c = np.square(sides)
+    inertia = mass / 12 * np.array([b + c, a + c, a + b])
+    box = scene.body(mass, inertia, (0.0, 0.0, 0.0), spin=(tilt * spin, spin, 0.0))
+    corners = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), axis=-1).reshape(-1, 3)
+    box.point(corners * sides)
+    return scene, box
+
+
+def tumbling_box(
+    sides: tuple[float, float, float] = (0.3, 0.2, 0.1),
+    mass: float = 1.0,
+    spin: float = 10.0,
+    tilt: float = 1e-3,
+    t_end: float = 10.0,
+) -> Problem:
+    """A box in free flight, which flips about its intermediate axis.
+
+    Parameters
+    ----------
+    sides : tuple of float
+        Along x, y and z, m; the one along y is neither the longest nor the shortest.
+    mass : float
+        kg.
+    spin : float
+        About y at the start, rad/s.
+    tilt : float
+        The spin about x at the start, as a part of that about y.
+    t_end : float
+        s.
+    """
+    scene, _ = scene_of_box(sides, mass, spin, tilt)
+    return replace(
+        scene.problem((0.0, t_end), name="tumbling_box"),
+        h=1e-3,
+        source="L. D. Landau and E. M. Lifshitz, Mechanics, section 37: Euler's equations of an asymmetrical top",
+    )
