@@ -5,11 +5,11 @@ times the same factors. In the arrays of all points, carried points follow the m
 the coordinates stays behind them.
 """
 
-from .compile.jit import element
+from .compile.jit import of_library
 from .protocol import index
 
 
-@element
+@of_library
 def spread(x, everything, own, count, begins, parts, factors, d):
     """Write positions or velocities of `count` points, of which `own` are masses."""
     for axis in range(d):
@@ -24,7 +24,7 @@ def spread(x, everything, own, count, begins, parts, factors, d):
         everything[d * count + k] = x[d * own + k]
 
 
-@element
+@of_library
 def gather(everything, x, own, count, begins, parts, factors, weights, d):
     """Write the accelerations of the masses, from those of all points."""
     for axis in range(d):
@@ -39,7 +39,7 @@ def gather(everything, x, own, count, begins, parts, factors, weights, d):
         x[d * own + k] = everything[d * count + k]
 
 
-@element
+@of_library
 def change(before, after, own, count, weights, d):
     """Replace velocities of all points by their changes; return the sum of M x^2 over them."""
     total = 0.0

@@ -23,15 +23,13 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
 from numba.types import Array, int32, int64, intp
 
-from .compile.cache import keep_on_disk
-from .compile.jit import KERNEL_OPTIONS, element
-from .compile.numba_internals import array_over, parts_of, pickled_by_name
+from .compile.jit import element, of_library
+from .compile.numba_internals import array_over, parts_of
 from .neighbours import floats
 from .protocol import index, vector_type
 
@@ -417,59 +415,69 @@ def strike(own, t, u, v, p, place, free, d):
         v[j] = c.before[j] + scale * c.ways[j]
 
 
-def _kept(function: Any) -> Any:
-    """Decorate a function that scenes without constraints of their own call, and that is kept on the disk."""
-    return pickled_by_name(keep_on_disk(numba.njit(**KERNEL_OPTIONS)(function)))
-
-
-@_kept
+@of_library
 def constrain_1d(t, u, v, p, place, a):
     constrain(nothing_of_its_own, t, u, v, p, place, a, 1)
 
 
-@_kept
+@of_library
 def constrain_2d(t, u, v, p, place, a):
     constrain(nothing_of_its_own, t, u, v, p, place, a, 2)
 
 
-@_kept
+@of_library
 def constrain_3d(t, u, v, p, place, a):
     constrain(nothing_of_its_own, t, u, v, p, place, a, 3)
 
 
-@_kept
+@of_library
+def react_1d(t, u, v, p, place, a):
+    return react(nothing_of_its_own, t, u, v, p, place, a, 1)
+
+
+@of_library
 def project_1d(t, u, v, p, place):
     project(nothing_of_its_own, t, u, v, p, place, 1)
 
 
-@_kept
+@of_library
+def react_2d(t, u, v, p, place, a):
+    return react(nothing_of_its_own, t, u, v, p, place, a, 2)
+
+
+@of_library
 def project_2d(t, u, v, p, place):
     project(nothing_of_its_own, t, u, v, p, place, 2)
 
 
-@_kept
+@of_library
+def react_3d(t, u, v, p, place, a):
+    return react(nothing_of_its_own, t, u, v, p, place, a, 3)
+
+
+@of_library
 def project_3d(t, u, v, p, place):
     project(nothing_of_its_own, t, u, v, p, place, 3)
 
 
-@_kept
+@of_library
 def leap_1d(t, h, u, v, drift, p, place):
     leap(nothing_of_its_own, t, h, u, v, drift, p, place, 1)
 
 
-@_kept
+@of_library
 def leap_2d(t, h, u, v, drift, p, place):
     leap(nothing_of_its_own, t, h, u, v, drift, p, place, 2)
 
 
-@_kept
+@of_library
 def leap_3d(t, h, u, v, drift, p, place):
     leap(nothing_of_its_own, t, h, u, v, drift, p, place, 3)
 
 
 #: The functions of scenes without constraints of their own, by the number of dimensions.
 LIBRARY = {
-    1: (constrain_1d, project_1d, leap_1d),
-    2: (constrain_2d, project_2d, leap_2d),
-    3: (constrain_3d, project_3d, leap_3d),
+    1: (constrain_1d, react_1d, project_1d, leap_1d),
+    2: (constrain_2d, react_2d, project_2d, leap_2d),
+    3: (constrain_3d, react_3d, project_3d, leap_3d),
 }

@@ -29,9 +29,8 @@ import numpy as np
 from numba.extending import intrinsic
 from numba.types import Array, int32, int64, intp
 
-from .compile.cache import keep_on_disk
-from .compile.jit import KERNEL_OPTIONS, element, outlined
-from .compile.numba_internals import array_over, floats_on_stack, parts_of, pickled_by_name
+from .compile.jit import element, KERNEL_OPTIONS, of_library, outlined
+from .compile.numba_internals import array_over, floats_on_stack, parts_of
 from .protocol import vector_type
 
 #: The numbers of a list: of its points, of the masses among them (which come first), and of all masses of the scene;
@@ -571,24 +570,19 @@ def lists(task, t, u, p, place, part, parts, d):
     return 0
 
 
-def _kept(function: Any) -> Any:
-    """Decorate a function that scenes call, and that is kept on the disk."""
-    return pickled_by_name(keep_on_disk(numba.njit(**KERNEL_OPTIONS)(function)))
-
-
-@_kept
+@of_library
 def lists_1d(task, t, u, p, place, part, parts):
     """Call `lists` in one dimension."""
     return lists(task, t, u, p, place, part, parts, 1)
 
 
-@_kept
+@of_library
 def lists_2d(task, t, u, p, place, part, parts):
     """Call `lists` in two dimensions."""
     return lists(task, t, u, p, place, part, parts, 2)
 
 
-@_kept
+@of_library
 def lists_3d(task, t, u, p, place, part, parts):
     """Call `lists` in three dimensions."""
     return lists(task, t, u, p, place, part, parts, 3)

@@ -50,14 +50,14 @@ class ConstraintText:
     def _leap(self, block: HeldBlock) -> Iterator[str]:
         yield f"c = areas(memory(p), {block.place})"
         yield "forces(t, u, v, p, c.forces[:len(u)])"
-        react = f"react(own, t, memory(u), memory(v), memory(p), {block.place}, c.forces, {self._d})"
+        react = f"react({self._given(block, 'memory(u), memory(v)', 'c.forces')})"
         yield from self._effort(block, "c.forces", [react])
         yield f"leap({self._given(block, 'h, u, v, drift')})"
 
     def _reactions(self, block: HeldBlock) -> Iterator[str]:
         yield f"c = areas(memory(p), {block.place})"
         yield "forces(t, u, v, p, c.forces[:len(u)])"
-        yield f"react(own, t, memory(u), memory(v), memory(p), {block.place}, c.forces, {self._d})"
+        yield f"react({self._given(block, 'memory(u), memory(v)', 'c.forces')})"
         yield "for row in range(len(out)):"
         yield f"    out[row] = c.multipliers[index(p[{block.order} + row])]"
 

@@ -396,9 +396,9 @@ class Packing:
         values, order, areas = held.table.values(place)
         self._add(values)
         own = [(self._symbols(Law(x.effect, x.columns)), int(x.rows[0]), len(x.rows)) for x in held.kinds]
-        self.functions |= {"memory": neighbours.memory, "areas": constraints.areas, "react": constraints.react}
+        self.functions |= {"memory": neighbours.memory, "areas": constraints.areas}
         self.functions["strike"] = constraints.strike
-        names = "constrain", "project", "leap"
+        names = "constrain", "react", "project", "leap"
         if own:
             self.functions |= {name: getattr(constraints, name) for name in (*names, "PLACE", "sum_up")}
         else:

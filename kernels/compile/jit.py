@@ -29,6 +29,7 @@ from .numba_internals import (
     compile_results,
     define_symbol,
     linked_jit,
+    pickled_by_name,
 )
 
 if numba.config.DISABLE_JIT:
@@ -56,6 +57,11 @@ def element(function: Callable) -> Any:
 def outlined(function: Callable) -> Any:
     """Decorate a function of a kernel that is called rarely, and is not inlined: the kernel compiles in less time."""
     return linked_jit(function, **KERNEL_OPTIONS)
+
+
+def of_library(function: Callable) -> Any:
+    """Decorate a function of a module that scenes call, and that is kept on the disk."""
+    return pickled_by_name(keep_on_disk(numba.njit(**KERNEL_OPTIONS)(function)))
 
 
 def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
