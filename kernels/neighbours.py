@@ -22,14 +22,14 @@ of dimensions d is a constant in each of the functions at the end, so that the c
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numba.extending import intrinsic
 from numba.types import Array, int32, int64, intp
 
-from .compile.jit import element, KERNEL_OPTIONS, of_library, outlined
+from .compile.jit import element, of_library, outlined
 from .compile.numba_internals import array_over, floats_on_stack, parts_of
 from .protocol import vector_type
 

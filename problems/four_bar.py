@@ -25,7 +25,7 @@ def linkage(torque: float = 1.5, damping: float = 20.0) -> tuple[Scene, list[Rig
     knee = elbow + (along * way + height * np.array([-way[1], way[0]])) / reach
     bars = []
     for first, second in ((start, elbow), (elbow, knee), (end, knee)):
-        length, angle = np.linalg.norm(second - first), np.arctan2(*(second - first)[::-1])
+        length, angle = float(np.linalg.norm(second - first)), np.arctan2(*(second - first)[::-1])
         mass = LINE_DENSITY * length
         bars.append(scene.body(mass, mass * length**2 / 12, (first + second) / 2, angle))
     crank, coupler, rocker = bars

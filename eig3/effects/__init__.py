@@ -4,6 +4,7 @@ from ..scene.cell import Cell
 from ..scene.constraint import Constraint
 from ..scene.effect import Body, Link, Motion
 from ..scene.rough import Rough
+from ..scene.weld import Weld
 from .actuator import Actuator
 from .angle import Angle
 from .bending import Bending
@@ -41,7 +42,6 @@ from .support_motion import SupportMotion
 from .tetrahedron import Tetrahedron
 from .torque import Torque
 from .triangle import Triangle
-from .weld import Weld
 from .wind_pressure import WindPressure
 
 __all__ = [

@@ -11,15 +11,18 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .cell import Cell
+from .constraint import Constraint
 from .effect import FORCES, RESETS, Body, Effect, Link, Motion
-from .held import Held, held
 from .names import words
 from .swarm import Swarm, check_rest, joined_pairs
+
+if TYPE_CHECKING:
+    from .held import Held
 
 #: The columns of the number of each member's event and of the number of its state, among all of the scene.
 EVENT, STATE = "=event", "state"
@@ -331,7 +334,10 @@ def assemble(
     joined = joined_pairs(placements if any(swarm.leaves_joined for swarm in swarms) else ())
     given = bodies, links, meshes, supports, list(swarms), joined, motions, events, states
     assembly = Assembly(cloud, *given, held=None, follows_work=False)
-    assembly = replace(assembly, held=held(cloud, placements, assembly.degrees + 1))
+    if any(isinstance(effect, Constraint) for effect, _, _ in placements):
+        from .held import held  # it needs SciPy
+
+        assembly = replace(assembly, held=held(cloud, placements, assembly.degrees + 1))
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from ..functions.checks import reals
 from .constraint import Constraint, Equation
+from .weld import Weld
 
 if TYPE_CHECKING:
     from .scene import Points, Scene
@@ -114,7 +114,7 @@ class RigidBody:
 
     def joint(self, other: RigidBody | None, position: ArrayLike) -> None:
         """Join the body to another one, or to the ground, at a position, m: a hinge in the plane, a ball in space."""
-        self.scene.add(_weld(), self.at(position), self._ground(position) if other is None else other.at(position))
+        self.scene.add(Weld(), self.at(position), self._ground(position) if other is None else other.at(position))
 
     def hinge(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike) -> None:
         """Join the body in space to another one, or to the ground, with a hinge at a position along an axis."""
@@ -146,6 +146,8 @@ class RigidBody:
         matrix = np.swapaxes(vectors, -1, -2) @ self.principal.T
         if len(self.principal) == 2:
             return np.arctan2(matrix[..., 1, 0], matrix[..., 0, 0])
+        from scipy.spatial.transform import Rotation
+
         return Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_quat().reshape(*matrix.shape[:-2], 4)
 
     def spin(self, u: ArrayLike, v: ArrayLike) -> np.ndarray:
@@ -182,12 +184,6 @@ class RigidBody:
         factors = np.concatenate([np.full((*local.shape[:-1], 1), of_centre), local @ self.principal], axis=-1)
         parts = np.append(self.centre.numbers, self.axes.numbers)
         return self.scene._carry(parts, factors, is_vector=not of_centre)
-
-
-def _weld() -> Constraint:
-    from ..effects.weld import Weld  # the effects are made with this package
-
-    return Weld()
 
 
 def _frame(direction: ArrayLike) -> list[np.ndarray]:
@@ -236,12 +232,14 @@ def rotation_matrix(rotation: Any, dimension: int) -> np.ndarray:
     """
     if rotation is None:
         return np.eye(dimension)
-    if isinstance(rotation, Rotation):
+    if hasattr(rotation, "as_matrix"):
         return np.asarray(rotation.as_matrix())
     given = reals(rotation, "rotation")
     if dimension == 2 and given.ndim == 0:
         return np.array([[np.cos(given), -np.sin(given)], [np.sin(given), np.cos(given)]])
     if dimension == 3 and given.shape == (4,) and given.any():
+        from scipy.spatial.transform import Rotation
+
         return np.asarray(Rotation.from_quat(given).as_matrix())
     is_matrix = given.shape == (3, 3) == (dimension, dimension)
     if is_matrix and np.linalg.det(given) > 0 and np.abs(given @ given.T - np.eye(3)).max() < _UNIT:

@@ -170,7 +170,7 @@ def _profile(row: np.ndarray, point: np.ndarray, rows: int, n: int) -> tuple[np.
     """Return the profile of S, and the pairs of entries that make its numbers."""
     holds = csr_array((np.ones(len(row)), (np.arange(len(row)), point)), shape=(len(row), n))
     both = (holds @ holds.T).tocoo()
-    left, right = both.coords
+    left, right = both.row, both.col
     is_low = row[right] <= row[left]
     left, right = left[is_low], right[is_low]
     lows = np.arange(rows)

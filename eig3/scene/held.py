@@ -9,8 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array
-from scipy.sparse.linalg import splu
+
+try:
+    from scipy.sparse import csc_array, csr_array, diags_array
+    from scipy.sparse.linalg import splu
+except ImportError as error:
+    raise ImportError("Constraints and rigid bodies need SciPy: pip install 'eig3[mechanisms]'.") from error
 
 from .constraint import TINY, Constraint
 from .constraint_table import Arm, ConstraintTable, Row
@@ -66,11 +70,9 @@ class Held:
         return any("length" in kind.effect.functions() for kind in self.kinds)
 
 
-def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held | None:
-    """Collect the constraints of a scene; None if it has none."""
+def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held:
+    """Collect the constraints of a scene."""
     placed = [placement for placement in placements if isinstance(placement[0], Constraint)]
-    if not placed:
-        return None
     arms: list[Arm] = []
     rows: list[Row] = []
     names: list[str] = []
@@ -94,7 +96,7 @@ def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held | None:
             values = {key: column[member] for key, column in columns.items() if key not in functions}
             equations = effect.equations(positions, values)
             for k, equation in enumerate(equations):
-                both = []
+                both: list[int] = []
                 for vector in (equation.first, equation.second):
                     if both and vector is equation.first:
                         both.append(both[0])
@@ -113,7 +115,7 @@ def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held | None:
 
 def _arm(cloud: Any, points: Sequence[int], factors: Any, constant: np.ndarray) -> Arm:
     """Return a sum of positions of points as an arm of masses."""
-    constant, found = np.array(constant, dtype=float), {}
+    constant, found = np.array(constant, dtype=float), dict[int, float]()
     for point, factor in zip(points, factors, strict=True):
         for part, share in zip(*cloud.bodies.carried.get(point, ((point,), (1.0,))), strict=True):
             if cloud.masses[part] > 0:

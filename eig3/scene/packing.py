@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,12 +14,14 @@ from ..kernels.shared_forces import add_forces
 from ..kernels.team import out_of_line
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
-from .held import Held
 from .names import identifier, words
 from .rough import Rough
 from .swarm import Listing, Swarm, listed
 
 _CONTACTS = {2: 4, 3: 8}  # of a grain, by the dimension: hard ones have 3 and 6
+if TYPE_CHECKING:
+    from .held import Held
+
 _SHARED = 2000  # points that are near each other, from which on threads share their forces
 
 

@@ -17,7 +17,6 @@ from .assembly import Bodies, Cloud, Placement, assemble, count_states, names, n
 from .bodies import Rigid, RigidBody, principal_moments, rotation_matrix
 from .cell import Cell, same_points
 from .effect import Effect, Link
-from .held import fitting
 from .mesh import check_cells, is_fixed, lumped
 from .picture import mechanism
 from .rough import Rough
@@ -467,6 +466,8 @@ class Scene:
         code = codegen.compiled(assembly, None if threads is None else check_count(threads, "threads"))
         u0, v0 = assembly.start(cloud.positions), assembly.start(cloud.velocities, cloud.spins)
         if assembly.held:
+            from .held import fitting  # it needs SciPy
+
             v0 = fitting(assembly.held, u0, v0, float(t_span[0]))
         return Problem(
             name=name,

@@ -309,7 +309,7 @@ def _compile(
 @functools.cache
 def pointer_callbacks(form: Form, second: str = "") -> tuple[Any, Mapping[str, Any]]:
     """Return the type of the argument `callbacks` of a kernel, and the functions that take the callbacks out of it."""
-    rhs_at, second_at = form.at("rhs"), form.at(second) if second else None
+    rhs_at, second_at = form.at("rhs"), form.at(second or "rhs")
     names = {
         "RHS": element(lambda callbacks: rhs_at(callbacks[0])),
         "ADDRESS": element(lambda callbacks: callbacks[0]),

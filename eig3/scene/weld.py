@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.constraint import Constraint, Equation
+from .constraint import Constraint, Equation
 
 
 @dataclass(frozen=True, eq=False)
