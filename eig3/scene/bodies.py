@@ -130,8 +130,8 @@ class RigidBody:
         place = self._ground(position) if other is None else other.at(position)
         for vector in across:
             self.scene.add(Along(), place, self.at(position), self._of(other, vector))
-        turns = [(ahead, vector) for vector in across] + [(across[0], across[1])] * (len(across) > 1)
-        for mine, theirs in turns:
+        turns = [(ahead, vector) for vector in across]
+        for mine, theirs in [*turns, *([across] if len(across) > 1 else [])]:
             self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
 
     def rotation(self, values: ArrayLike) -> np.ndarray:

@@ -1,0 +1,225 @@
+"""Rigid bodies against their equations in angles, and the mechanisms of the library against published results."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from eig3 import effects, problems
+from eig3.problems.four_bar import BASE, COUPLER, CRANK, ROCKER, linkage
+from eig3.problems.squeezer import START, mechanism, places
+from eig3.problems.tumbling_box import scene_of_box
+from eig3.scene import Scene
+
+from .test_extend import assert_same
+
+G = 9.81
+RUNS = [({"rtol": 1e-10, "method": "rk8"}, 1e-8), ({"h": 1e-3, "method": "rk4"}, 1e-8), ({"h": 1e-3}, 1e-4)]
+
+
+def exact(rates, start, t):
+    return solve_ivp(lambda t, y: rates(y), (0, t), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+
+
+@pytest.mark.parametrize(("options", "tolerance"), RUNS)
+def test_a_free_body_follows_eulers_equations(options, tolerance):
+    """With its axes along those of the frame of the body, and turned against it."""
+    moments, spin, turn = np.array([1.0, 2.0, 2.5]), np.array([0.3, 3.0, 0.2]), Rotation.from_rotvec([0.4, -0.2, 0.7])
+
+    def euler(w):
+        return (np.roll(moments, -1) - np.roll(moments, -2)) * np.roll(w, -1) * np.roll(w, -2) / moments
+
+    expected = exact(euler, spin, 4.0)
+    for inertia, frame in ((moments, turn), (turn.as_matrix() @ np.diag(moments) @ turn.as_matrix().T, None)):
+        scene = Scene(3)
+        body = scene.body(2.0, inertia, (0.0, 1.0, 0.0), frame, velocity=(1.0, 0.0, 0.0), spin=turn.apply(spin))
+        run = scene.problem((0.0, 4.0)).integrate(**options)
+        turned = Rotation.from_quat(body.rotation(run.u)[-1]) * (Rotation.identity() if frame else turn)
+        found = turned.inv().apply(body.spin(run.u, run.v)[-1])
+        np.testing.assert_allclose(found, expected, rtol=0, atol=3 * tolerance)
+        np.testing.assert_allclose(body.centre.of(run.u)[-1], [4.0, 1.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(("options", "tolerance"), RUNS)
+def test_a_bar_on_a_hinge_is_that_of_its_angle(options, tolerance):
+    """A spring acts on its end, and a torque on the bar. The force of the hinge is that of the balance."""
+    mass, inertia, torque = 2.0, 2.0 / 12, 1.5
+    scene = Scene(2)
+    bar = scene.body(mass, inertia, (0.5, 0.0))
+    bar.joint(None, (0.0, 0.0))
+    end = bar.point((0.5, 0.0))
+    scene.add(effects.Gravity((0.0, -G)))
+    scene.add(effects.LinearSpring(20.0, 0.5), scene.fixed((1.0, 1.0)), end)
+    scene.add(effects.Torque(torque), bar.axes)
+
+    def spring(angle):
+        place = np.array([np.cos(angle), np.sin(angle)])
+        way = np.array([1.0, 1.0]) - place
+        return place, 20.0 * (1 - 0.5 / np.linalg.norm(way)) * way
+
+    def rates(y):
+        place, force = spring(y[0])
+        moment = -mass * G / 2 * place[0] + place[0] * force[1] - place[1] * force[0] + torque
+        return y[1], moment / (inertia + mass / 4)
+
+    angle, speed = exact(rates, (0.0, 0.0), 2.0)
+    problem = scene.problem((0.0, 2.0))
+    run = problem.integrate(outputs=problem.outputs, **options)
+    assert bar.rotation(run.u)[-1] == pytest.approx(angle, abs=tolerance)
+    assert bar.spin(run.u, run.v)[-1] == pytest.approx(speed, abs=10 * tolerance)
+    place, force = spring(angle)
+    np.testing.assert_allclose(end.of(run.u)[-1], place, atol=tolerance)
+    turning = rates((angle, speed))[1]
+    centre = turning * np.array([-place[1], place[0]]) / 2 - speed**2 * place / 2
+    hinge = mass * centre - force + [0.0, mass * G]
+    reactions = run.outputs["reactions"][-1, -2:]
+    np.testing.assert_allclose(np.abs(reactions), np.abs(hinge), rtol=0, atol=300 * tolerance)
+
+
+def test_a_heavy_top_keeps_what_is_constant():
+    """Its energy, and its angular momentum about the vertical and about its own axis (Lagrange's top)."""
+    scene = Scene(3)
+    turn = Rotation.from_euler("x", 0.5)
+    axis = turn.apply([0.0, 0.0, 1.0])
+    spin = 60.0 * axis
+    top = scene.body(0.5, (4e-4, 4e-4, 5e-4), 0.05 * axis, turn, velocity=np.cross(spin, 0.05 * axis), spin=spin)
+    top.joint(None, (0.0, 0.0, 0.0))
+    scene.add(effects.Gravity((0.0, 0.0, -G)))
+    run = scene.problem((0.0, 1.0)).integrate(h=1e-4, method="rk8", save_every=100)
+    frames, spins = Rotation.from_quat(top.rotation(run.u)), top.spin(run.u, run.v)
+    about_centre = frames.apply(frames.inv().apply(spins) * [4e-4, 4e-4, 5e-4])
+    momentum = about_centre + 0.5 * np.cross(top.centre.of(run.u), top.centre.of(run.v))
+    along_axis = np.sum(spins * frames.apply([0.0, 0.0, 1.0]), axis=-1)
+    assert np.ptp(momentum[:, 2]) < 1e-11
+    assert np.ptp(along_axis) < 1e-9
+    assert run.drift["energy"] < 1e-11
+    assert np.ptp(top.centre.of(run.u)[:, 0]) > 0.01  # it precesses
+
+
+def test_joints_leave_what_they_should():
+    door = Scene(3)
+    leaf = door.body(3.0, (0.1, 0.3, 0.25), (0.5, 0.0, 0.0))
+    leaf.hinge(None, (0.0, 0.0, 0.0), (0.0, 0.0, 2.0))
+    door.add(effects.Torque((0.3, 0.0, 2.0)), leaf.axes)
+    run = door.problem((0.0, 1.0)).integrate(h=1e-2, method="rk4")
+    np.testing.assert_allclose(leaf.spin(run.u, run.v)[-1], [0.0, 0.0, 2.0 / (0.25 + 3 * 0.25)], atol=1e-9)
+
+    rail = Scene(3)
+    car = rail.body(3.0, (0.1, 0.3, 0.25), (0.5, 0.0, 0.0))
+    car.slide(None, (0.0, 0.0, 0.0), (1.0, 0.0, 1.0))
+    box = rail.body(1.0, (0.1, 0.3, 0.25), (0.5, 0.0, 1.0))
+    box.slide(car, (0.5, 0.0, 0.5), (0.0, 0.0, 1.0))
+    rail.add(effects.Gravity((0.0, 0.0, -G)))
+    run = rail.problem((0.0, 0.3)).integrate(h=1e-2, method="rk4")
+    np.testing.assert_allclose(car.rotation(run.u)[-1], [0.0, 0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(box.rotation(run.u)[-1], [0.0, 0.0, 0.0, 1.0], atol=1e-12)
+    # the box falls freely along z, and goes with the car along x: (M + m) x'' + M z'' = -M g with z'' = x'' for the car
+    way = -3.0 * G / (3.0 + 3.0 + 1.0) * 0.3**2 / 2
+    np.testing.assert_allclose(car.centre.of(run.u)[-1] - [0.5, 0.0, 0.0], [way, 0.0, way], atol=1e-12)
+    np.testing.assert_allclose(box.centre.of(run.u)[-1] - [0.5, 0.0, 1.0], [way, 0.0, -G * 0.3**2 / 2], atol=1e-12)
+
+    plane = Scene(2)
+    block = plane.body(1.0, 0.1, (0.0, 0.0))
+    block.slide(None, (0.0, 0.0), (1.0, 1.0))
+    plane.add(effects.Gravity((0.0, -G)))
+    plane.add(effects.Torque(3.0), block.axes)
+    run = plane.problem((0.0, 1.0)).integrate(h=1e-2)
+    np.testing.assert_allclose(block.centre.of(run.u)[-1], [-G / 4, -G / 4], atol=1e-12)
+    assert block.rotation(run.u)[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_bar_strikes_through_its_hinge():
+    """Its end bounces with the restitution, though the impulse turns the bar about a hinge."""
+    scene = Scene(2)
+    bar = scene.body(2.0, 2.0 / 12, (0.5, 0.0))
+    bar.joint(None, (0.0, 0.0))
+    scene.add(effects.Gravity((0.0, -G)))
+    scene.add(effects.RigidStop((0.0, 1.0), -0.6, restitution=0.5), bar.point((0.5, 0.0)))
+    problem = scene.problem((0.0, 0.6), work=True)
+    for options in ({"h": 1e-3}, {"rtol": 1e-8}):
+        run = problem.integrate(**options)
+        impact = run.events["rigid stop 0"]
+        assert len(impact.t) == 1
+        speeds = bar.spin(impact.u, impact.v)[0], bar.spin(impact.u, impact.v_after)[0]
+        assert speeds[1] == pytest.approx(-0.5 * speeds[0], rel=1e-6)
+        assert run.integrals["work"][-1] == pytest.approx(-0.75 * (2.0 / 3) / 2 * speeds[0] ** 2, rel=1e-4)
+
+
+#: The angles beta, Theta, gamma, Phi, delta, Omega and epsilon at 0.03 s: E. Hairer and G. Wanner, section VII.7, and
+#: the test set for initial value problem solvers of the University of Bari.
+END = (
+    *(0.1581077119629904e2, -0.1575637105984298e2, 0.4082224013073101e-1, -0.5347301163226948),
+    *(0.5244099658805304, 0.5347301163226948, 0.1048080741042263e1),
+)
+
+
+@pytest.mark.parametrize(("options", "tolerance"), [({"rtol": 1e-10, "method": "rk8"}, 1e-8), ({"h": 1e-7}, 1e-7)])
+def test_the_squeezer_ends_where_it_should(options, tolerance):
+    """The published angles have errors of 1e-9; those of EIG-3 are 1.6e-6 at h = 1e-6, and fall as h^2."""
+    run = problems.squeezer().integrate(save_every=10**9, **options)
+    _, bodies = mechanism()
+    centres, _, angles = places(END)
+    start = places(START)[2]
+    for body, centre, angle, first in zip(bodies, centres, angles, start, strict=True):
+        np.testing.assert_allclose(body.centre.of(run.u)[-1], centre, rtol=0, atol=1e-3 * tolerance + 1e-10)
+        turned = body.rotation(run.u)[-1] - angle
+        assert (turned + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0.0, abs=tolerance)
+        assert body.rotation(run.u)[0] == pytest.approx(first, abs=1e-12)
+
+
+def test_a_box_flips_about_its_intermediate_axis():
+    """The period of the flips follows from the elliptic integrals of Euler's equations; here from these equations."""
+    problem, (_, box) = problems.tumbling_box(), scene_of_box()
+    run = problem.integrate(rtol=1e-10, method="rk8", t_eval=np.linspace(0, 10, 101))
+    up = Rotation.from_quat(box.rotation(run.u)).apply([0.0, 1.0, 0.0])[:, 1]
+    assert up[0] == 1.0
+    assert up.min() < -0.99
+    assert up[np.argmin(up) :].max() > 0.99
+    assert run.drift["energy"] < 1e-8
+
+
+def test_a_motor_turns_the_crank_around():
+    """The bars keep their joints, and the speed of the crank settles where the damper takes what the motor gives."""
+    problem, (_, (crank, coupler, rocker)) = problems.four_bar(), linkage()
+    run = problem.integrate(h=problem.h)
+    turns = np.unwrap(crank.rotation(run.u))
+    assert turns[-1] - turns[0] > 4 * np.pi
+    assert np.ptp(np.unwrap(rocker.rotation(run.u))) < np.pi
+    knee = [
+        np.linalg.norm(x - y, axis=-1) for x, y in ((crank.centre.of(run.u), 0), (rocker.centre.of(run.u), [BASE, 0]))
+    ]
+    np.testing.assert_allclose(knee[0], CRANK / 2, atol=1e-13)
+    np.testing.assert_allclose(knee[1], ROCKER / 2, atol=1e-13)
+    assert COUPLER > CRANK
+    assert coupler.rotation(run.u).shape == run.t.shape
+
+
+def test_runs_with_bodies_go_on_with_the_same_bits():
+    problem = problems.four_bar(t_end=0.2)
+    for options in ({"h": 1e-3}, {"h": 1e-3, "method": "rk4"}):
+        whole, half = problem.integrate(**options), problem.with_(t_span=(0.0, 0.1)).integrate(**options)
+        assert_same(half.extend(0.2), whole)
+
+
+def test_wrong_bodies_are_refused():
+    plane, space = Scene(2), Scene(3)
+    with pytest.raises(ValueError, match="inertia of a body in the plane must be a positive number"):
+        plane.body(1.0, (1.0, 2.0, 3.0), (0.0, 0.0))
+    with pytest.raises(ValueError, match="a body with a thickness along each axis"):
+        space.body(1.0, (1.0, 1.0, 2.0), (0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="3 principal moments or a symmetric 3 x 3 matrix"):
+        space.body(1.0, 1.0, (0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="rotation of a body in 2 dimensions must be an angle in rad"):
+        plane.body(1.0, 1.0, (0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    with pytest.raises(ValueError, match="rotation of a body in 3 dimensions must be a quaternion"):
+        space.body(1.0, (1.0, 1.0, 1.5), (0.0, 0.0, 0.0), 2 * np.eye(3))
+    with pytest.raises(ValueError, match="spin of a body in 2 dimensions must be a number"):
+        plane.body(1.0, 1.0, (0.0, 0.0), spin=(1.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="a rigid body needs a scene of 2 or 3 dimensions"):
+        Scene(1).body(1.0, 1.0, 0.0)
+    with pytest.raises(ValueError, match="periodic box has no rigid bodies"):
+        Scene(2, box=(1.0, 1.0)).body(1.0, 1.0, (0.0, 0.0))
+    with pytest.raises(ValueError, match="a place in a body needs 2 components"):
+        plane.body(1.0, 1.0, (0.0, 0.0)).point((1.0, 2.0, 3.0))
+    with pytest.raises(ValueError, match="direction must not be zero"):
+        plane.body(1.0, 1.0, (0.0, 0.0)).slide(None, (0.0, 0.0), (0.0, 0.0))
