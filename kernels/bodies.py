@@ -5,11 +5,15 @@ times the same factors. In the arrays of all points, carried points follow the m
 the coordinates stays behind them.
 """
 
+from numba.types import Array, float64, int32, int64, none
+
 from .compile.jit import of_library
-from .protocol import index
+from .protocol import index, vector_type
+
+_floats, _integers = vector_type, Array(int32, 1, "C")
 
 
-@of_library
+@of_library(none(_floats, _floats, int64, int64, _integers, _integers, _floats, int64))
 def spread(x, everything, own, count, begins, parts, factors, d):
     """Write positions or velocities of `count` points, of which `own` are masses."""
     for axis in range(d):
@@ -24,7 +28,7 @@ def spread(x, everything, own, count, begins, parts, factors, d):
         everything[d * count + k] = x[d * own + k]
 
 
-@of_library
+@of_library(none(_floats, _floats, int64, int64, _integers, _integers, _floats, _floats, int64))
 def gather(everything, x, own, count, begins, parts, factors, weights, d):
     """Write the accelerations of the masses, from those of all points."""
     for axis in range(d):
@@ -39,7 +43,7 @@ def gather(everything, x, own, count, begins, parts, factors, weights, d):
         x[d * own + k] = everything[d * count + k]
 
 
-@of_library
+@of_library(float64(_floats, _floats, int64, int64, _floats, int64))
 def change(before, after, own, count, weights, d):
     """Replace velocities of all points by their changes; return the sum of M x^2 over them."""
     total = 0.0

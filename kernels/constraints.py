@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
-from numba.types import Array, int32, int64, intp
+from numba.types import Array, boolean, float64, int32, int64, intp, none
 
 from .compile.jit import element, of_library
 from .compile.numba_internals import array_over, parts_of
@@ -415,62 +415,67 @@ def strike(own, t, u, v, p, place, free, d):
         v[j] = c.before[j] + scale * c.ways[j]
 
 
-@of_library
+_STATE = float64, _floats, _floats, _floats, int64
+_ON_ACCELERATION, _REACT, _PROJECT = none(*_STATE, _floats), boolean(*_STATE, _floats), none(*_STATE)
+_LEAP = none(float64, float64, _floats, _floats, _floats, _floats, int64)
+
+
+@of_library(_ON_ACCELERATION)
 def constrain_1d(t, u, v, p, place, a):
     constrain(nothing_of_its_own, t, u, v, p, place, a, 1)
 
 
-@of_library
+@of_library(_ON_ACCELERATION)
 def constrain_2d(t, u, v, p, place, a):
     constrain(nothing_of_its_own, t, u, v, p, place, a, 2)
 
 
-@of_library
+@of_library(_ON_ACCELERATION)
 def constrain_3d(t, u, v, p, place, a):
     constrain(nothing_of_its_own, t, u, v, p, place, a, 3)
 
 
-@of_library
+@of_library(_REACT)
 def react_1d(t, u, v, p, place, a):
     return react(nothing_of_its_own, t, u, v, p, place, a, 1)
 
 
-@of_library
+@of_library(_PROJECT)
 def project_1d(t, u, v, p, place):
     project(nothing_of_its_own, t, u, v, p, place, 1)
 
 
-@of_library
+@of_library(_REACT)
 def react_2d(t, u, v, p, place, a):
     return react(nothing_of_its_own, t, u, v, p, place, a, 2)
 
 
-@of_library
+@of_library(_PROJECT)
 def project_2d(t, u, v, p, place):
     project(nothing_of_its_own, t, u, v, p, place, 2)
 
 
-@of_library
+@of_library(_REACT)
 def react_3d(t, u, v, p, place, a):
     return react(nothing_of_its_own, t, u, v, p, place, a, 3)
 
 
-@of_library
+@of_library(_PROJECT)
 def project_3d(t, u, v, p, place):
     project(nothing_of_its_own, t, u, v, p, place, 3)
 
 
-@of_library
+@of_library(_LEAP)
 def leap_1d(t, h, u, v, drift, p, place):
     leap(nothing_of_its_own, t, h, u, v, drift, p, place, 1)
 
 
-@of_library
+@of_library(_LEAP)
 def leap_2d(t, h, u, v, drift, p, place):
     leap(nothing_of_its_own, t, h, u, v, drift, p, place, 2)
 
 
-@of_library
+@of_library(_LEAP)
 def leap_3d(t, h, u, v, drift, p, place):
     leap(nothing_of_its_own, t, h, u, v, drift, p, place, 3)
 

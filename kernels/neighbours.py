@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 from numba.extending import intrinsic
-from numba.types import Array, int32, int64, intp
+from numba.types import Array, float64, int32, int64, intp
 
 from .compile.jit import element, of_library, outlined
 from .compile.numba_internals import array_over, floats_on_stack, parts_of
@@ -570,19 +570,22 @@ def lists(task, t, u, p, place, part, parts, d):
     return 0
 
 
-@of_library
+_LISTS = int64(int64, float64, _floats, _floats, int64, int64, int64)
+
+
+@of_library(_LISTS)
 def lists_1d(task, t, u, p, place, part, parts):
     """Call `lists` in one dimension."""
     return lists(task, t, u, p, place, part, parts, 1)
 
 
-@of_library
+@of_library(_LISTS)
 def lists_2d(task, t, u, p, place, part, parts):
     """Call `lists` in two dimensions."""
     return lists(task, t, u, p, place, part, parts, 2)
 
 
-@of_library
+@of_library(_LISTS)
 def lists_3d(task, t, u, p, place, part, parts):
     """Call `lists` in three dimensions."""
     return lists(task, t, u, p, place, part, parts, 3)

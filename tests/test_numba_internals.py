@@ -217,14 +217,14 @@ def test_a_function_that_is_linked():
 
 def test_functions_that_are_pickled_by_name(monkeypatch):
     with probe("Numba does not pickle a jitted function by `__reduce__` of its class"):
-        named = internals.pickled_by_name(numba.njit(double))
+        named = internals.linked_jit(double)
         monkeypatch.setitem(globals(), "double", named)
         monkeypatch.setitem(sys.modules, internals.__name__, internals)
         assert pickle.loads(pickle.dumps(named)) is named
         caller = internals.cloudpickle.dumps(numba.njit(lambda x: named(x)))
         assert b"_named" in caller
-        hidden = internals.pickled_by_name(numba.njit(lambda x: x))
-        assert pickle.loads(pickle.dumps(hidden))(2.0) == 2.0
+        hidden = internals.linked_jit(lambda x: x)
+        assert pickle.loads(internals.cloudpickle.dumps(hidden))(2.0) == 2.0
 
 
 def test_arrays_that_do_not_overlap():

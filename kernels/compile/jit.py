@@ -7,6 +7,7 @@ again.
 """
 
 import functools
+import inspect
 import types
 import zlib
 from collections.abc import Callable
@@ -29,8 +30,8 @@ from .numba_internals import (
     compile_results,
     define_symbol,
     linked_jit,
-    pickled_by_name,
 )
+from .source import define
 
 if numba.config.DISABLE_JIT:
     raise ImportError("eig3 runs compiled code only: unset NUMBA_DISABLE_JIT, which turns Numba's compiler off.")
@@ -46,8 +47,6 @@ OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"
 # allocation does not compile, and a kernel must not return an array to code that counts references.
 KERNEL_OPTIONS: dict[str, Any] = {**WITHOUT_RUNTIME, **OPTIONS}
 
-_linked: list[Any] = []  # the functions that kernels call by a symbol
-
 
 def element(function: Callable) -> Any:
     """Decorate a function that is inlined into a kernel or into a scene."""
@@ -57,11 +56,6 @@ def element(function: Callable) -> Any:
 def outlined(function: Callable) -> Any:
     """Decorate a function of a kernel that is called rarely, and is not inlined: the kernel compiles in less time."""
     return linked_jit(function, **KERNEL_OPTIONS)
-
-
-def of_library(function: Callable) -> Any:
-    """Decorate a function of a module that scenes call, and that is kept on the disk."""
-    return pickled_by_name(keep_on_disk(numba.njit(**KERNEL_OPTIONS)(function)))
 
 
 def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
@@ -111,20 +105,51 @@ def linked(template: Callable, names: dict[str, Any], signature: Any, label: str
 
     The code of the kernels contains only a symbol, which stands for its address: they compile in a part of the time.
     """
-    result = _compiled(template, names, signature, label)
-    symbol = f"{template.__name__}_{label}_{_fingerprint()}"
-    define_symbol(symbol, address_of(result))
-    _linked.append(result)  # keeps the machine code alive
+    address = _address_of(lambda: _compiled(template, names, signature, label), f"{template.__name__}_{label}")
+    at = function_at(signature)
+    return element(lambda *arguments: at(address())(*arguments))
+
+
+def of_library(signature: Any) -> Callable:
+    """Decorate a function of a module that scenes call, for the types of a signature.
+
+    It is compiled when the first scene needs it, and kept on the disk. The scenes contain only a symbol: they compile
+    in a part of the time, and the function rounds in one way for all.
+    """
+
+    def decorate(function: Callable) -> Any:
+        name = function.__name__
+        names = {
+            "AT": function_at(signature),
+            "ADDRESS": _address_of(lambda: _compiled(function, {}, signature, name), name),
+        }
+        given = ", ".join(inspect.signature(function).parameters)
+        caller = define(f"def {name}({given}):\n    return AT(ADDRESS())({given})\n", name, names)[name]
+        functools.update_wrapper(caller, function)
+        return element(caller)
+
+    return decorate
+
+
+def _address_of(make: Callable, name: str) -> Any:
+    """Return a compiled function that returns the address of a function, which is made when it is needed first."""
+
+    @functools.cache
+    def made() -> tuple[str, Any]:
+        symbol, result = f"{name}_{_fingerprint()}", make()
+        define_symbol(symbol, address_of(result))
+        return symbol, result  # the result keeps the machine code alive
 
     @intrinsic
     def address(typingctx):
+        symbol, _ = made()
+
         def codegen(context, builder, signature, args):
             return address_of_symbol(context, builder, symbol)
 
         return numba.int64(), codegen
 
-    at = function_at(signature)
-    return element(lambda *arguments: at(address())(*arguments))
+    return address
 
 
 def function_at(signature: Any, call: Any = None) -> Any:

@@ -168,12 +168,6 @@ def _named(module: str, name: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
-def pickled_by_name(function: Jitted) -> Jitted:
-    """Let a jitted function of a module be pickled by its name, and return the function."""
-    function.__class__ = _NamedFunction
-    return function
-
-
 class _LinkedFunction(_NamedFunction):
     """A jitted function that compiled functions link. For calls from Python, it is compiled once more, as a whole."""
 
