@@ -1,9 +1,11 @@
 """A four-bar linkage in the plane: a motor turns the crank, and the rocker swings with a load."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.effects import Gravity, LinearDamper, Torque
 from eig3.problem import Problem
 from eig3.scene import RigidBody, Scene
@@ -51,7 +53,22 @@ def four_bar(torque: float = 1.5, damping: float = 20.0, t_end: float = 5.0) -> 
     t_end : float
         s.
     """
-    scene, _ = linkage(torque, damping)
+    scene, bars = linkage(torque, damping)
     return replace(
-        scene.problem((0.0, t_end), name="four_bar"), h=5e-4, source="a crank-rocker after Grashof's condition"
+        scene.problem((0.0, t_end), name="four_bar"),
+        h=5e-4,
+        source="a crank-rocker after Grashof's condition",
+        draw=partial(draw, bars=bars),
     )
+
+
+def draw(figure, solution, bars):
+    names = ["crank", "coupler", "rocker"]
+    plane = drawing.picture(figure, aspect="equal")
+    for k, (name, bar) in enumerate(zip(names, bars, strict=True)):
+        drawing.path(plane, *bar.centre.of(solution.u).T, f"C{k}", f"middle of the {name}")
+    plane.plot([0, BASE], [0, 0], "k^", label="ground")
+    plane.set(xlabel="x (m)", ylabel="y (m)")
+    drawing.legend(plane)
+    spins = np.column_stack([bar.spin(solution.u, solution.v) for bar in bars])
+    drawing.lines(drawing.time_panel(figure, "spin (rad/s)"), solution.t, spins, names)

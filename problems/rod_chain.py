@@ -1,9 +1,11 @@
 """A chain of rods with masses at its joints."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.effects import Gravity, Rod
 from eig3.problem import Problem
 from eig3.scene import Scene
@@ -32,4 +34,21 @@ def rod_chain(n: int = 20, length: float = 1.0, mass: float = 1.0, angle: float 
     scene.add(Rod(), joints[:-1], joints[1:])
     scene.add(Gravity((0.0, -G)))
     problem = scene.problem((0.0, t_end), name="rod_chain")
-    return replace(problem, h=0.02 / n * np.sqrt(length), source="what the article leaves to future work: rigid rods")
+    return replace(
+        problem,
+        h=0.02 / n * np.sqrt(length),
+        source="what the article leaves to future work: rigid rods",
+        draw=partial(draw, joints=joints),
+    )
+
+
+def draw(figure, solution, joints):
+    x = joints.of(solution.u)
+    plane = drawing.picture(figure, aspect="equal")
+    drawing.path(plane, *x[:, -1].T, "C0", "path of the end")
+    plane.plot(0, 0, "k^", label="support")
+    plane.set(xlabel="x (m)", ylabel="y (m)")
+    drawing.legend(plane)
+    for k, name in enumerate("xy"):
+        places = x[:, [len(joints) // 2, -1], k]
+        drawing.lines(drawing.time_panel(figure, f"{name} (m)"), solution.t, places, ["middle", "end"])

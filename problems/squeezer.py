@@ -1,9 +1,11 @@
 """Andrews' squeezer mechanism: seven bodies in the plane that a motor turns against a spring."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.effects import LinearSpring, Torque
 from eig3.problem import Problem
 from eig3.scene import RigidBody, Scene
@@ -79,9 +81,24 @@ def squeezer(t_end: float = 0.03) -> Problem:
     t_end : float
         s.
     """
-    scene, _ = mechanism()
+    scene, bodies = mechanism()
     return replace(
         scene.problem((0.0, t_end), name="squeezer"),
         h=1e-6,
         source="E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., section VII.7",
+        draw=partial(draw, bodies=bodies),
     )
+
+
+def draw(figure, solution, bodies):
+    angles = [np.unwrap(body.rotation(solution.u)) for body in bodies]
+    crank = drawing.time_panel(figure, "angle of the crank\n(rad)")
+    drawing.lines(crank, solution.t, angles[0])
+    others = [2, 4, 6]
+    rest = drawing.time_panel(figure, "angle since the start\n(rad)")
+    drawing.lines(rest, solution.t, np.column_stack([angles[k] - angles[k][0] for k in others]), ["K3", "K5", "K7"])
+    plane = drawing.picture(figure, aspect="equal")
+    for color, name, k in (("C0", "K2", 1), ("C1", "K4", 3), ("C2", "K6", 5)):
+        drawing.path(plane, *bodies[k].centre.of(solution.u).T, color, f"path of {name}")
+    plane.set(xlabel="x (m)", ylabel="y (m)")
+    drawing.legend(plane)

@@ -1,9 +1,11 @@
 """A box in free flight that turns about its intermediate axis, and flips again and again."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from eig3 import drawing
 from eig3.problem import Problem
 from eig3.scene import RigidBody, Scene
 
@@ -43,9 +45,19 @@ def tumbling_box(
     t_end : float
         s.
     """
-    scene, _ = scene_of_box(sides, mass, spin, tilt)
+    scene, box = scene_of_box(sides, mass, spin, tilt)
     return replace(
         scene.problem((0.0, t_end), name="tumbling_box"),
         h=1e-3,
         source="L. D. Landau and E. M. Lifshitz, Mechanics, section 37: Euler's equations of an asymmetrical top",
+        draw=partial(draw, box=box),
     )
+
+
+def draw(figure, solution, box):
+    axes = box.axes.of(solution.u)
+    names = ["longest", "intermediate", "shortest"]
+    up = drawing.time_panel(figure, "y of the axis (-)")
+    drawing.lines(up, solution.t, axes[..., 1], names)
+    spins = np.einsum("tka,ta->tk", axes, box.spin(solution.u, solution.v))
+    drawing.lines(drawing.time_panel(figure, "spin about the axis\n(rad/s)"), solution.t, spins, names)

@@ -29,6 +29,7 @@ from eig3.effects import (
     SampledMotion,
     SofteningSpring,
     SupportMotion,
+    Torque,
 )
 from eig3.problems.hertz_impact import contact_time
 from eig3.scene import Scene
@@ -71,9 +72,11 @@ CATALOGUE = {
     "sampled motion": lambda d: SampledMotion([0.0, 1.0, 3.0], [0.0, 0.1, -0.1], unit(d)),
     "sampled acceleration": lambda d: SampledAcceleration([0.0, 1.0, 3.0], [0.3, 0.1, -0.1], unit(d)),
     "support motion": lambda d: SupportMotion(shaken, unit(d)),
+    "torque": lambda d: Torque(0.7 if d == 2 else (0.2, -0.4, 0.7)),
 }
 PLANAR = (
     "rotating frame",
+    "torque",
     "friction on a plane",
     "rough plane contact",
     "damped rough plane contact",
@@ -103,9 +106,11 @@ def scene_with(name, dimension, *, work=False, seed=0):
 
 
 def test_every_effect_is_tested_here():
-    kinds = {effects.Body, effects.Link, effects.Motion, effects.Rough}
+    kinds = {effects.Body, effects.Constraint, effects.Link, effects.Motion, effects.Rough}
     known = {getattr(effects, name) for name in effects.__all__} - kinds
-    elsewhere = {kind for kind in known if issubclass(kind, effects.Cell | effects.Rough)}  # they have tests
+    elsewhere = {kind for kind in known if issubclass(kind, effects.Cell | effects.Constraint | effects.Rough)}
+        kind for kind in known if issubclass(kind, effects.Cell | effects.Constraint | effects.Rough)
+    }  # they have tests
     assert known - elsewhere == {type(build(2)) for build in CATALOGUE.values()}
     assert all(kind.source for kind in known - elsewhere)
 

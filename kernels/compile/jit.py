@@ -105,25 +105,24 @@ def linked(template: Callable, names: dict[str, Any], signature: Any, label: str
 
     The code of the kernels contains only a symbol, which stands for its address: they compile in a part of the time.
     """
-    address = _address_of(lambda: _compiled(template, names, signature, label), f"{template.__name__}_{label}")
-    at = function_at(signature)
+    made = _made(lambda: _compiled(template, names, signature, label), f"{template.__name__}_{label}")
+    made()  # a kernel that is loaded from the disk needs the symbol too
+    address, at = _address_of(made), function_at(signature)
     return element(lambda *arguments: at(address())(*arguments))
 
 
 def of_library(signature: Any) -> Callable:
     """Decorate a function of a module that scenes call, for the types of a signature.
 
-    It is compiled when the first scene needs it, and kept on the disk. The scenes contain only a symbol: they compile
-    in a part of the time, and the function rounds in one way for all.
+    It is compiled when the first scene needs it, and kept on the disk. The scenes, which are not kept there, contain
+    only a symbol: they compile in a part of the time, and the function rounds in one way for all.
     """
 
     def decorate(function: Callable) -> Any:
         name = function.__name__
-        names = {
-            "AT": function_at(signature),
-            "ADDRESS": _address_of(lambda: _compiled(function, {}, signature, name), name),
-        }
+        made = _made(lambda: _compiled(function, {}, signature, name), name)
         given = ", ".join(inspect.signature(function).parameters)
+        names = {"AT": function_at(signature), "ADDRESS": _address_of(made)}
         caller = define(f"def {name}({given}):\n    return AT(ADDRESS())({given})\n", name, names)[name]
         functools.update_wrapper(caller, function)
         return element(caller)
@@ -131,14 +130,20 @@ def of_library(signature: Any) -> Callable:
     return decorate
 
 
-def _address_of(make: Callable, name: str) -> Any:
-    """Return a compiled function that returns the address of a function, which is made when it is needed first."""
+def _made(make: Callable, name: str) -> Callable:
+    """Return a function that compiles another one once, and returns the symbol of its address."""
 
     @functools.cache
     def made() -> tuple[str, Any]:
         symbol, result = f"{name}_{_fingerprint()}", make()
         define_symbol(symbol, address_of(result))
         return symbol, result  # the result keeps the machine code alive
+
+    return made
+
+
+def _address_of(made: Callable) -> Any:
+    """Return a compiled function that returns the address of a function, which is made when it is needed first."""
 
     @intrinsic
     def address(typingctx):
