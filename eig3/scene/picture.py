@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..animation import Mechanism
-from .assembly import STATE, Cloud, Placement
+from .assembly import STATE, Bodies, Cloud, Placement
 from .cell import Cell
 from .constraint import Constraint
 from .effect import Body, Link, Motion, arguments
@@ -33,8 +33,8 @@ class Places:
         The index of each point among the masses; -1 for fixed points.
     upright : bool
         Whether a scene of one dimension is drawn from the bottom to the top, not from left to right.
-    carried : dict of int to (ndarray of int, ndarray)
-        The points of rigid bodies: see `eig3.scene.assembly.Bodies`.
+    bodies : Bodies
+        The points of rigid bodies. Those that stand for vectors are shown where the first other point is.
     moves : list of (function, arguments, direction, points)
         The motions of supports: ``function(t, *arguments)`` returns the displacement along the direction, and its rate.
     """
@@ -42,17 +42,19 @@ class Places:
     positions: np.ndarray
     free: np.ndarray
     upright: bool = False
-    carried: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    bodies: Bodies = Bodies([], {})
     moves: list[tuple[Any, tuple, np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
         dimension = self.positions.shape[1]
         x = np.tile(self.positions, (len(t), 1, 1))
         is_mass = self.free >= 0
-        is_mass[list(self.carried)] = False
+        is_mass[list(self.bodies.carried)] = False
         x[:, is_mass] = u[:, self.free[is_mass, None] + np.count_nonzero(is_mass) * np.arange(dimension)]
-        for point, (parts, factors) in self.carried.items():
+        for point, (parts, factors) in self.bodies.carried.items():
             x[:, point] = np.einsum("p,tpk->tk", factors, x[:, parts])
+        others = np.setdiff1d(np.arange(len(self.free)), self.bodies.vectors)
+        x[:, self.bodies.vectors] = x[:, others[:1]]
         for function, given, direction, some in self.moves:
             way = np.array([function(float(time), *given)[0] for time in t])
             x[:, some] += way[:, None, None] * direction
@@ -92,7 +94,7 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Sw
     inside = set(hidden.tolist())
     order = [ends for ends in links if not inside.issuperset(ends)]
     return Mechanism(
-        places=Places(cloud.positions, cloud.free, upright, cloud.bodies.carried, _moves(placements)),
+        places=Places(cloud.positions, cloud.free, upright, cloud.bodies, _moves(placements)),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
