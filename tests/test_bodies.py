@@ -223,3 +223,9 @@ def test_wrong_bodies_are_refused():
         plane.body(1.0, 1.0, (0.0, 0.0)).point((1.0, 2.0, 3.0))
     with pytest.raises(ValueError, match="direction must not be zero"):
         plane.body(1.0, 1.0, (0.0, 0.0)).slide(None, (0.0, 0.0), (0.0, 0.0))
+    bar = plane.body(1.0, 1.0, (0.0, 0.0))
+    with pytest.raises(ValueError, match="Gravity acts on masses, and a point of a rigid body has none"):
+        plane.add(effects.Gravity((0.0, -G)), bar.point((1.0, 0.0)))
+    plane.mass(1.0, (3.0, 0.0), inertia=0.1)
+    with pytest.raises(ValueError, match="no masses with an inertia of their own: make them bodies"):
+        plane.problem((0.0, 1.0))

@@ -95,9 +95,14 @@ class Cloud:
         return (self.masses > 0) & ~self.is_carried
 
     @cached_property
+    def is_massless(self) -> np.ndarray:
+        """Whether each point belongs to a rigid body, but is not its centre."""
+        return self.is_carried | np.isin(np.arange(self.masses.size), self.bodies.vectors)
+
+    @cached_property
     def material(self) -> np.ndarray:
         """The numbers of the masses on which an effect on all masses acts: no vectors, and no points of bodies."""
-        return np.flatnonzero(self.is_own & ~np.isin(np.arange(self.masses.size), self.bodies.vectors))
+        return np.flatnonzero((self.masses > 0) & ~self.is_massless)
 
     @cached_property
     def free(self) -> np.ndarray:

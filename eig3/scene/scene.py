@@ -16,7 +16,7 @@ from . import codegen
 from .assembly import Bodies, Cloud, Placement, assemble, count_states, names, note, numbered, sources, units
 from .bodies import Rigid, RigidBody, principal_moments, rotation_matrix
 from .cell import Cell, same_points
-from .effect import Effect, Link
+from .effect import Body, Effect, Link, arguments
 from .mesh import check_cells, is_fixed, lumped
 from .picture import mechanism
 from .rough import Rough
@@ -337,6 +337,8 @@ class Scene:
         if same_points(flat):
             raise ValueError(f"{effect.title} joins a point to itself.")
         cloud = self._cloud()
+        if isinstance(effect, Body) and cloud.is_massless[np.concatenate(flat)].any():
+            self._check_massless(effect)
         columns |= effect.shape_columns([cloud.rest[i] for i in flat])
         effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat], columns)
         if not flat[0].size:
@@ -463,6 +465,8 @@ class Scene:
         check_span(t_span)
         cloud = self._cloud()
         assembly = assemble(cloud, self._placements, self._swarms, work=work)
+        if assembly.angles and cloud.bodies.vectors:
+            raise ValueError("a scene with rigid bodies has no masses with an inertia of their own: make them bodies.")
         code = codegen.compiled(assembly, None if threads is None else check_count(threads, "threads"))
         u0, v0 = assembly.start(cloud.positions), assembly.start(cloud.velocities, cloud.spins)
         if assembly.held:
@@ -592,6 +596,12 @@ class Scene:
             return self._carried_of(numbers, values)
         taken = values[..., free[numbers][..., np.newaxis] + count * parts]
         return taken[..., 0] if parts.size == 1 else taken
+
+    def _check_massless(self, effect: Body) -> None:
+        """Refuse an effect that takes the mass of a point which has none."""
+        functions = effect.functions()
+        if "acceleration" in functions or any("m" in arguments(function) for function in functions.values()):
+            raise ValueError(f"{effect.title} acts on masses, and a point of a rigid body has none: give body.centre.")
 
     def _carried_of(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Return the values of points of which a body carries some."""
