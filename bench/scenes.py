@@ -21,7 +21,7 @@ from eig3.problem import Problem
 from eig3.scene import Scene, codegen
 from eig3.stepping.stepper import Stepper
 
-from . import near_pairs, pictures, text
+from . import near_pairs, pictures, rods, text
 from .environment import in_words
 from .options import add_repeats
 from .scene_pairs import ROD, SCENE_PAIRS, crowded, growing
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 SUMMARY = "ns/step of scenes, compared with code by hand"
 _SECONDS = 0.05  # of a timed run
 _SPHERES, _ARGON = (1000, 10_000, 100_000), 10  # numbers of spheres, and cells of the lattice of argon along an edge
+_RODS = (10, 100, 1000)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -61,6 +62,8 @@ def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str
     write(text.table(["effect", "effects", "ns/step"], [[x, str(k + 1), f"{ns[k]:.0f}"] for k, x in enumerate(labels)]))
     write("\n## Points that come near each other\n")
     write(near_pairs.tables(_SPHERES, _ARGON, min(repeats, 5)))
+    write("\n## Chains of rods at equal error\n")
+    write(rods.table(_RODS, min(repeats, 5)))
     if out is not None:
         files = Files(out, "eig3 bench")
         files.finish(write, pictures.draw({"scenes.png": partial(_bars, labels, ns)}, files))

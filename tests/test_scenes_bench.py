@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from eig3 import effects
-from eig3.bench import near_pairs, scene_pairs, scenes
+from eig3.bench import near_pairs, rods, scene_pairs, scenes
 from eig3.bench.near_pairs.atoms import accelerations
-from eig3.bench.rivals import exudyn, lammps
+from eig3.bench.rivals import exudyn, lammps, mujoco
 from eig3.problems.argon import argon
 from eig3.scene.cell import Cell
 
@@ -65,6 +65,7 @@ def test_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr(scenes, "_SECONDS", 1e-4)
     monkeypatch.setattr(scenes, "_SPHERES", (100,))
     monkeypatch.setattr(scenes, "_ARGON", 4)
+    monkeypatch.setattr(scenes, "_RODS", (2,))
     monkeypatch.setattr(near_pairs.contest, "POINT_STEPS", 2000)
     lines = []
     scenes.benchmark(repeats=1, out=tmp_path, write=lines.append)
@@ -117,3 +118,14 @@ def test_exudyn_has_the_same_forces_of_linear_contacts():
     simulation = exudyn.Simulation(*start, near_pairs.STIFFNESS, near_pairs.REACH, near_pairs.H, threads=1)
     simulation.run(1)
     compare(problem, (simulation.speeds() - start[1]).T.ravel() / near_pairs.H, 1e-12)
+
+
+def test_chains_of_rods_and_of_springs_end_at_the_same_places():
+    """Each row of the table has the error that is asked for, and the rivals that are not installed are named."""
+    rows = rods.rows_of(2, 1)
+    assert [row[1] for row in rows[:3]] == ["rods, EIG-3", "rods, RK4", "springs, EIG-3"]
+    assert all(float(row[3]) <= rods.ERROR for row in rows)
+    assert rows[0][-1] == "1"
+    text = rods.table((2,), 1)
+    assert ("pip install mujoco" in text) != mujoco.is_there()
+    assert ("pip install exudyn" in text) != exudyn.is_there()

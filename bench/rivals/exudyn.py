@@ -86,3 +86,52 @@ class Simulation:
     def speeds(self) -> np.ndarray:
         """Return the velocities after the last run, of shape (n, 3)."""
         return np.array(self.system.systemData.GetODE2Coordinates_t()).reshape(-1, 3)
+
+
+class Chain:
+    """Point masses in the plane, and rods between them that are constraints of their distance.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n, 2)
+        Of the masses; the first rod begins at the origin.
+    length, mass : float
+        Of one rod, m, and of one mass, kg.
+    gravity : float
+    """
+
+    def __init__(self, places: np.ndarray, length: float, mass: float, gravity: float) -> None:
+        import exudyn
+        from exudyn import itemInterface
+
+        self._container = exudyn.SystemContainer()  # it owns the system
+        self.system = self._container.AddSystem()
+        ground = self.system.AddObject(itemInterface.ObjectGround())
+        last = self.system.AddMarker(itemInterface.MarkerBodyPosition(bodyNumber=ground))
+        self.nodes = []
+        for place in places.tolist():
+            node = self.system.AddNode(itemInterface.NodePoint2D(referenceCoordinates=place))
+            self.system.AddObject(itemInterface.MassPoint2D(physicsMass=mass, nodeNumber=node))
+            marker = self.system.AddMarker(itemInterface.MarkerNodePosition(nodeNumber=node))
+            self.system.AddLoad(itemInterface.Force(markerNumber=marker, loadVector=[0, -mass * gravity, 0]))
+            self.system.AddObject(itemInterface.ObjectConnectorDistance(markerNumbers=[last, marker], distance=length))
+            self.nodes.append(node)
+            last = marker
+        self.system.Assemble()
+
+    def run(self, t_end: float, steps: int) -> tuple[float, np.ndarray]:
+        """Return the seconds of a run with the trapezoidal rule of index 2, and the places of the masses at its end."""
+        import exudyn
+
+        settings = exudyn.SimulationSettings()
+        settings.linearSolver.solverType = exudyn.LinearSolverType.EigenSparse
+        settings.solution.file.write = settings.solution.file.writeInitialValues = False
+        settings.timeIntegration.verboseMode = 0
+        settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = steps, t_end
+        settings.timeIntegration.newton.useModifiedNewton = True
+        kind = exudyn.DynamicSolverType.TrapezoidalIndex2
+        begin = time.perf_counter()
+        self.system.SolveDynamic(settings, solverType=kind, updateInitialValues=False)
+        seconds = time.perf_counter() - begin
+        found = [self.system.GetNodeOutput(node, exudyn.OutputVariableType.Position)[:2] for node in self.nodes]
+        return seconds, np.array(found)
