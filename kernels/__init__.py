@@ -34,6 +34,8 @@ complete(y, c, h, n)
     Computes v in y[1] when a state is written, for a method whose steps do not need v.
 MATRIX : bool
     Whether a step needs an n x n matrix, `work.matrix`; False by default.
+KEEPS_CONSTRAINTS : bool
+    Whether a step ends at a state that keeps the constraints of a scene; False by default: the state is then projected.
 
 `at` contains the step index `i`, the time `t`, the step `h` and the parameters `p`. A step that fails returns False in
 place of True, and must not have changed the rows of the state. The README of this folder shows how to add a method.

@@ -72,3 +72,5 @@ def draw(figure, solution, bars):
     drawing.legend(plane)
     spins = np.column_stack([bar.spin(solution.u, solution.v) for bar in bars])
     drawing.lines(drawing.time_panel(figure, "spin (rad/s)"), solution.t, spins, names)
+    swing = np.unwrap(bars[2].rotation(solution.u))
+    drawing.lines(drawing.time_panel(figure, "angle of the rocker\n(rad)"), solution.t, swing)

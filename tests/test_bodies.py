@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+import eig3
 from eig3 import effects, problems
 from eig3.problems.four_bar import BASE, COUPLER, CRANK, ROCKER, linkage
 from eig3.problems.squeezer import START, mechanism, places
@@ -126,6 +127,35 @@ def test_joints_leave_what_they_should():
     run = plane.problem((0.0, 1.0)).integrate(h=1e-2)
     np.testing.assert_allclose(block.centre.of(run.u)[-1], [-G / 4, -G / 4], atol=1e-12)
     assert block.rotation(run.u)[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_torsional_spring_on_a_hinge():
+    """Its frequency is sqrt(k / J); at this amplitude the spring is linear, and nothing else acts."""
+    scene = Scene(2)
+    bar = scene.body(3.0, 0.25, (0.5, 0.0))
+    bar.joint(None, (0.0, 0.0))
+    ends = bar.point((0.5, 0.0)), scene.fixed((0.0, 0.0)), scene.fixed((0.0, -1.0))
+    scene.add(effects.HarmonicAngle(4.0, np.pi / 2 + 0.3), *ends)
+    period = 2 * np.pi * np.sqrt(1.0 / 4.0)
+    run = scene.problem((0.0, period)).integrate(h=1e-3 * period, method="rk4")
+    angles = bar.rotation(run.u)
+    np.testing.assert_allclose(angles, 0.3 * (1 - np.cos(2 * run.t)), rtol=0, atol=1e-9)
+
+
+def test_spheres_of_bodies_touch():
+    """Two dumbbells meet: the contacts act between all near spheres, and energy and momentum stay what they are."""
+    scene = Scene(3)
+    places = [(0.0, 0.0, 0.0), (1.5, 0.2, 0.3)]
+    bodies = [scene.body(1.0, (0.1, 0.2, 0.25), place, velocity=(1 - 2 * k, 0, 0)) for k, place in enumerate(places)]
+    spheres = [body.point([(0.3, 0.0, 0.0), (-0.3, 0.0, 0.0)]) for body in bodies]
+    both = eig3.scene.Points(scene, np.concatenate([points.numbers for points in spheres]))
+    scene.add(effects.MassContact(2e3, 0.5), both, leaves_joined=True)
+    run = scene.problem((0.0, 2.0)).integrate(h=1e-4, save_every=100)
+    assert run.drift["energy"] < 1e-4
+    momentum = sum(body.centre.of(run.v) for body in bodies)
+    np.testing.assert_allclose(momentum, 0.0, atol=1e-12)
+    assert np.abs(bodies[0].spin(run.u, run.v)[-1]).max() > 0.1
+    assert bodies[0].centre.of(run.v)[-1, 0] < 0.5
 
 
 def test_a_bar_strikes_through_its_hinge():

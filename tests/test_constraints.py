@@ -270,6 +270,12 @@ def test_constraints_that_do_not_fit_are_named():
         scene.add(effects.Rod(), scene.fixed((0, 0)), scene.fixed((1, 0)))
     with pytest.raises(ValueError, match="Rod has no direction where its ends coincide"):
         scene.add(effects.Rod(), scene.fixed((0, 0)), scene.mass(1.0, (0, 0)))
+    moved = Scene(2)
+    pivot = moved.fixed((0, 0))
+    moved.add(effects.SampledMotion([0.0, 1.0], [0.0, 0.1], (1.0, 0.0)), pivot)
+    moved.add(effects.Rod(), pivot, moved.mass(1.0, (1, 0)))
+    with pytest.raises(ValueError, match="Rod takes fixed points that no motion moves"):
+        moved.problem((0.0, 1.0))
     with pytest.raises(ValueError, match="method 'cd' has no steps with constraints: take 'eig3'"):
         problem.integrate(h=1e-3, method="cd")
     with pytest.raises(ValueError, match="needs a rhs that ignores v"):

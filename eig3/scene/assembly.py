@@ -336,7 +336,8 @@ def assemble(
     links = _fused(_link_groups(cloud, placements, moves))
     meshes, supports = _meshes(cloud, placements, moves)
     check_rest(swarms, placements)
-    joined = joined_pairs(placements if any(swarm.leaves_joined for swarm in swarms) else ())
+    leaves_joined = any(swarm.leaves_joined for swarm in swarms)
+    joined = joined_pairs(placements, cloud.bodies.carried) if leaves_joined else joined_pairs((), {})
     given = bodies, links, meshes, supports, list(swarms), joined, motions, events, states
     assembly = Assembly(cloud, *given, held=None, follows_work=False)
     if any(isinstance(effect, Constraint) for effect, _, _ in placements):

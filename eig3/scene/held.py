@@ -18,7 +18,7 @@ except ImportError as error:
 
 from .constraint import TINY, Constraint
 from .constraint_table import Arm, ConstraintTable, Row
-from .effect import arguments
+from .effect import Motion, arguments
 from .names import words
 
 _WRONG = 1e-9  # a value of phi at the start, as a part of the largest length, that is no round-off
@@ -73,6 +73,7 @@ class Held:
 def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held:
     """Collect the constraints of a scene."""
     placed = [placement for placement in placements if isinstance(placement[0], Constraint)]
+    _check_still(placements, placed)
     arms: list[Arm] = []
     rows: list[Row] = []
     names: list[str] = []
@@ -111,6 +112,16 @@ def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held:
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
     table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
     return Held(table, names, counts, [effect for effect, _, _ in placed], kinds)
+
+
+def _check_still(placements: Sequence[Any], placed: Sequence[Any]) -> None:
+    """Refuse constraints on fixed points that a motion moves."""
+    moved = [numbers[0] for effect, numbers, _ in placements if isinstance(effect, Motion)]
+    for effect, numbers, _ in placed:
+        if moved and np.isin(np.concatenate(numbers), np.concatenate(moved)).any():
+            raise ValueError(
+                f"{effect.title} takes fixed points that no motion moves: move a mass with an Actuator instead."
+            )
 
 
 def _arm(cloud: Any, points: Sequence[int], factors: Any, constant: np.ndarray) -> Arm:

@@ -369,7 +369,7 @@ class Packing:
     def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:
         law = self._symbols(Law(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))
         pairs = assembly.joined if swarm.leaves_joined else assembly.joined[:0]
-        u0 = assembly.start(assembly.cloud.positions)
+        u0 = assembly.cloud.in_order(assembly.cloud.positions).T.ravel()
         listing = listed(swarm, sum(part.size for part in self._parts), assembly.cloud, u0, pairs)
         self._add(listing.values)
         return SwarmBlock(law, listing)

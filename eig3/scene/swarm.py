@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -139,13 +140,20 @@ def check_rest(swarms: Sequence[Swarm], placements: Sequence[Any]) -> None:
             )
 
 
-def joined_pairs(placements: Sequence[Any]) -> np.ndarray:
-    """Return the pairs of points that a link or a cell joins, of shape (pairs, 2), the smaller number first."""
+def joined_pairs(placements: Sequence[Any], carried: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Return the pairs of points that are joined, of shape (pairs, 2), the smaller number first.
+
+    A link, a cell or a constraint joins its points. A rigid body joins its centre and the points that it carries.
+    """
     found = [np.empty((0, 2), dtype=np.int64)]
     for effect, numbers, _ in placements:
         if isinstance(effect, Link | Cell | Constraint):
             ends = np.column_stack(numbers)
             found += [ends[:, [i, j]] for i in range(ends.shape[1]) for j in range(i)]
+    bodies: dict[int, list[int]] = {}
+    for point, (parts, _) in carried.items():
+        bodies.setdefault(int(parts[0]), [int(parts[0])]).append(point)
+    found += [np.array(list(combinations(points, 2))) for points in bodies.values()]
     return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
 
 
