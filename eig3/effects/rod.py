@@ -35,7 +35,7 @@ class Rod(Constraint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.length is not None:
+        if self.length is not None and not callable(self.length):
             self.require(self._reals("length") > 0, "length must be positive")
 
     def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
