@@ -54,6 +54,8 @@ class Method:
         Whether the steps add random numbers. The commands and `eig3.plan` do not compare such a method with others.
     jacobian : jitted function or None
         df/dv, for a method that can use it.
+    takes_constraints : bool
+        Whether the method can take the steps of a scene with constraints.
     second : str
         The kind of the second callback, if the method has another one than a jacobian.
 
@@ -73,6 +75,7 @@ class Method:
     ignores_velocity: ClassVar[bool] = False
     is_stochastic: ClassVar[bool] = False
     jacobian: Callable | None = None
+    takes_constraints: ClassVar[bool] = True
     second: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
@@ -122,6 +125,8 @@ class Method:
         ValueError
             If there is none.
         """
+        if not self.takes_constraints:
+            raise ValueError(f"method {self.name!r} has no steps with constraints: take another one, such as 'eig3'.")
         return self
 
     def fallback(self, n: int) -> "Method | None":
@@ -267,6 +272,7 @@ class CentralDifference(Method):
     jacobian: Callable | None = None
     tol: float = 1e-12
     max_iterations: int = 50
+    takes_constraints: ClassVar[bool] = False
     name: ClassVar[str] = "cd"
     label: ClassVar[str] = "CD"
 
@@ -322,9 +328,6 @@ class CentralDifference(Method):
     @property
     def _solver_is_open(self) -> bool:
         return self.is_implicit and self.solver == "auto" and self.jacobian is None
-
-    def with_constraints(self) -> Method:
-        raise ValueError("method 'cd' has no steps with constraints: take 'eig3', which has the same u, or 'rk4'.")
 
     def without_velocity(self) -> Method:
         return dataclasses.replace(self, velocity="none", jacobian=None)

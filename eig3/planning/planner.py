@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..functions.checks import check_method
+from ..functions.history import constraints_of
 from ..methods import EIG, LIBRARY, Method
 from ..problem import Problem
 from ..result.solution import Solution
@@ -271,7 +272,8 @@ def _in_order_of_trial() -> list[str]:
 
 def _for(problem: Problem, methods: Sequence[Method]) -> list[Method]:
     """The methods that are valid for the problem."""
-    return [method for method in methods if not (method.ignores_velocity and problem.uses_velocity)]
+    fit = [method for method in methods if not (method.ignores_velocity and problem.uses_velocity)]
+    return [method for method in fit if method.takes_constraints or not constraints_of(problem.rhs)]
 
 
 def _choose(first: Search, records: list[Method]) -> list[Prediction]:
