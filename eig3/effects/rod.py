@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +30,7 @@ class Rod(Constraint):
 
     length: ArrayLike | None = None
 
-    needs = ()
+    needs: ClassVar[tuple[str, ...]] = ()
     source = "phi = (|x1 - x0|^2 - length^2) / (2 length)"
 
     def __post_init__(self) -> None:
