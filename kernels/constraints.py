@@ -440,24 +440,24 @@ def react_1d(t, u, v, p, place, a):
     return react(nothing_of_its_own, t, u, v, p, place, a, 1)
 
 
-@of_library(_PROJECT)
-def project_1d(t, u, v, p, place):
-    project(nothing_of_its_own, t, u, v, p, place, 1)
-
-
 @of_library(_REACT)
 def react_2d(t, u, v, p, place, a):
     return react(nothing_of_its_own, t, u, v, p, place, a, 2)
 
 
-@of_library(_PROJECT)
-def project_2d(t, u, v, p, place):
-    project(nothing_of_its_own, t, u, v, p, place, 2)
-
-
 @of_library(_REACT)
 def react_3d(t, u, v, p, place, a):
     return react(nothing_of_its_own, t, u, v, p, place, a, 3)
+
+
+@of_library(_PROJECT)
+def project_1d(t, u, v, p, place):
+    project(nothing_of_its_own, t, u, v, p, place, 1)
+
+
+@of_library(_PROJECT)
+def project_2d(t, u, v, p, place):
+    project(nothing_of_its_own, t, u, v, p, place, 2)
 
 
 @of_library(_PROJECT)

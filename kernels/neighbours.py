@@ -167,7 +167,7 @@ def memory(typingctx, array):  # type: ignore[no-untyped-def]
     An array of one of several lanes is refused, because its values are not neighbours: members with lists run alone.
     """
     if array.layout != "C":
-        raise numba.TypingError("a list of neighbours needs memory of its own for each member")
+        raise numba.TypingError("lists of neighbours and constraints need memory of their own for each member")
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         parts = parts_of(context, builder, signature.args[0], args[0])

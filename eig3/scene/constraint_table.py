@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ..kernels.constraints import FLOATS, HEAD, Areas
+from .packing import as_floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,24 +77,17 @@ class ConstraintTable:
     length: float
     degrees: int
 
-    def values(self, place: int) -> tuple[np.ndarray, np.ndarray, Areas]:
-        """Return the numbers of the table at a place of p, the order of its rows, and the places of its areas."""
+    def values(self, place: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the numbers of the table at a place of p, and the order of its rows."""
         entries = self.entries()
         order = _order(entries, len(self.rows), len(self.weights))
         areas = self._areas(entries, order)
-        sizes = [len(area) for area in areas]
-        begins = np.cumsum([place + HEAD + 2 * len(areas), *(_room(k, size) for k, size in enumerate(sizes))])
-        values = np.zeros(begins[-1] - place)
+        parts = [area if k < FLOATS else as_floats(area) for k, area in enumerate(areas)]
+        begins = np.cumsum([place + HEAD + 2 * len(areas), *map(len, parts)])[:-1]
         count = len(self.rows), len(self.weights), len(self.arms), len(self.arms) + self.own_arms, len(entries)
-        values[:HEAD] = [*count, self.length, 0.0, 0.0]
-        values[HEAD : HEAD + 2 * len(areas)] = np.column_stack([begins[:-1], sizes]).ravel()
-        for k, area in enumerate(areas):
-            part = values[begins[k] - place : begins[k + 1] - place]
-            if k < FLOATS:
-                part[:] = area
-            else:
-                part.view(np.int32)[: len(area)] = area
-        return values, order, Areas(*begins[:-1].tolist())
+        head = [*count, self.length, 0.0, 0.0]
+        table = np.column_stack([begins, [len(area) for area in areas]]).ravel()
+        return np.concatenate([head, table, *parts]), order
 
     def entries(self) -> np.ndarray:
         """Return a row (row, point, arm, factor) for each entry of the gradients."""
@@ -188,8 +182,3 @@ def _begins(counts: Sequence[int] | np.ndarray) -> np.ndarray:
 
 def _joined(arrays: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(arrays) if arrays else np.empty(0)
-
-
-def _room(k: int, size: int) -> int:
-    """The number of floats that an area takes."""
-    return size if k < FLOATS else (size + 1) // 2

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..kernels import bodies, constraints, grains, neighbours
-from ..kernels.constraints import Areas
 from ..kernels.shared_forces import add_forces
 from ..kernels.team import out_of_line
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
@@ -256,7 +255,6 @@ class HeldBlock:
         Of their table in p.
     order : int
         The place in p of the number of each row, in the order in which they were added, among those of the table.
-    areas : Areas
     own : list of (Symbols, int, int)
         The laws with functions of their own, the first of their rows, and the number of their members.
     """
@@ -264,7 +262,6 @@ class HeldBlock:
     held: Held
     place: int
     order: int
-    areas: Areas
     own: list[tuple[Symbols, int, int]]
 
 
@@ -383,8 +380,8 @@ class Packing:
         self.functions |= {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
         self.functions |= {"spread": bodies.spread, "gather": bodies.gather, "change": bodies.change}
         return CarriedBlock(
-            self._add(_as_floats(np.concatenate([[0], np.cumsum(sizes)]))),
-            self._add(_as_floats(parts)),
+            self._add(as_floats(np.concatenate([[0], np.cumsum(sizes)]))),
+            self._add(as_floats(parts)),
             self._add(factors),
             self._add(1 / cloud.masses[cloud.is_own]),
             self._add(np.zeros(3 * degrees)),
@@ -395,7 +392,7 @@ class Packing:
 
     def _held(self, held: Held) -> HeldBlock:
         place = sum(part.size for part in self._parts)
-        values, order, areas = held.table.values(place)
+        values, order = held.table.values(place)
         self._add(values)
         own = [(self._symbols(Law(x.effect, x.columns)), int(x.rows[0]), len(x.rows)) for x in held.kinds]
         self.functions |= {"memory": neighbours.memory, "areas": constraints.areas}
@@ -406,7 +403,7 @@ class Packing:
         else:
             self.functions |= dict(zip(names, constraints.LIBRARY[held.table.dimension], strict=True))
             self.functions["own"] = constraints.nothing_of_its_own
-        return HeldBlock(held, place, self._add(np.argsort(order)), areas, own)
+        return HeldBlock(held, place, self._add(np.argsort(order)), own)
 
     def _grains(self, assembly: Assembly, swarm: Swarm) -> GrainsBlock:
         block = self._swarm(assembly, swarm)
@@ -480,7 +477,7 @@ class Packing:
         return Block(group, laws, anchor, moved, runs, place, ends)
 
 
-def _as_floats(integers: np.ndarray) -> np.ndarray:
+def as_floats(integers: np.ndarray) -> np.ndarray:
     """Return 32-bit integers as the floats with the same bits, two in each."""
     values = np.zeros((len(integers) + 1) // 2)
     values.view(np.int32)[: len(integers)] = integers

@@ -303,10 +303,9 @@ def _kernel(system: System, method: Method, n: int) -> Kernel:
         running = running.with_constraints()
     formulas, form = running.formulas, system.form
     check_workspace(running, n)
-    second = "jacobian" if running.jacobian else running.second
-    addresses = {"": None, "leap": system.leap}
+    second, address = running.second, system.leap if running.second else None
     if running.jacobian:
-        addresses["jacobian"] = check_callback(running.jacobian, "jacobian", form).address
+        second, address = "jacobian", check_callback(running.jacobian, "jacobian", form).address
     settings = np.array(running.settings, dtype=np.float64)
     order, looks = system.method.order, system.looks
     if system.inline:
@@ -316,5 +315,5 @@ def _kernel(system: System, method: Method, n: int) -> Kernel:
         callbacks: tuple = ()
     else:
         call = fixed.kernel(formulas, order, form, n, looks=looks, second=second)
-        callbacks = system.callback.address, addresses[second]
+        callbacks = system.callback.address, address
     return Kernel(running, formulas, formulas.state_rows(n), call, callbacks, settings, (formulas, n, system.inline))
