@@ -129,6 +129,13 @@ def integers(typingctx, p, begin, count):  # type: ignore[no-untyped-def]
     return _integers(p, int64, int64), codegen
 
 
+def as_floats(values: np.ndarray) -> np.ndarray:
+    """Return the part of p that has these values as its 32-bit `integers`, two in each float."""
+    part = np.zeros((len(values) + 1) // 2)
+    part.view(np.int32)[: len(values)] = values
+    return part
+
+
 @intrinsic
 def floats(typingctx, p, begin, count):  # type: ignore[no-untyped-def]
     """``floats(p, begin, count)`` is an array of floats in the memory of p, which may be written."""

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ..kernels.constraints import FLOATS, HEAD, Areas
-from .packing import as_floats
+from ..kernels.neighbours import as_floats
 
 
 @dataclass(frozen=True, eq=False)

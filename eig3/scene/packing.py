@@ -380,8 +380,8 @@ class Packing:
         self.functions |= {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
         self.functions |= {"spread": bodies.spread, "gather": bodies.gather, "change": bodies.change}
         return CarriedBlock(
-            self._add(as_floats(np.concatenate([[0], np.cumsum(sizes)]))),
-            self._add(as_floats(parts)),
+            self._add(neighbours.as_floats(np.concatenate([[0], np.cumsum(sizes)]))),
+            self._add(neighbours.as_floats(parts)),
             self._add(factors),
             self._add(1 / cloud.masses[cloud.is_own]),
             self._add(np.zeros(3 * degrees)),
@@ -475,13 +475,6 @@ class Packing:
         has_events = any(law.events.size for law in laws)
         ends = [self._column(x) for x in (group.first, group.second) if has_events and x is not None]
         return Block(group, laws, anchor, moved, runs, place, ends)
-
-
-def as_floats(integers: np.ndarray) -> np.ndarray:
-    """Return 32-bit integers as the floats with the same bits, two in each."""
-    values = np.zeros((len(integers) + 1) // 2)
-    values.view(np.int32)[: len(integers)] = integers
-    return values
 
 
 def inverse(values: np.ndarray) -> np.ndarray:
