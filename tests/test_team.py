@@ -11,8 +11,9 @@ import pytest
 import eig3
 from eig3 import effects
 from eig3.effects import Link
+from eig3.problems.flag import sheet
 from eig3.run import short
-from eig3.scene import Scene, packing
+from eig3.scene import Scene, hinges, packing
 from eig3.stepping import team
 
 from .test_extend import assert_same
@@ -21,6 +22,7 @@ from .test_extend import assert_same
 @pytest.fixture(autouse=True)
 def _shared_from_the_start(monkeypatch):
     monkeypatch.setattr(packing, "_SHARED", 1)
+    monkeypatch.setattr(packing, "_SHARED_CELLS", 1)
     monkeypatch.setattr(team, "_WORTH", 0)
     monkeypatch.setattr(short, "MOST_SECONDS", 0)
 
@@ -88,7 +90,29 @@ def with_many_mates():
     return scene
 
 
-SCENES = [damped, of_sizes, sheared, of_two_lists, with_many_mates]
+@eig3.jit
+def swing(t):
+    return 0.3 * np.sin(5 * t), 1.5 * np.cos(5 * t)
+
+
+def of_cells():
+    """A sheet in wind on a pole that moves, with springs in rows and in no order, and effects on all and on some."""
+    rng = np.random.default_rng(5)
+    cells, places = sheet(12, 8), np.array([(i, j, 0.02 * i * j) for i in range(12) for j in range(8)], dtype=float)
+    scene, elastic = Scene(3), effects.StVenantKirchhoffTriangle(100.0, 0.3, 1.0)
+    cloth = scene.add_mesh(places, cells, elastic, density=1.0, fixed=range(8))
+    scene.add(effects.HingeBending(2.0), *cloth[hinges(cells)])
+    scene.add(effects.WindPressure(0.1, (2.0, 0.0, 1.0)), *cloth[cells.T])
+    scene.add(effects.SupportMotion(swing, (0.0, 0.0, 1.0)), cloth[:8])
+    scene.add(effects.LinearSpring(20.0, 1.0), cloth[:-8], cloth[8:])
+    scene.add(effects.LinearDamper(0.5), *cloth[rng.permutation(96).reshape(2, 48)])
+    scene.add(effects.QuadraticDrag(0.05), cloth[rng.permutation(np.arange(8, 96))[:40]])
+    scene.add(effects.Gravity((0.0, 0.0, -5.0)))
+    scene.add(effects.MassContact(100.0, 0.9), cloth[8:])
+    return scene
+
+
+SCENES = [damped, of_sizes, sheared, of_two_lists, with_many_mates, of_cells]
 
 
 @pytest.mark.parametrize("make", SCENES)
@@ -111,6 +135,7 @@ def test_the_forces_are_those_of_a_small_scene(make, monkeypatch):
     shared = make().problem((0, 1), threads=3)
     run = shared.integrate(h=1e-3, save_every=100)
     monkeypatch.setattr(packing, "_SHARED", 10**9)
+    monkeypatch.setattr(packing, "_SHARED_CELLS", 10**9)
     alone = make().problem((0, 1))
     assert not hasattr(alone.rhs.py_func, "shares")
     for k in range(len(run.t)):

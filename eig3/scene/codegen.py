@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -29,6 +30,7 @@ from ..functions.families import Family
 from ..functions.history import Constraints, History
 from ..kernels.compile.source import define
 from ..kernels.protocol import index
+from ..kernels.shared_forces import OWN
 from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
@@ -36,6 +38,7 @@ from .box_text import BoxText
 from .constraint_text import ConstraintText
 from .effect import FORCES, RESETS
 from .grains_text import GrainsText
+from .lines import of_part, only_if
 from .mesh_text import MeshText
 from .packing import Block, Column, Packing, Symbols, entry
 from .swarm_text import SwarmText
@@ -151,6 +154,7 @@ class _Source:
         self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing)
         self._grains, self._constraints = GrainsText(assembly, packing), ConstraintText(assembly, packing)
         self._bodies_text = BodiesText(assembly, packing, self._constraints)
+        self._team, self._shares_cells = packing.team, packing.shares_cells
         self._rhs_name = f"forces{self._bodies_text.suffix}" if packing.held else "rhs"
         self._own_masses = assembly.own
         self._box = BoxText(packing)
@@ -159,6 +163,7 @@ class _Source:
         self.occasions: list[_Occasion] = []
         self._lines: list[str] = []
         self._depth = 0
+        self._in_part = False  # whether the function is that of a part of the masses
 
     def __str__(self) -> str:
         return "\n".join(self._lines) + "\n"
@@ -167,27 +172,25 @@ class _Source:
 
     def parts(self) -> None:
         """Write the functions that others call: the places of the corners of cells, and what threads share."""
-        for head, lines in (*self._meshes.functions(), *self._swarms.functions()):
+        for head, lines in self._meshes.functions():
             with self._function(head, ()):
                 self._write_all(lines)
+        if self._team is not None:
+            with self._function("share(stage, part, parts, t, u, v, p, a)", self._links):
+                self._write("out_of_line()")
+                if self._shares_cells:
+                    with self._indented(f"if stage == {OWN}:"):
+                        self._forces_on_part()
+                self._write_all(self._swarms.stages())
 
     def rhs(self) -> None:
         """Write the function of the accelerations."""
         with self._function(f"{self._rhs_name}(t, u, v, p, a)", self._links):
-            on_all = [block for block in self._bodies if block.size == self._n and len(block.runs) == 1]
-            rows = [block for block in self._links if block.is_row and len(block.runs) == 1 and block.size > 1]
-            row = max(rows, key=lambda block: block.size, default=None)
-            holding = [block for block in self._links if row and _holds_end(block, row)]
-            self._every_mass(on_all, row, holding)
-            for block in self._bodies:
-                if block not in on_all:
-                    self._some_masses(block)
-            for block in self._links:
-                if block.is_row and block.group.in_runs and len(block.runs) > 1:
-                    self._rows(block)
-                elif block is not row and block not in holding:
-                    self._pairs(block)
-            self._write_all(self._meshes.forces())
+            if self._shares_cells:
+                velocity = "v" if self._reads_v else "u"  # a rhs that names v is one that reads it
+                self._write(f"set_forces(share, t, memory(u), memory({velocity}), memory(p), memory(a), {self._team})")
+            else:
+                self._forces()
             self._write_all(self._swarms.forces())
             self._write_all(self._grains.forces())
             for k in range(self._coordinates, self._work):  # the states
@@ -282,6 +285,37 @@ class _Source:
 
     # The parts of these functions
 
+    def _forces(self) -> None:
+        """Set all accelerations, by all forces but those between near points."""
+        on_all, others = self._bodies_by_extent()
+        rows = [block for block in self._links if block.is_row and len(block.runs) == 1 and block.size > 1]
+        row = max(rows, key=lambda block: block.size, default=None)
+        holding = [block for block in self._links if row and _holds_end(block, row)]
+        self._every_mass(on_all, row, holding)
+        for block in others:
+            self._some_masses(block)
+        for block in self._links:
+            if block.is_row and block.group.in_runs and len(block.runs) > 1:
+                self._rows(block)
+            elif block is not row and block not in holding:
+                self._pairs(block)
+        self._write_all(self._meshes.forces())
+
+    def _forces_on_part(self) -> None:
+        """Do so for the masses of a part. A force on masses of two parts is computed in both."""
+        self._in_part, begin = True, len(self._lines)
+        on_all, others = self._bodies_by_extent()
+        self._write(f"low, end = bounds({self._n}, part, parts)")
+        self._constants(on_all, *_BODY)
+        with self._indented("for i in range(low, end):"):
+            self._set(on_all, "i")
+        for block in others:
+            self._some_masses(block)
+        for block in self._links:
+            self._pairs(block)
+        self._write_all(self._meshes.forces_on_part())
+        self._in_part, self._reads_v = False, any(re.search(r"\bv\b", line) for line in self._lines[begin:])
+
     def _every_mass(self, on_all: list[Block], row: Block | None, holding: list[Block]) -> None:
         """Set all accelerations, from the effects on all masses and, in the same loop, the longest row of links.
 
@@ -325,6 +359,11 @@ class _Source:
             pulls = [pull(axis)] if pull else []
             self._write(f"{self._at('a', axis, i)} = {self._along(axis, i, accelerations, forces, pulls)}")
 
+    def _bodies_by_extent(self) -> tuple[list[Block], list[Block]]:
+        """Return the effects on all masses, and those on some."""
+        on_all = [block for block in self._bodies if block.size == self._n and len(block.runs) == 1]
+        return on_all, [block for block in self._bodies if block not in on_all]
+
     def _some_masses(self, block: Block) -> None:
         with self._members(block, *_BODY) as (s, i, _):
             accelerations, forces = self._given(block, s, i)
@@ -334,10 +373,9 @@ class _Source:
     def _pairs(self, block: Block) -> None:
         with self._near_members(block, *_LINK) as (s, i, j):
             self._pull(block, s, i, j, self._common)
-            ends = [("+=", i), ("-=", j)] if block.joins_masses else [("-=", i)]
-            for axis in self._axes:
-                for sign, end in ends:
-                    self._write(f"{self._at('a', axis, end)} {sign} f{axis}{self._own(end)}")
+            for sign, end in [("+=", i), ("-=", j)] if block.joins_masses else [("-=", i)]:
+                lines = [f"{self._at('a', axis, end)} {sign} f{axis}{self._own(end)}" for axis in self._axes]
+                self._write_all(only_if(of_part(end) if self._in_part else "", lines))
 
     def _rows(self, block: Block) -> None:
         self._constants([block], *_LINK)
@@ -589,7 +627,19 @@ class _Source:
 
     @contextmanager
     def _members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
-        """Write a loop over a block; give the names of the indices of the member and of its masses."""
+        """Write a loop over a block; give the names of the indices of the member and of its masses.
+
+        In the function of a part, it skips members without masses of the part.
+        """
+        with self._all_members(block, *functions) as (s, i, j):
+            if not self._in_part:
+                yield s, i, j
+                return
+            with self._indented(f"if {of_part(i, j) if block.joins_masses else of_part(i)}:"):
+                yield s, i, j
+
+    @contextmanager
+    def _all_members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
         self._constants([block], *functions)
         _, count, i0, j0 = block.runs[0]
         if block.size == 1:

@@ -11,8 +11,9 @@ from collections.abc import Iterable, Iterator
 
 from ..kernels import grains
 from .assembly import Assembly
+from .lines import only_if
 from .packing import GrainsBlock, Packing, SwarmBlock, entry
-from .swarm_text import SwarmText, only_if
+from .swarm_text import SwarmText
 
 _NEXT = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the axes that follow
 _FUNCTIONS = ("tension", "shear_stiffness", "shear_damping")

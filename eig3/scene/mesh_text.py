@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 
 from .assembly import Assembly
 from .cell import Cell
+from .lines import of_part, only_if
 from .packing import Column, MeshBlock, Packing, Symbols, entry
 
 
@@ -31,7 +32,13 @@ class MeshText:
     def forces(self) -> Iterator[str]:
         """Add the forces of all cells to the accelerations of their masses."""
         for block in self._meshes:
-            yield from self._loop(block, [*self._push(block), *self._scatter(block)])
+            yield from self._loop(block, [*self._push(block), *self._scatter(block, f"{{i}} < {self._n}" if block.mesh.held else "")])
+
+    def forces_on_part(self) -> Iterator[str]:
+        """Add the forces of all cells to the accelerations of their masses from the index low to the index end."""
+        for block in self._meshes:
+            lines = [*self._push(block), *self._scatter(block, of_part("{i}"))]
+            yield from self._loop(block, only_if(of_part(*_indices(block)), lines))
 
     def potentials(self) -> Iterator[str]:
         """Add the potentials of all cells to the total."""
@@ -95,14 +102,13 @@ class MeshText:
         points = [f"{called}(t, {array}, p, {i})" if block.mesh.held else self._mass(array, i) for i in _indices(block)]
         return f"{name} = ({', '.join(points)},)"
 
-    def _scatter(self, block: MeshBlock) -> Iterator[str]:
+    def _scatter(self, block: MeshBlock, condition: str) -> Iterator[str]:
+        """Add the forces of a cell to the accelerations of its points i that meet a condition, or of all."""
         for c, i in enumerate(_indices(block)):
             inverse = "w" if self._weight.is_uniform else self._weight.of(i)
-            if block.mesh.held:
-                yield f"if {i} < {self._n}:"
-            for k in range(len(self._axes)):
-                line = f"{entry('a', self._n * k, i)} += push[{c}][{k}] * {inverse}"
-                yield f"    {line}" if block.mesh.held else line
+            on_axes = range(len(self._axes))
+            lines = [f"{entry('a', self._n * k, i)} += push[{c}][{k}] * {inverse}" for k in on_axes]
+            yield from only_if(condition.format(i=i), lines)
 
     def _corner(self, array: str, value: str, positions: Column | None) -> Iterator[str]:
         """The body of the function of the place, or of the velocity, of a point."""

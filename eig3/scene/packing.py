@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..kernels import bodies, constraints, grains, neighbours
-from ..kernels.shared_forces import add_forces
+from ..kernels.shared_forces import add_forces, set_forces
 from ..kernels.team import out_of_line
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
@@ -21,7 +21,9 @@ _CONTACTS = {2: 4, 3: 8}  # of a grain, by the dimension: hard ones have 3 and 6
 if TYPE_CHECKING:
     from .held import Held
 
-_SHARED = 2000  # points that are near each other, from which on threads share their forces
+#: Near points, and cells, from which on threads share their forces. Links alone are not shared: to compute the force of
+#: one takes less time than another core needs to get its ends, which the thread of the run has just moved.
+_SHARED, _SHARED_CELLS = 2000, 5000
 
 
 @dataclass(frozen=True)
@@ -314,6 +316,8 @@ class Packing:
     team : int or None
         The place of the team of threads that share the forces between near points; None if no number of threads is
         given, or the scene is small.
+    shares_cells : bool
+        Whether the threads also share all other forces, because the scene has many cells.
     """
 
     def __init__(self, assembly: Assembly, threads: int | None) -> None:
@@ -351,8 +355,9 @@ class Packing:
         self.turn = self._column(inverse(assembly.cloud.in_order(assembly.cloud.inertia))) if assembly.angles else None
         self.carried = self._carried(assembly) if assembly.n > assembly.own else None
         self.held = self._held(assembly.held) if assembly.held else None
+        self.shares_cells = threads is not None and sum(block.size for block in self.meshes) >= _SHARED_CELLS
         is_large = threads is not None and any(block.listing.masses >= _SHARED for block in self.swarms)
-        self.team = self._add(np.array([0, 0, threads])) if is_large else None
+        self.team = self._add(np.array([0, 0, threads])) if is_large or self.shares_cells else None
         if self.swarms or self.grains:
             views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
             views["batch"] = neighbours.batch
@@ -361,7 +366,8 @@ class Packing:
         if self.grains:
             self.functions |= grains.FUNCTIONS
         if self.team is not None:
-            self.functions |= {"add_forces": add_forces, "bounds": neighbours.bounds, "out_of_line": out_of_line}
+            self.functions |= {"set_forces": set_forces, "add_forces": add_forces, "memory": neighbours.memory}
+            self.functions |= {"bounds": neighbours.bounds, "out_of_line": out_of_line}
 
     def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:
         law = self._symbols(Law(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))

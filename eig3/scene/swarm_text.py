@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from ..kernels.neighbours import BATCH
-from ..kernels.shared_forces import ACTING, BUILDING, SCANNING, STAGES
+from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
 from .assembly import Assembly
 from .box_text import BoxText
+from .lines import indented, only_if
 from .packing import Packing, SwarmBlock, entry
 
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
@@ -23,11 +24,6 @@ class SwarmText:
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
         self._n, self._axes, self._weight = assembly.n, "xyz"[: assembly.dimension], packing.weight
         self._box, self._swarms, self._team = BoxText(packing), packing.swarms, packing.team
-
-    def functions(self) -> Iterator[tuple[str, Iterable[str]]]:
-        """The head and the body of the function of the parts of the work that threads share, if they do."""
-        if self._team is not None:
-            yield "share(stage, part, parts, t, u, v, p, a)", self._stages()
 
     def forces(self) -> Iterator[str]:
         """Add the forces between near points to the accelerations of their masses."""
@@ -42,17 +38,16 @@ class SwarmText:
             act = [*self._force(block), *self._on_both(block, self._if_mass(block))]
             yield from self._masses(block, self._forces_on(block, act))
 
-    def _stages(self) -> Iterator[str]:
-        """Do a part of a stage: the lists of points, or the forces on them."""
-        yield "out_of_line()"
+    def stages(self) -> Iterator[str]:
+        """Do a part of a stage that threads share: the lists of points, or the forces on them."""
         for number, block in enumerate(self._swarms):
-            first, functions = number * STAGES, ("tension", "density")
+            first, functions = LISTS + number * STAGES, ("tension", "density")
             for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")):
                 yield f"if stage == {first + stage}:"
                 yield f"    lists({task}, {self._time}, u, p, index({block.listing.place}), part, parts)"
             yield f"if stage == {first + ACTING}:"
             yield f"    kept, place = p, index({block.listing.place})"
-            yield from _indented([*self._views(block, *functions), *self._part(block)])
+            yield from indented([*self._views(block, *functions), *self._part(block)])
 
     def _part(self, block: SwarmBlock) -> Iterator[str]:
         """Add the forces on the points of a part: those from points before the part, and then those from points above.
@@ -65,10 +60,10 @@ class SwarmText:
         mates = "first, last = (above[point], stops[point]) if goes_up else (firsts[point], above[point])"
         on_point = [f"{self._at('a', k, 'i')} += f{axis} * {self._w('i')}" for k, axis in enumerate(self._axes)]
         on_both = self._on_both(block, "mate < end")
-        act = [*self._force(block), "if goes_up:", *_indented(on_both), "else:", *_indented(on_point)]
+        act = [*self._force(block), "if goes_up:", *indented(on_both), "else:", *indented(on_point)]
         inside = [mates, *self._forces_on(block, act, "first, last")]
         yield "for goes_up in range(int(parts == 1), 2):"
-        yield from _indented(self._points(inside, "low", "end"))
+        yield from indented(self._points(inside, "low", "end"))
 
     def _forces_on(self, block: SwarmBlock, act: Sequence[str], mates: str = _ABOVE) -> list[str]:
         """Add the forces between a point and its mates."""
@@ -151,7 +146,7 @@ class SwarmText:
             return
         yield f"for q in range({mates}):"
         yield "    mate = index(mates[q])"
-        yield from _indented(self._way(block))
+        yield from indented(self._way(block))
         yield f"    if {self._is_near(block, 'square')}:"
         yield from (f"        {line}" for line in inside)
 
@@ -247,11 +242,3 @@ class SwarmText:
     def _w(self, i: str) -> str:
         return "w" if self._weight.is_uniform else self._weight.of(i)
 
-
-def only_if(condition: str, lines: Sequence[str]) -> list[str]:
-    """Return lines that are done on a condition, or always if it is empty."""
-    return [f"if {condition}:", *_indented(lines)] if condition else [*lines]
-
-
-def _indented(lines: Iterable[str]) -> Iterator[str]:
-    return (f"    {line}" for line in lines)
