@@ -6,21 +6,23 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
-from eig3.effects import Gravity, MassContact, PlaneContact, QuadraticDrag
+from eig3.effects import Gravity, HertzMindlin, PlaneContact
 from eig3.problem import Problem
 from eig3.scene import Scene
 
 G = 9.81
 DIAMETER = 0.01  # m
 MASS = 2500.0 * np.pi / 4 * DIAMETER**3  # kg; the discs are as thick as wide
-STIFFNESS, DAMPING = 2e5, 0.3  # N/m^(3/2), s/m
-DRAG = 0.5 * 1.2 * DIAMETER**2  # kg/m, of a disc in air
+E, NU, RESTITUTION = 5e6, 0.3, 0.6  # Pa: soft discs, so that a contact lasts a millisecond
+FLOOR_STIFFNESS, DAMPING, SLIP = 2e5, 0.3, 0.05  # N/m^(3/2), s/m, m/s
 SPACING = 0.98  # at the start, in diameters: the largest discs touch
 WIDTH, OPENING, FLOOR = 70, 9, 30  # of the discs above the funnel, of its opening, and below it, in diameters
 
 
-def hopper(n: int = 5000, opening: float = OPENING, seed: int = 1895, t_end: float = 0.5) -> Problem:
-    """Discs without friction in a funnel with walls at 45 degrees and an opening at the height 0.
+def hopper(
+    n: int = 5000, opening: float = OPENING, friction: float = 0.5, seed: int = 1895, t_end: float = 0.5
+) -> Problem:
+    """Discs in a funnel with walls at 45 degrees and an opening at the height 0.
 
     Parameters
     ----------
@@ -28,6 +30,8 @@ def hopper(n: int = 5000, opening: float = OPENING, seed: int = 1895, t_end: flo
         Number of discs, at least 1.
     opening : float
         Its width, in diameters of a disc, below 70.
+    friction : float
+        Coefficient of friction of the discs, on each other, on the walls and on the floor.
     seed : int
         Of the small differences of the sizes of the discs, at least 0.
     t_end : float
@@ -44,17 +48,17 @@ def hopper(n: int = 5000, opening: float = OPENING, seed: int = 1895, t_end: flo
         raise ValueError(f"opening must be from 1 to {WIDTH} diameters, not {opening}.")
     rng = np.random.default_rng(seed)
     scene = Scene(dimension=2)
-    grains = scene.mass(MASS, filling(n, opening) + rng.uniform(-0.01, 0.01, (n, 2)) * DIAMETER)
+    places = filling(n, opening) + rng.uniform(-0.01, 0.01, (n, 2)) * DIAMETER
+    grains = scene.mass(MASS, places, inertia=MASS * DIAMETER**2 / 8)
     walls = scene.fixed(funnel(n, opening))
-    scene.add(MassContact(STIFFNESS, DIAMETER * rng.uniform(0.9, 1.0, n), DAMPING), grains)
-    scene.add(MassContact(STIFFNESS, DIAMETER, DAMPING), grains, near=walls)
-    scene.add(PlaneContact(STIFFNESS, (0, 1), -FLOOR * DIAMETER, DAMPING), grains)
-    scene.add(QuadraticDrag(DRAG))
+    scene.add(HertzMindlin(E, NU, DIAMETER * rng.uniform(0.9, 1.0, n), friction, RESTITUTION), grains)
+    scene.add(HertzMindlin(E, NU, DIAMETER, friction, RESTITUTION), grains, near=walls)
+    scene.add(PlaneContact(FLOOR_STIFFNESS, (0, 1), -FLOOR * DIAMETER, DAMPING, friction, SLIP), grains)
     scene.add(Gravity((0, -G)))
     problem = scene.problem((0.0, t_end), name="hopper")
     return replace(
         problem,
-        source="contacts of Hertz with damping",
+        source="contacts of Hertz and Mindlin with friction",
         h=1e-4,
         draw=partial(draw, n=n),
     )
@@ -83,8 +87,9 @@ def filling(n: int, opening: float) -> np.ndarray:
 
 
 def draw(figure, solution, n):
-    y = solution.u[:, n:]
+    y = solution.u[:, n : 2 * n]
     axes = drawing.time_panel(figure, "discs below the\nopening (number)")
     axes.plot(solution.t, (y < 0).sum(axis=1))
     axes = drawing.time_panel(figure, "kinetic energy\n(J)")
-    axes.plot(solution.t, MASS / 2 * np.einsum("ij,ij->i", solution.v, solution.v))
+    v = solution.v[:, : 2 * n]
+    axes.plot(solution.t, MASS / 2 * np.einsum("ij,ij->i", v, v))

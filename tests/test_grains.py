@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3 import effects
+from eig3 import effects, problems
 from eig3.scene import Scene, swarm
 
 from .test_extend import assert_same
@@ -333,3 +333,30 @@ def test_more_contacts_than_there_is_room_for_are_refused():
         else:
             with pytest.raises(ValueError, match="give room="):
                 problem.integrate(h=1e-4)
+
+
+def test_a_column_spreads_as_far_as_measured():
+    """Lube et al. (2004): 1 + 1.6 sqrt(height / radius) times as far, for many grains, to 25 per cent for 2000 spheres.
+
+    It comes to rest, in which a column without friction does not.
+    """
+    reached = {}
+    for friction in (0.5, 0.0):
+        run = problems.sand_column(2000, friction).integrate(h=1e-4, save_every=500)
+        x, y, z = run.u[:, :6000].reshape(-1, 3, 2000).transpose(1, 0, 2)
+        r = np.quantile(np.hypot(x, y), 0.99, axis=1)
+        reached[friction] = r[-1] / r[0], r[-1] - r[-2]
+    slenderness = z[0].max() / r[0]
+    assert reached[0.5][0] == pytest.approx(1 + 1.6 * np.sqrt(slenderness), rel=0.25)
+    assert reached[0.5][1] < 0.01 * reached[0.0][1]
+    assert reached[0.0][0] > 1.5 * reached[0.5][0]
+
+
+def test_a_hopper_empties_at_a_constant_rate():
+    """It does not depend on the height of the discs above the opening, as that of a fluid does."""
+    counts = {}
+    for friction in (0.5, 0.0):
+        run = problems.hopper(800, friction=friction, t_end=0.5).integrate(h=1e-4, save_every=1000)
+        counts[friction] = np.diff((run.u[:, 800:1600] < 0).sum(axis=1))
+    np.testing.assert_allclose(counts[0.5][1:], counts[0.5][1:].mean(), rtol=0.15)  # of some 90 discs
+    assert counts[0.5][1:].sum() < 0.8 * counts[0.0][1:].sum()

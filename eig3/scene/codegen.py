@@ -264,7 +264,7 @@ class _Source:
 
     def history(self) -> None:
         """Write the functions of the springs between grains."""
-        for name, lines in (("begin", self._grains.begin()), ("advance", self._grains.advance())):
+        for name, lines in (("advance", self._grains.advance()), ("begin", self._grains.begin())):
             with self._function(f"{name}(t, u, v, p)", ()):
                 self._write_all(lines)
                 self._write("return 0.0")

@@ -67,10 +67,11 @@ class GrainsText(SwarmText):
             yield "    held_firsts[k] = 0"
             yield f"kept[{block.place}] = t"
             yield f"kept[{block.place + 1}] = 0.0"
-        yield from self.advance()
+        yield "advance(t, u, v, p)"
 
     def advance(self) -> Iterator[str]:
         """Write the springs in a state to the other table, and take it from now on."""
+        yield "out_of_line()"  # it is compiled once, though it has two callers
         for block in self._grains:
             table, room, masses = block.table, block.room, block.listing.masses
             inside = [

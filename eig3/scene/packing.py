@@ -364,7 +364,7 @@ class Packing:
             tasks = {name: getattr(neighbours, name) for name in ("REFRESH", "SCAN", "BUILD", "REACH")}
             self.functions |= {"lists": neighbours.LISTS[assembly.dimension], **tasks, **views}
         if self.grains:
-            self.functions |= grains.FUNCTIONS
+            self.functions |= {**grains.FUNCTIONS, "out_of_line": out_of_line}
         if self.team is not None:
             self.functions |= {"set_forces": set_forces, "add_forces": add_forces, "memory": neighbours.memory}
             self.functions |= {"bounds": neighbours.bounds, "out_of_line": out_of_line}
