@@ -1,5 +1,7 @@
 """Rigid bodies against their equations in angles, and the mechanisms of the library against published results."""
 
+import pickle
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -95,6 +97,35 @@ def test_a_heavy_top_keeps_what_is_constant():
     assert np.ptp(along_axis) < 1e-9
     assert run.drift["energy"] < 1e-11
     assert np.ptp(top.centre.of(run.u)[:, 0]) > 0.01  # it precesses
+
+
+@eig3.jit
+def rising(t):
+    return 3.0 * t
+
+
+@eig3.jit
+def rising_about_an_axis(t):
+    return 0.0, 4.0 * t, 3.0 * t
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_motor_is_a_torque_that_depends_on_the_time(dimension):
+    """The angle grows as t^3 J^-1 / 2, and the hinge takes the part of the torque across its axis."""
+    scene = Scene(dimension)
+    if dimension == 2:
+        bar = scene.body(3.0, 0.25, (0.5, 0.0))
+        bar.joint(None, (0.0, 0.0))
+        scene.add(effects.Motor(rising), bar.axes)
+    else:
+        bar = scene.body(3.0, (0.1, 0.3, 0.25), (0.5, 0.0, 0.0))
+        bar.hinge(None, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        scene.add(effects.Motor(rising_about_an_axis), bar.axes)
+    problem = pickle.loads(pickle.dumps(scene.problem((0.0, 1.0))))
+    run = problem.integrate(h=1e-3, method="rk4")
+    angle = np.arctan2(*bar.centre.of(run.u)[-1, [1, 0]])
+    assert angle == pytest.approx(0.5, abs=1e-10)
+    assert np.linalg.norm(np.atleast_1d(bar.spin(run.u, run.v)[-1])) == pytest.approx(1.5, abs=1e-9)
 
 
 def test_joints_leave_what_they_should():

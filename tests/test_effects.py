@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eig3 import effects
+from eig3 import effects, jit
 from eig3.effects import (
     BreakingString,
     Cable,
@@ -21,6 +21,7 @@ from eig3.effects import (
     MassContact,
     MassImpact,
     Morse,
+    Motor,
     PlaneContact,
     QuadraticDrag,
     RigidStop,
@@ -39,6 +40,16 @@ from .conftest import acceleration, shaken
 
 def unit(dimension):
     return np.eye(dimension)[-1]
+
+
+@jit
+def running(t):
+    return 0.7 + t
+
+
+@jit
+def running_in_space(t):
+    return 0.2, t, -0.4
 
 
 #: Every effect of the library in each of its forms, as a function of the dimension of the scene.
@@ -73,10 +84,12 @@ CATALOGUE = {
     "sampled acceleration": lambda d: SampledAcceleration([0.0, 1.0, 3.0], [0.3, 0.1, -0.1], unit(d)),
     "support motion": lambda d: SupportMotion(shaken, unit(d)),
     "torque": lambda d: Torque(0.7 if d == 2 else (0.2, -0.4, 0.7)),
+    "motor": lambda d: Motor(running if d == 2 else running_in_space),
 }
 PLANAR = (
     "rotating frame",
     "torque",
+    "motor",
     "friction on a plane",
     "rough plane contact",
     "damped rough plane contact",

@@ -25,6 +25,7 @@ from .linear_spring import LinearSpring
 from .mass_contact import MassContact
 from .mass_impact import MassImpact
 from .morse import Morse
+from .motor import Motor
 from .neo_hookean import NeoHookean
 from .plane_contact import PlaneContact
 from .quadratic_drag import QuadraticDrag
@@ -70,6 +71,7 @@ __all__ = [
     "MassImpact",
     "Morse",
     "Motion",
+    "Motor",
     "NeoHookean",
     "PlaneContact",
     "QuadraticDrag",

@@ -3,6 +3,7 @@
 import math
 
 from numba.extending import overload
+from numba.types import BaseTuple
 
 from ..kernels.compile.jit import OPTIONS, element
 
@@ -41,6 +42,11 @@ def cross(w, a):
     if len(a) == 2:
         return -w[0] * a[1], w[0] * a[0]
     return w[1] * a[2] - w[2] * a[1], w[2] * a[0] - w[0] * a[2], w[0] * a[1] - w[1] * a[0]
+
+
+def vector(a):
+    """The tuple (a,) of a number, and a tuple as it is."""
+    return a if isinstance(a, tuple) else (a,)
 
 
 @overload(dot, jit_options=_INLINED)
@@ -93,6 +99,11 @@ def _cross(w, a):
         2: lambda w, a: (-w[0] * a[1], w[0] * a[0]),
         3: lambda w, a: (w[1] * a[2] - w[2] * a[1], w[2] * a[0] - w[0] * a[2], w[0] * a[1] - w[1] * a[0]),
     }[a.count]
+
+
+@overload(vector, jit_options=_INLINED)
+def _vector(a):
+    return (lambda a: a) if isinstance(a, BaseTuple) else lambda a: (a,)
 
 
 @element
