@@ -288,6 +288,12 @@ def test_wrong_bodies_are_refused():
     with pytest.raises(ValueError, match="direction must not be zero"):
         plane.body(1.0, 1.0, (0.0, 0.0)).slide(None, (0.0, 0.0), (0.0, 0.0))
     bar = plane.body(1.0, 1.0, (0.0, 0.0))
+    with pytest.raises(TypeError, match="take a Torque"):
+        effects.Motor(3.0)
+    with pytest.raises(TypeError, match="torque of Motor must be compiled"):
+        plane.add(effects.Motor(lambda t: t), bar.axes)
+    with pytest.raises(TypeError, match="torque of Motor must return a number in the plane"):
+        plane.add(effects.Motor(rising_about_an_axis), bar.axes)
     with pytest.raises(ValueError, match="Gravity acts on masses, and a point of a rigid body has none"):
         plane.add(effects.Gravity((0.0, -G)), bar.point((1.0, 0.0)))
     plane.mass(1.0, (3.0, 0.0), inertia=0.1)
