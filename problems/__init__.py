@@ -7,6 +7,7 @@ from .butane import butane
 from .curtain import curtain
 from .damped_bar import damped_bar
 from .double_pendulum import double_pendulum
+from .double_wishbone import double_wishbone
 from .duffing import duffing
 from .elastic_bar import elastic_bar
 from .figure_eight import figure_eight
@@ -23,13 +24,16 @@ from .kepler import kepler
 from .outer_solar_system import outer_solar_system
 from .pounding_buildings import pounding_buildings
 from .quarter_car import quarter_car
+from .ragdoll import ragdoll
 from .rail_joint import rail_joint
 from .rod_chain import rod_chain
 from .rotor import rotor
 from .sand_column import sand_column
 from .shear_building import shear_building
 from .single_dof import single_dof
+from .slider_crank import slider_crank
 from .softening_spring import softening_spring
+from .spinning_top import spinning_top
 from .spring_pendulum import spring_pendulum
 from .squeezer import squeezer
 from .ten_storey_frame import ten_storey_frame
@@ -45,6 +49,7 @@ __all__ = [
     "curtain",
     "damped_bar",
     "double_pendulum",
+    "double_wishbone",
     "duffing",
     "elastic_bar",
     "figure_eight",
@@ -61,13 +66,16 @@ __all__ = [
     "outer_solar_system",
     "pounding_buildings",
     "quarter_car",
+    "ragdoll",
     "rail_joint",
     "rod_chain",
     "rotor",
     "sand_column",
     "shear_building",
     "single_dof",
+    "slider_crank",
     "softening_spring",
+    "spinning_top",
     "spring_pendulum",
     "squeezer",
     "ten_storey_frame",

@@ -34,7 +34,7 @@ def usual(name):
     """The figure of a short run of a problem at its own step."""
     build = getattr(problems, name)
     options = {"work": True} if "work" in inspect.signature(build).parameters else {}
-    points = {"curtain": 10, "flag": 5, "jelly": 3}  # along a side: fewer than by default
+    points = {"curtain": 10, "flag": 5, "jelly": 3, "hopper": 500, "sand_column": 500}  # fewer than by default
     problem = build(**options, **({"n": points[name]} if name in points else {}))
     h = problem.h or 0.1 * problem.critical_step().h
     return drawn(problem, h=h, save_every=max(1, int(problem.t_span[1] / h / 200)))

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 
 from .assembly import Assembly
 from .constraint import TINY
+from .lines import indented
 from .packing import HeldBlock, Packing, Symbols
 
 
@@ -39,7 +40,7 @@ class ConstraintText:
         if self._follows_work and block.held.depends_on_time:
             yield f"if len(u) > {self._work}:"
             yield f"    c = areas(memory(p), {block.place})"
-            yield from _indented(react)
+            yield from indented(react)
             yield "    for row in range(len(c.scales)):"
             yield f"        {a}[{self._work}] += c.multipliers[row] * c.scales[row] * c.target_rates[row]"
 
@@ -89,7 +90,7 @@ class ConstraintText:
             yield from law.constants("length", "phi", "gradient")
             yield f"for s in range({count}):"
             yield f"    row = index(p[{block.order + first} + s])"
-            yield from _indented(self._target(law) if "length" in law.functions else self._phi(law, block, first))
+            yield from indented(self._target(law) if "length" in law.functions else self._phi(law, block, first))
 
     def _target(self, law: Symbols) -> Iterator[str]:
         yield f"length, rate, acceleration = {law.call('length', 's', {'t': 't'})}"
@@ -105,7 +106,7 @@ class ConstraintText:
         for k in range(count):
             yield f"    x{k} = {self._vector('c.arms', arm + k, count)}"
         yield f"    c.values[row] = {self._call(law, 'phi', [f'x{k}' for k in range(count)])}"
-        yield from _indented(self._gradient(law, count))
+        yield from indented(self._gradient(law, count))
         for k in range(count):
             for axis in range(self._d):
                 yield f"    c.arms[{self._at(slope + k, count)} + {axis}] = g{k}_{axis}"
@@ -123,7 +124,7 @@ class ConstraintText:
                 f"c.arms[{self._at(arm + k, count)} + {axis}] + sign * step * w{k}[{axis}]" for axis in range(self._d)
             )
             yield f"        x{k} = ({parts},)"
-        yield from _indented(_indented(self._gradient(law, count)))
+        yield from indented(indented(self._gradient(law, count)))
         along = " + ".join(f"g{k}_{axis} * w{k}[{axis}]" for k in range(count) for axis in range(self._d))
         yield f"        curvature += sign * ({along})"
         yield "    c.values[row] = curvature / (2 * step) if step > 0 else 0.0"
@@ -156,7 +157,3 @@ class ConstraintText:
     def _at(self, arm: int, count: int) -> str:
         """The place of an arm of the first member, and of the same arm of the member s."""
         return f"{arm * self._d} + {count * self._d} * s"
-
-
-def _indented(lines: Iterable[str]) -> Iterator[str]:
-    return (f"    {line}" for line in lines)

@@ -32,7 +32,8 @@ class MeshText:
     def forces(self) -> Iterator[str]:
         """Add the forces of all cells to the accelerations of their masses."""
         for block in self._meshes:
-            yield from self._loop(block, [*self._push(block), *self._scatter(block, f"{{i}} < {self._n}" if block.mesh.held else "")])
+            is_mass = f"{{i}} < {self._n}" if block.mesh.held else ""
+            yield from self._loop(block, [*self._push(block), *self._scatter(block, is_mass)])
 
     def forces_on_part(self) -> Iterator[str]:
         """Add the forces of all cells to the accelerations of their masses from the index low to the index end."""

@@ -445,8 +445,8 @@ class Scene:
             energy is constant follows no work.
         threads : int, optional
             The threads of a run, which share the forces between thousands of near points, and all forces if there are
-            thousands of cells. Their number, from 1 on, changes no bit of the results; without `threads`, the compiler may round some forces in another way. In an
-            ensemble, each member has one.
+            thousands of cells. Their number, from 1 on, changes no bit of the results; without `threads`, the compiler
+            may round some forces in another way. In an ensemble, each member has one.
 
         Returns
         -------

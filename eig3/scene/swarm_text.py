@@ -241,4 +241,3 @@ class SwarmText:
 
     def _w(self, i: str) -> str:
         return "w" if self._weight.is_uniform else self._weight.of(i)
-

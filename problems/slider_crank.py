@@ -1,0 +1,67 @@
+"""A slider crank: a crank with a flywheel, a connecting rod and a piston on a straight line."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from eig3 import drawing
+from eig3.effects import Slider, Torque, Weld
+from eig3.problem import Problem
+from eig3.scene import Points, RigidBody, Scene
+
+CRANK, ROD = 0.05, 0.16  # lengths, m
+FLYWHEEL = 0.004  # moment of inertia of the crank about its bearing, kg m^2
+CRANK_MASS, ROD_MASS, PISTON = 2.0, 0.8, 0.6  # kg; the centre of mass of the crank is in its bearing
+
+
+def engine(spin: float = 50.0, torque: float = 0.0) -> tuple[Scene, RigidBody, RigidBody, Points]:
+    """Return the scene, and its crank, rod and piston, at the start with the crank upright."""
+    scene = Scene(dimension=2)
+    pin, end = np.array([0.0, CRANK]), np.array([np.sqrt(ROD**2 - CRANK**2), 0.0])
+    speed = np.array([-spin * CRANK, 0.0])  # that of the rod, which does not turn in this position
+    crank = scene.body(CRANK_MASS, FLYWHEEL, (0.0, 0.0), np.pi / 2, spin=spin)
+    angle = np.arctan2(*(end - pin)[::-1])
+    rod = scene.body(ROD_MASS, ROD_MASS * ROD**2 / 12, (pin + end) / 2, angle, velocity=speed)
+    piston = scene.mass(PISTON, end, speed)
+    crank.joint(None, (0.0, 0.0))
+    crank.joint(rod, pin)
+    scene.add(Weld(), rod.at(end), piston)
+    scene.add(Slider(direction=(1.0, 0.0)), piston)
+    scene.add(Torque(torque), crank.axes)
+    return scene, crank, rod, piston
+
+
+def slider_crank(spin: float = 50.0, torque: float = 0.0, t_end: float = 0.5) -> Problem:
+    """A crank that turns a flywheel and moves a piston, without gravity and friction.
+
+    Parameters
+    ----------
+    spin : float
+        Of the crank at the start, rad/s.
+    torque : float
+        On the crank, N m.
+    t_end : float
+        s.
+    """
+    scene, *parts = engine(spin, torque)
+    return replace(
+        scene.problem((0.0, t_end), name="slider_crank"),
+        h=1e-4,
+        source="the kinetic energy is a function of the angle and the speed of the crank",
+        draw=partial(draw, parts=parts),
+    )
+
+
+def draw(figure, solution, parts):
+    crank, rod, piston = parts
+    plane = drawing.picture(figure, aspect="equal")
+    drawing.path(plane, *rod.centre.of(solution.u).T, "C0", "middle of the rod")
+    drawing.path(plane, *piston.of(solution.u).T, "C1", "piston")
+    plane.plot(0, 0, "k^", label="bearing")
+    plane.set(xlabel="x (m)", ylabel="y (m)")
+    drawing.legend(plane)
+    drawing.lines(
+        drawing.time_panel(figure, "spin of the\ncrank (rad/s)"), solution.t, crank.spin(solution.u, solution.v)
+    )
+    drawing.lines(drawing.time_panel(figure, "x of the\npiston (m)"), solution.t, piston.of(solution.u)[:, 0])
