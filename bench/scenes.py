@@ -21,7 +21,7 @@ from eig3.problem import Problem
 from eig3.scene import Scene, codegen
 from eig3.stepping.stepper import Stepper
 
-from . import near_pairs, pictures, rods, text
+from . import near_pairs, pictures, rods, squeezers, text
 from .environment import in_words
 from .options import add_repeats
 from .scene_pairs import ROD, SCENE_PAIRS, crowded, growing
@@ -64,6 +64,8 @@ def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str
     write(near_pairs.tables(_SPHERES, _ARGON, min(repeats, 5)))
     write("\n## Chains of rods at equal error\n")
     write(rods.table(_RODS, min(repeats, 5)))
+    write("\n## Andrews' squeezer mechanism at equal error\n")
+    write(squeezers.table(min(repeats, 5)))
     if out is not None:
         files = Files(out, "eig3 bench")
         files.finish(write, pictures.draw({"scenes.png": partial(_bars, labels, ns)}, files))

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -164,7 +164,7 @@ class FromTheSide:
         return np.concatenate([self.places(t, u)[..., ::2], np.tile(edges(), (len(t), 1, 1))], axis=1)
 
 
-def from_the_side(view: Mechanism, ends: np.ndarray) -> Mechanism:
+def from_the_side(view: Any, ends: np.ndarray) -> Mechanism:
     """Return a view of the limbs, as lines between discs, and of the stairs."""
     count, profile = len(view.places.free), len(edges())
     steps = count + np.arange(profile)

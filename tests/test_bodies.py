@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import eig3
 from eig3 import effects, problems
+from eig3.bench.squeezers import END
 from eig3.problems.four_bar import BASE, COUPLER, CRANK, ROCKER, linkage
 from eig3.problems.squeezer import START, mechanism, places
 from eig3.problems.tumbling_box import scene_of_box
@@ -207,14 +208,6 @@ def test_a_bar_strikes_through_its_hinge():
         speeds = bar.spin(impact.u, impact.v)[0], bar.spin(impact.u, impact.v_after)[0]
         assert speeds[1] == pytest.approx(-0.5 * speeds[0], rel=1e-6)
         assert run.integrals["work"][-1] == pytest.approx(-0.75 * (2.0 / 3) / 2 * speeds[0] ** 2, rel=1e-4)
-
-
-#: The angles beta, Theta, gamma, Phi, delta, Omega and epsilon at 0.03 s: E. Hairer and G. Wanner, section VII.7, and
-#: the test set for initial value problem solvers of the University of Bari.
-END = (
-    *(0.1581077119629904e2, -0.1575637105984298e2, 0.4082224013073101e-1, -0.5347301163226948),
-    *(0.5244099658805304, 0.5347301163226948, 0.1048080741042263e1),
-)
 
 
 @pytest.mark.parametrize(("options", "tolerance"), [({"rtol": 1e-10, "method": "rk8"}, 1e-8), ({"h": 1e-7}, 1e-7)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eig3 import effects
-from eig3.bench import near_pairs, rods, scene_pairs, scenes
+from eig3.bench import near_pairs, rods, scene_pairs, scenes, squeezers
 from eig3.bench.near_pairs.atoms import accelerations
 from eig3.bench.rivals import exudyn, lammps, mujoco
 from eig3.problems.argon import argon
@@ -123,9 +123,17 @@ def test_exudyn_has_the_same_forces_of_linear_contacts():
 def test_chains_of_rods_and_of_springs_end_at_the_same_places():
     """Each row of the table has the error that is asked for, and the rivals that are not installed are named."""
     rows = rods.rows_of(2, 1)
-    assert [row[1] for row in rows[:3]] == ["rods, EIG-3", "rods, RK4", "springs, EIG-3"]
-    assert all(float(row[3]) <= rods.ERROR for row in rows)
+    assert [row[0] for row in rows[:3]] == ["rods, EIG-3", "rods, RK4", "springs, EIG-3"]
+    assert all(float(row[2]) <= rods.ERROR for row in rows)
     assert rows[0][-1] == "1"
     text = rods.table((2,), 1)
     assert ("pip install mujoco" in text) != mujoco.is_there()
     assert ("pip install exudyn" in text) != exudyn.is_there()
+
+
+def test_squeezers_end_with_the_published_angles():
+    rows = squeezers.rows(1)
+    assert [row[0] for row in rows[:3]] == ["EIG-3", "RK4", "RK8"]
+    assert len(rows) == 3 + exudyn.is_there() + mujoco.is_there()
+    assert all(float(row[2]) <= squeezers.ERROR for row in rows)
+    assert int(rows[0][1]) > int(rows[1][1]) > int(rows[2][1])

@@ -1,4 +1,4 @@
-"""Spheres in exudyn, whose contacts between all spheres are linear. It needs `exudyn`."""
+"""Spheres with linear contacts, chains of rods and planar linkages in exudyn. It needs `exudyn`."""
 
 from __future__ import annotations
 
@@ -123,15 +123,77 @@ class Chain:
         """Return the seconds of a run with the trapezoidal rule of index 2, and the places of the masses at its end."""
         import exudyn
 
-        settings = exudyn.SimulationSettings()
-        settings.linearSolver.solverType = exudyn.LinearSolverType.EigenSparse
-        settings.solution.file.write = settings.solution.file.writeInitialValues = False
-        settings.timeIntegration.verboseMode = 0
-        settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = steps, t_end
-        settings.timeIntegration.newton.useModifiedNewton = True
-        kind = exudyn.DynamicSolverType.TrapezoidalIndex2
-        begin = time.perf_counter()
-        self.system.SolveDynamic(settings, solverType=kind, updateInitialValues=False)
-        seconds = time.perf_counter() - begin
+        seconds = _trapezoidal(self.system, t_end, steps, exudyn.LinearSolverType.EigenSparse)
         found = [self.system.GetNodeOutput(node, exudyn.OutputVariableType.Position)[:2] for node in self.nodes]
         return seconds, np.array(found)
+
+
+class Linkage:
+    """Rigid bodies in the plane, joined by hinges, with a spring to the ground and a torque on the first body.
+
+    Parameters
+    ----------
+    linkage : Linkage
+    """
+
+    def __init__(self, linkage: Any) -> None:
+        import exudyn
+        from exudyn import itemInterface
+
+        self._linkage = linkage
+        self._container = exudyn.SystemContainer()  # it owns the system
+        self.system = self._container.AddSystem()
+        self._ground = self.system.AddObject(itemInterface.ObjectGround())
+        self._nodes, self._bodies = [], []
+        for mass, inertia, centre, angle in linkage.bodies:
+            node = self.system.AddNode(itemInterface.NodeRigidBody2D(referenceCoordinates=[*centre, angle]))
+            body = itemInterface.ObjectRigidBody2D(mass=mass, inertia=inertia, nodeNumber=node)
+            self._nodes.append(node)
+            self._bodies.append(self.system.AddObject(body))
+        for first, second, place in linkage.joints:
+            markers = [self._marker(first, place), self._marker(second, place)]
+            self.system.AddObject(itemInterface.ObjectJointRevolute2D(markerNumbers=markers))
+        base, body, hook, stiffness, length = linkage.spring
+        markers = [self._marker(None, base), self._marker(body, hook)]
+        spring = itemInterface.ObjectConnectorSpringDamper(
+            markerNumbers=markers, stiffness=stiffness, referenceLength=length
+        )
+        self.system.AddObject(spring)
+        marker = self.system.AddMarker(itemInterface.MarkerBodyRigid(bodyNumber=self._bodies[0]))
+        self.system.AddLoad(itemInterface.LoadTorqueVector(markerNumber=marker, loadVector=[0, 0, linkage.torque]))
+        self.system.Assemble()
+
+    def _marker(self, body: int | None, place: np.ndarray) -> Any:
+        """Return a point of a body, or of the ground, at a place at the start."""
+        from exudyn import itemInterface
+
+        number, local = self._ground, np.asarray(place)
+        if body is not None:
+            _, _, centre, angle = self._linkage.bodies[body]
+            c, s = np.cos(angle), np.sin(angle)
+            number, local = self._bodies[body], np.array([[c, s], [-s, c]]) @ (local - centre)
+        return self.system.AddMarker(itemInterface.MarkerBodyPosition(bodyNumber=number, localPosition=[*local, 0]))
+
+    def run(self, t_end: float, steps: int) -> tuple[float, np.ndarray]:
+        """Return the seconds of a run with the trapezoidal rule of index 2, and the angles of the bodies at its end."""
+        import exudyn
+
+        seconds = _trapezoidal(self.system, t_end, steps, exudyn.LinearSolverType.EXUdense)
+        turned = [self.system.GetNodeOutput(node, exudyn.OutputVariableType.Coordinates)[2] for node in self._nodes]
+        return seconds, np.array([body[3] for body in self._linkage.bodies]) + turned
+
+
+def _trapezoidal(system: Any, t_end: float, steps: int, solver: Any) -> float:
+    """Return the seconds of a run with the trapezoidal rule of index 2, which leaves the system at its end."""
+    import exudyn
+
+    settings = exudyn.SimulationSettings()
+    settings.linearSolver.solverType = solver
+    settings.solution.file.write = settings.solution.file.writeInitialValues = False
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = steps, t_end
+    settings.timeIntegration.newton.useModifiedNewton = True
+    begin = time.perf_counter()
+    kind = exudyn.DynamicSolverType.TrapezoidalIndex2
+    system.SolveDynamic(settings, solverType=kind, updateInitialValues=False)
+    return time.perf_counter() - begin
