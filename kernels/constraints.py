@@ -61,7 +61,7 @@ class Areas(NamedTuple):
     parts : array of floats
         The factor of the arm in each entry.
     scales, targets, target_rates, target_curvatures : array of a float for each row
-        s, which is 0 for a constraint of its own, and c with its derivatives.
+        s, which is 0 for a constraint of its own; c; s c', the rate at which phi falls in a fixed state; and c''.
     values, multipliers, pivots : array of a float for each row
         phi, l, and the inverses of D.
     profile : array of floats
@@ -321,7 +321,7 @@ def level(own, t, u, v, p, place, d):
     c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
     own(SPEED, t, u, v, p)
     for k in range(rows):
-        c.multipliers[k] = along(c, k, n, v, d) - c.scales[k] * c.target_rates[k]
+        c.multipliers[k] = along(c, k, n, v, d) - c.target_rates[k]
     solve(c, c.multipliers, rows)
     push(c, -1.0, rows, n, v, d)
 

@@ -129,6 +129,57 @@ def test_a_motor_is_a_torque_that_depends_on_the_time(dimension):
     assert np.linalg.norm(np.atleast_1d(bar.spin(run.u, run.v)[-1])) == pytest.approx(1.5, abs=1e-9)
 
 
+@eig3.jit
+def swing(t):
+    return 2 * np.sin(3 * t), 6 * np.cos(3 * t), -18 * np.sin(3 * t)
+
+
+@eig3.jit
+def turns(t):
+    return 10 * t, 10.0, 0.0
+
+
+@pytest.mark.parametrize(("options", "tolerance"), RUNS)
+def test_a_drive_turns_a_bar_as_it_is_told(options, tolerance):
+    """Its reaction is the torque of the balance, and its work the energy of the bar."""
+    mass, inertia = 2.0, 0.2
+    scene = Scene(2)
+    spin = 6.0
+    bar = scene.body(mass, inertia, (0.5, 0.0), velocity=(0.0, 0.5 * spin), spin=spin)
+    bar.joint(None, (0.0, 0.0))
+    bar.drive(None, swing)
+    scene.add(effects.Gravity((0.0, -G)))
+    problem = scene.problem((0.0, 2.0), work=True)
+    run = problem.integrate(outputs=problem.outputs, **options)
+    angle, rate, turning = np.array([swing(t) for t in run.t]).T
+    np.testing.assert_allclose(np.unwrap(bar.rotation(run.u)), angle, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(bar.spin(run.u, run.v), rate, rtol=0, atol=1e-10)
+    torque = (inertia + mass / 4) * turning + mass * G / 2 * np.cos(angle)
+    np.testing.assert_allclose(run.outputs["reactions"][:, -1], torque, rtol=0, atol=1e4 * tolerance)
+    energy = (inertia + mass / 4) / 2 * rate**2 + mass * G / 2 * np.sin(angle)
+    np.testing.assert_allclose(run.integrals["work"], energy - energy[0], rtol=0, atol=1e2 * tolerance)
+
+
+def test_a_drive_turns_around_about_the_axis_of_a_hinge():
+    """One body turns another one, which turns against the ground, three times around in a second."""
+    scene, axis = Scene(3), np.array([0.0, 0.6, 0.8])
+    arm = scene.body(1.0, (0.1, 0.2, 0.25), (0.0, 0.0, 0.0), spin=10 * axis)
+    rotor = scene.body(1.0, (0.1, 0.2, 0.25), (0.0, 0.0, 0.0), spin=20 * axis)
+    arm.hinge(None, (0.0, 0.0, 0.0), axis)
+    arm.drive(None, turns, axis)
+    rotor.hinge(arm, (0.0, 0.0, 0.0), axis)
+    rotor.drive(arm, turns, axis)
+    run = scene.problem((0.0, 2.0)).integrate(h=1e-2, method="rk4")
+    for body, way in ((arm, 20.0), (rotor, 40.0)):
+        expected = Rotation.from_rotvec(way * axis)
+        apart = Rotation.from_quat(body.rotation(run.u)[-1]) * expected.inv()
+        assert apart.magnitude() < 1e-11
+    with pytest.raises(ValueError, match="axis of a drive is that of its hinge in space"):
+        rotor.drive(arm, turns)
+    with pytest.raises(TypeError, match="target of DriveInSpace must return a tuple of 3 numbers here, a value with"):
+        rotor.drive(arm, rising, axis)
+
+
 def test_joints_leave_what_they_should():
     door = Scene(3)
     leaf = door.body(3.0, (0.1, 0.3, 0.25), (0.5, 0.0, 0.0))

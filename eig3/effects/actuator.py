@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import numba
-from numba.types import unliteral
-
-from ..scene.effect import REAL
 from .rod import Rod
 
 
@@ -31,8 +27,3 @@ class Actuator(Rod):
     offers: ClassVar[dict[str, tuple[str, ...]]] = {"length": ("t",)}
     needs = ("length",)
     source = "phi = (|x1 - x0|^2 - length(t)^2) / (2 |x1 - x0| at the start)"
-
-    def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
-        parts = list(returned) if isinstance(returned, numba.types.BaseTuple) else []
-        if len(parts) != 3 or not all(isinstance(unliteral(part), REAL) for part in parts):
-            raise TypeError(f"{name} of {self.title} must return a tuple of 3 numbers: length, rate and acceleration.")

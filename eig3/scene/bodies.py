@@ -8,6 +8,7 @@ Jalon and E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, Spring
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import reals
 from .constraint import Constraint, Equation
+from .drive import Drive, DriveInSpace
 from .weld import Weld
 
 if TYPE_CHECKING:
@@ -133,6 +135,29 @@ class RigidBody:
         turns = [(ahead, vector) for vector in across]
         for mine, theirs in [*turns, *([across] if len(across) > 1 else [])]:
             self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
+
+    def drive(self, other: RigidBody | None, angle: Callable, axis: ArrayLike | None = None) -> None:
+        """Let a motor turn the body against another one, or the ground, by an angle that is a function of time.
+
+        In space, the body has a hinge with the same axis. The reaction is the torque of the motor, N m.
+
+        Parameters
+        ----------
+        other : RigidBody or None
+        angle : jitted function
+            ``angle(t) -> (angle, rate, acceleration)`` in rad, rad/s and rad/s^2; 0 is the position at the start.
+        axis : array_like, shape (3,), optional
+            In space, the axis of the hinge, about which the angle is positive as a right-handed screw turns.
+        """
+        if (axis is None) != (len(self.principal) == 2):
+            raise ValueError("axis of a drive is that of its hinge in space; in the plane there is none.")
+        if axis is None:
+            across = np.array([1.0, 0.0])
+            self.scene.add(Drive(angle), self._facing(across), self._of(other, across))
+        else:
+            ahead, across, _ = _frame(axis)
+            vectors = self._facing(across), self._of(other, across), self._of(other, ahead)
+            self.scene.add(DriveInSpace(angle), *vectors)
 
     def rotation(self, values: ArrayLike) -> np.ndarray:
         """Return how the body is turned, from displacements such as ``solution.u`` of shape (..., degrees of freedom).

@@ -7,8 +7,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numba
 import numpy as np
+from numba.types import unliteral
 
-from .effect import Effect, arguments
+from .effect import REAL, Effect, arguments
 
 #: The imaginary part that gives the derivative of phi: its square vanishes beside 1.
 TINY = 1e-100
@@ -54,13 +55,23 @@ class Constraint(Effect):
 
     Choose phi so that its gradient has no unit and a size near 1: its value is then a length, and its reaction a force.
 
+    A class may also have ``target``, a function of t that returns a value with its rate and acceleration: phi then has
+    this value. It may be a field.
+
     Attributes
     ----------
     takes : tuple of int
         The number of points, in a tuple: from 1 to 4.
+    period : float
+        The period of phi if it is an angle, such as that of ``atan2``; 0 if it has none.
     """
 
-    offers: ClassVar[dict[str, tuple[str, ...]]] = dict.fromkeys(("phi", "gradient"), _POINTS)
+    offers: ClassVar[dict[str, tuple[str, ...]]] = {
+        "phi": _POINTS,
+        "gradient": _POINTS,
+        "target": ("t",),
+    }
+    period: ClassVar[float] = 0.0
     needs: ClassVar[tuple[str, ...]] = ("phi",)
     takes: ClassVar[tuple[int, ...]] = (2,)
     picture: ClassVar[str] = "line"
@@ -95,12 +106,14 @@ class Constraint(Effect):
         return given | dict.fromkeys(_POINTS, numba.types.UniTuple(numba.float64, dimension))
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
-        if name != "gradient":
+        counts = {"gradient": self.takes[0] * dimension, "target": 3, "length": 3}
+        if name not in counts:
             super()._check_returned(name, returned, dimension)
             return
-        count = self.takes[0] * dimension
-        if not isinstance(returned, numba.types.BaseTuple) or len(returned) != count:
-            raise TypeError(f"gradient of {self.title} must return a tuple of {count} numbers here, not {returned}.")
+        parts = list(returned) if isinstance(returned, numba.types.BaseTuple) else []
+        if len(parts) != counts[name] or not all(isinstance(unliteral(part), REAL) for part in parts):
+            what = "" if name == "gradient" else ", a value with its rate and acceleration"
+            raise TypeError(f"{name} of {self.title} must return a tuple of {counts[name]} numbers here{what}.")
 
     def check(self, dimension: int) -> None:
         super().check(dimension)

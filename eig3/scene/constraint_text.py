@@ -42,7 +42,7 @@ class ConstraintText:
             yield f"    c = areas(memory(p), {block.place})"
             yield from indented(react)
             yield "    for row in range(len(c.scales)):"
-            yield f"        {a}[{self._work}] += c.multipliers[row] * c.scales[row] * c.target_rates[row]"
+            yield f"        {a}[{self._work}] += c.multipliers[row] * c.target_rates[row]"
 
     def _project(self, block: HeldBlock) -> Iterator[str]:
         yield f"project({self._given(block, 'memory(u), memory(v)')})"
@@ -87,25 +87,32 @@ class ConstraintText:
             yield "if task != PLACE:"
             yield f"    sum_up(u, c, {len(table.weights)}, {len(table.arms)}, True, c.arms, {self._d})"
         for law, first, count in block.own:
-            yield from law.constants("length", "phi", "gradient")
+            yield from law.constants("length", "target", "phi", "gradient")
             yield f"for s in range({count}):"
             yield f"    row = index(p[{block.order + first} + s])"
-            yield from indented(self._target(law) if "length" in law.functions else self._phi(law, block, first))
+            yield from indented(self._length(law) if "length" in law.functions else self._phi(law, block, first))
 
-    def _target(self, law: Symbols) -> Iterator[str]:
+    def _length(self, law: Symbols) -> Iterator[str]:
         yield f"length, rate, acceleration = {law.call('length', 's', {'t': 't'})}"
         yield "c.targets[row] = length * length"
-        yield "c.target_rates[row] = 2 * length * rate"
+        yield "c.target_rates[row] = c.scales[row] * 2 * length * rate"
         yield "c.target_curvatures[row] = 2 * (rate * rate + length * acceleration)"
 
     def _phi(self, law: Symbols, block: HeldBlock, first: int) -> Iterator[str]:
         """Write the value and the gradient, or the curvature: the change of the gradient along the velocity."""
-        row = block.held.table.rows[first]
+        row, period = block.held.table.rows[first], block.held.period(first)
+        if has_target := "target" in law.functions:
+            yield f"target, rate, acceleration = {law.call('target', 's', {'t': 't'})}"
+            yield "c.target_rates[row] = rate"
         count, arm, slope = len(row.arms), row.arms[0], row.slopes[0]
         yield "if task == PLACE:"
         for k in range(count):
             yield f"    x{k} = {self._vector('c.arms', arm + k, count)}"
         yield f"    c.values[row] = {self._call(law, 'phi', [f'x{k}' for k in range(count)])}"
+        if has_target:
+            yield "    c.values[row] -= target"
+        if period:
+            yield f"    c.values[row] -= {period!r} * rint(c.values[row] * {1 / period!r})"
         yield from indented(self._gradient(law, count))
         for k in range(count):
             for axis in range(self._d):
@@ -128,6 +135,8 @@ class ConstraintText:
         along = " + ".join(f"g{k}_{axis} * w{k}[{axis}]" for k in range(count) for axis in range(self._d))
         yield f"        curvature += sign * ({along})"
         yield "    c.values[row] = curvature / (2 * step) if step > 0 else 0.0"
+        if has_target:
+            yield "    c.values[row] -= acceleration"
 
     def _gradient(self, law: Symbols, count: int) -> Iterator[str]:
         """Write the gradient with respect to the points x0, x1, ..., by the law's function or by imaginary parts."""

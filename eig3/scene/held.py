@@ -67,7 +67,11 @@ class Held:
 
     @property
     def depends_on_time(self) -> bool:
-        return any("length" in kind.effect.functions() for kind in self.kinds)
+        return any({"length", "target"} & kind.effect.functions().keys() for kind in self.kinds)
+
+    def period(self, row: int) -> float:
+        """Return the period of phi of a constraint of its own, from the number of its first row."""
+        return next(kind.effect.period for kind in self.kinds if kind.rows[0] == row)
 
 
 def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held:
@@ -184,9 +188,15 @@ def _driven(held: Held, t: float, values: np.ndarray) -> np.ndarray:
     """Put targets that depend on the time into the values of phi; return their part of its rate."""
     rates = np.zeros(len(values))
     for kind in held.kinds:
-        function = kind.effect.functions().get("length")
-        if function is not None:
-            length, rate, _ = function(t)
+        functions = kind.effect.functions()
+        if "target" in functions:
+            target, rate, _ = functions["target"](t)
+            values[kind.rows] -= target
+            rates[kind.rows] = -rate
+        if kind.effect.period:
+            values[kind.rows] -= kind.effect.period * np.rint(values[kind.rows] / kind.effect.period)
+        if "length" in functions:
+            length, rate, _ = functions["length"](t)
             for row in kind.rows:
                 scale, target = held.table.rows[row].scale, held.table.rows[row].target
                 values[row] -= scale * (length * length - target)
