@@ -342,5 +342,7 @@ def test_a_plan_finds_a_method(monkeypatch):
     """Without central difference, which has no steps with constraints. To compile more methods takes long."""
     monkeypatch.setattr(planner, "LIBRARY", ("cd", "eig3", "rk4", "ab3"))
     plan = eig3.plan(chain(2).problem((0.0, 0.5)), 1e-3)
-    assert {row.method.name for row in plan.predictions} <= {"eig3", "rk4", "ab3"}
+    names = {row.method.name for row in plan.predictions}
+    assert "eig3" in names
+    assert "cd" not in names
     assert np.abs(plan.run().u[-1]).max() > 0.1
