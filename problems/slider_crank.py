@@ -28,7 +28,8 @@ def engine(spin: float = 50.0, torque: float = 0.0) -> tuple[Scene, RigidBody, R
     crank.joint(rod, pin)
     scene.add(Weld(), rod.at(end), piston)
     scene.add(Slider(direction=(1.0, 0.0)), piston)
-    scene.add(Torque(torque), crank.axes)
+    if torque:
+        scene.add(Torque(torque), crank.axes)
     return scene, crank, rod, piston
 
 
@@ -40,7 +41,7 @@ def slider_crank(spin: float = 50.0, torque: float = 0.0, t_end: float = 0.5) ->
     spin : float
         Of the crank at the start, rad/s.
     torque : float
-        On the crank, N m.
+        On the crank, N m; without it, the energy is constant.
     t_end : float
         s.
     """
