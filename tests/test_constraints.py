@@ -338,6 +338,42 @@ def test_a_straight_chain_stays_straight_and_swings_again():
     assert np.abs(lengths(problem, pushed.u) - 1 / 20).max() < 1e-13
 
 
+@dataclass(frozen=True, eq=False)
+class Reel(effects.Constraint):
+    """The distance from the origin grows at a constant speed."""
+
+    speed: ArrayLike
+    length: ArrayLike
+
+    takes = (1,)
+
+    @staticmethod
+    @eig3.jit
+    def phi(x0):
+        return np.sqrt(x0[0] * x0[0] + x0[1] * x0[1])
+
+    @staticmethod
+    @eig3.jit
+    def target(t, speed, length):
+        return length + speed * t, speed, 0.0
+
+
+def test_a_target_of_ones_own_depends_on_the_time():
+    """Without other forces the angular momentum stays, and the energy that is lost is the work of the reel."""
+    scene, length, speed = Scene(2), np.array([1.0, 2.0]), np.array([0.2, 0.3])
+    points = scene.mass(1.0, np.column_stack([length, 0 * length]), np.column_stack([speed, [1.0, 1.5]]))
+    scene.add(Reel(speed, length), points)
+    problem = scene.problem((0.0, 2.0), work=True)
+    for options, tolerance in (({"h": 1e-3, "method": "rk4"}, 1e-9), ({"h": 1e-3}, 1e-5)):
+        run = problem.integrate(**options)
+        x, v = points.of(run.u), points.of(run.v)
+        expected = length + speed * run.t[:, None]
+        np.testing.assert_allclose(np.linalg.norm(x, axis=-1), expected, rtol=0, atol=1e-13)
+        momentum = x[..., 0] * v[..., 1] - x[..., 1] * v[..., 0]
+        np.testing.assert_allclose(momentum, np.broadcast_to(momentum[0], momentum.shape), rtol=0, atol=tolerance)
+        assert run.drift["energy"] < tolerance
+
+
 def test_a_plan_finds_a_method(monkeypatch):
     """Without central difference, which has no steps with constraints. To compile more methods takes long."""
     monkeypatch.setattr(planner, "LIBRARY", ("cd", "eig3", "rk4", "ab3"))

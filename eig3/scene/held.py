@@ -188,19 +188,19 @@ def _driven(held: Held, t: float, values: np.ndarray) -> np.ndarray:
     """Put targets that depend on the time into the values of phi; return their part of its rate."""
     rates = np.zeros(len(values))
     for kind in held.kinds:
-        functions = kind.effect.functions()
-        if "target" in functions:
-            target, rate, _ = functions["target"](t)
-            values[kind.rows] -= target
-            rates[kind.rows] = -rate
-        if kind.effect.period:
-            values[kind.rows] -= kind.effect.period * np.rint(values[kind.rows] / kind.effect.period)
-        if "length" in functions:
-            length, rate, _ = functions["length"](t)
-            for row in kind.rows:
+        functions, period = kind.effect.functions(), kind.effect.period
+        for member, row in enumerate(kind.rows):
+            if "length" in functions:
+                length, rate, _ = _call(kind, member, "length", {"t": t})
                 scale, target = held.table.rows[row].scale, held.table.rows[row].target
                 values[row] -= scale * (length * length - target)
                 rates[row] = -2 * scale * length * rate
+            if "target" in functions:
+                target, rate, _ = _call(kind, member, "target", {"t": t})
+                values[row] -= target
+                rates[row] = -rate
+            if period:
+                values[row] -= period * np.rint(values[row] / period)
     return rates
 
 
@@ -227,14 +227,10 @@ def _linearised(held: Held, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
 
 def _own(kind: Kind, member: int, places: np.ndarray) -> tuple[float, np.ndarray]:
     """Return phi of a constraint of its own, and its gradients."""
-    given = {name: column[member] for name, column in kind.columns.items()}
-    given = {name: tuple(value) if np.ndim(value) else float(value) for name, value in given.items()}
     functions = kind.effect.functions()
 
     def call(function: str, x: np.ndarray) -> Any:
-        names = arguments(functions[function])
-        offered = {f"x{k}": tuple(place) for k, place in enumerate(x.tolist())} | given
-        return functions[function](*(offered[name] for name in names))
+        return _call(kind, member, function, {f"x{k}": tuple(place) for k, place in enumerate(x.tolist())})
 
     if "gradient" in functions:
         slope = np.reshape(call("gradient", places), places.shape)
@@ -245,6 +241,15 @@ def _own(kind: Kind, member: int, places: np.ndarray) -> tuple[float, np.ndarray
             moved[at] += 1j * TINY
             slope[at] = complex(call("phi", moved)).imag / TINY
     return float(call("phi", places)), slope
+
+
+def _call(kind: Kind, member: int, name: str, offered: dict[str, Any]) -> Any:
+    """Call a function of one of the constraints with the arguments that it takes, among these and the fields."""
+    function = kind.effect.functions()[name]
+    for field, column in kind.columns.items():
+        value = column[member]
+        offered[field] = tuple(value) if np.ndim(value) else float(value)
+    return function(*(offered[argument] for argument in arguments(function)))
 
 
 def _factors(held: Held, product: csc_array) -> Any:
