@@ -10,8 +10,9 @@ A table has e, its rate k w and k of each contact at the end of the last step, a
     e = min(1, k / k_c) e_c + (t - t_c) / 2 (k_c w_c + k w)
 
 turned into the present tangential plane and cut to the limit. So a trial state changes nothing, and the order is two.
-There are two tables: the next one is written while this one is read. Their contacts are in the order of the list of
-neighbours, which may be built anew meanwhile.
+There are two tables: the next one is written while this one is read. The contacts of a mass, with mates of larger
+numbers, are in the order of the list of neighbours, which may be built anew meanwhile. Threads that share the grains
+write to parts of the next table; if one of them is full, they go on one after the other.
 """
 
 from __future__ import annotations
@@ -22,21 +23,29 @@ from typing import NamedTuple
 import numpy as np
 
 from .compile.jit import element
+from .neighbours import bounds
+from .protocol import index
 
-#: The numbers before the tables: the time t_c, and which table is that of this time.
-HEAD = 2
+#: The numbers before the tables: the time t_c; which table is that of this time; and of the next one, whether its parts
+#: are written one after the other, how many contacts it has then, and whether a part had no room.
+TIME, TABLE, IN_TURN, COUNT, IS_FULL = range(5)
+HEAD = 5
 #: The numbers of a contact: e and k w, each as a vector, and k.
 VALUES = 7
 
 
 class Table(NamedTuple):
-    """The places of a table, from its begin on: where the contacts of each mass begin, their mates, and their numbers.
+    """The places of a table, from its begin on.
+
+    Where the contacts of each mass begin is first.
 
     Attributes
     ----------
-    mates, values, size : int
+    ends, mates, values, size : int
+        Where the contacts of each mass end, the mates of contacts, and their numbers.
     """
 
+    ends: int
     mates: int
     values: int
     size: int
@@ -44,9 +53,10 @@ class Table(NamedTuple):
     @classmethod
     def of(cls, masses: int, room: int) -> Table:
         """Return the places for a number of masses and of contacts."""
-        mates = (masses + 2) // 2
+        ends = (masses + 1) // 2
+        mates = 2 * ends
         values = mates + (room + 1) // 2
-        return cls(mates, values, values + VALUES * room)
+        return cls(ends, mates, values, values + VALUES * room)
 
 
 @element
@@ -97,10 +107,30 @@ def found(mates, h, end, mate):
 
 
 @element
-def hold(mates, values, count, room, mate, ex, ey, ez, k, wx, wy, wz):
+def write_in_turn(kept, springs):
+    """Let the parts of the next table be written one after the other, from its begin on."""
+    kept[springs + IN_TURN], kept[springs + COUNT] = 1.0, 0.0
+
+
+@element
+def room_of(kept, springs, room, part, parts):
+    """Return the places of the next table where the contacts of a part begin, and where they must end."""
+    if kept[springs + IN_TURN] == 1:
+        return index(kept[springs + COUNT]), index(room)
+    begin, end = bounds(room, part, parts)
+    return index(begin), index(end)
+
+
+@element
+def end_part(kept, springs, count):
+    """Note where the contacts of a part end, if another part follows."""
+    if kept[springs + IN_TURN] == 1:
+        kept[springs + COUNT] = count
+
+
+@element
+def hold(mates, values, count, mate, ex, ey, ez, k, wx, wy, wz):
     """Write a contact to a table."""
-    if count >= room:
-        raise ValueError("more grains touch each other than there is room for: give room=, the contacts of a grain.")
     mates[count] = np.int32(mate)
     first = VALUES * count
     values[first], values[first + 1], values[first + 2] = ex, ey, ez
@@ -108,5 +138,29 @@ def hold(mates, values, count, room, mate, ex, ey, ez, k, wx, wy, wz):
     values[first + 6] = k
 
 
+@element
+def refuse(kept, springs):
+    """Note that there is no room for a contact: parts are then written in turn. If they were, it is an error."""
+    kept[springs + IS_FULL] = 1.0
+    if kept[springs + IN_TURN] == 1:
+        raise ValueError("more grains touch each other than there is room for: give room=, the contacts of a grain.")
+
+
+@element
+def take_next(t, kept, springs):
+    """Go on to the next table, whose time is t."""
+    kept[springs + TIME], kept[springs + TABLE] = t, 1.0 - kept[springs + TABLE]
+
+
 #: The functions that the code of scenes calls.
-FUNCTIONS = {"stretched": stretched, "within_limit": within_limit, "found": found, "hold": hold}
+FUNCTIONS = {
+    "stretched": stretched,
+    "within_limit": within_limit,
+    "found": found,
+    "write_in_turn": write_in_turn,
+    "room_of": room_of,
+    "end_part": end_part,
+    "hold": hold,
+    "refuse": refuse,
+    "take_next": take_next,
+}

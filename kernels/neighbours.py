@@ -54,7 +54,7 @@ HEAD = _SOME + _SAMPLES
 _NUMBERS, _LOWS, _SCALES, _STEPS = _GRID, _GRID + 3, _GRID + 6, _GRID + 9
 
 #: The areas, in the order of `Areas`.
-X, BUILT, SORTED, FIRST, ABOVE, STOP, MATES, NUMBER, GROUP, APART, APART_MATES, ORDER, BUCKET, START = range(14)
+X, BUILT, SORTED, FIRST, ABOVE, STOP, MATES, OWNERS, NUMBER, GROUP, APART, APART_MATES, ORDER, BUCKET, START = range(15)
 
 IS_LIST = 0.1  # the mark, which a conversion to single precision changes as it does the integers of a list
 _PART = 12  # a part of 1/12 of the points may lie beyond the region at each end, which is then
@@ -65,7 +65,7 @@ _ROUND_OFF = 1e-6  # a part of a cell that is larger than the round-off so far f
 _LARGEST = np.finfo(np.float64).max
 _ULPS = 1e-12  # a part of a cutoff that is larger than the round-off of a distance
 _ROW, _LAYER = 2654435761, 2246822519  # steps between buckets, odd and with bits that follow no pattern
-BATCH = 64  # points that are looked at together
+BATCH = 192  # points, or pairs, that are looked at together
 
 
 class Areas(NamedTuple):
@@ -73,13 +73,16 @@ class Areas(NamedTuple):
 
     Attributes
     ----------
-    x, built, ordered : int
-        The positions of the points, now, when the list was built, and in the order of their buckets: d rows of floats.
+    x, built : int
+        The positions of the points, now and when the list was built: d floats for each point.
+    ordered : int
+        The latter in the order of their buckets: d rows of floats.
     first, above, stop : int
-        Where in the list the mates of each mass begin, where those with a larger number begin, and where they end. The
-        former are in other parts. These and the following are 32-bit integers.
-    mates : int
-        The list.
+        Where in the list the mates of each mass begin that are in other parts and have a smaller number; and where
+        those with a larger number begin and end. These and the following are 32-bit integers.
+    mates, owners : int
+        The list: pairs of a mate and the mass whose mate it is. In the room of a part, the mates with larger numbers
+        follow each other from the begin on, and those with smaller numbers are at the end.
     number : int
         The number of each mass among all masses of the scene.
     group : int
@@ -97,6 +100,7 @@ class Areas(NamedTuple):
     above: int
     stop: int
     mates: int
+    owners: int
     number: int
     group: int
     apart: int
@@ -109,7 +113,7 @@ class Areas(NamedTuple):
     def of(cls, place: int, points: int, room: int, buckets: int, n_apart: int, dimension: int) -> tuple[Areas, int]:
         """Return the areas of a list at a place of p, and where they end."""
         floats = [dimension * points] * 3
-        integers = [*[points] * 3, room, points, points, points + 1, n_apart, points, points, buckets + 1]
+        integers = [*[points] * 3, room, room, points, points, points + 1, n_apart, points, points, buckets + 1]
         begins = np.cumsum([place + HEAD + len(cls._fields), *floats, *((size + 1) // 2 for size in integers)])
         return cls(*begins[:-1].tolist()), int(begins[-1])
 
@@ -223,10 +227,10 @@ def scan(t, u, p, place, part, parts, d):
         at, square = int(index[i]), 0.0
         for k in range(d):
             now = u[k * stride + at]
-            way = now - built[k * count + i]
+            way = now - built[d * i + k]
             if k == 0 and d > 1:
-                way -= strain * built[count + i]
-            x[k * count + i] = now
+                way -= strain * built[d * i + 1]
+            x[d * i + k] = now
             square += way * way
         worst = max(worst, square if square == square else math.inf)
     floats(p, place + _MOVED, MOST_PARTS)[part] = worst
@@ -316,13 +320,14 @@ def build(p, place, part, parts, d):
 def pairs_of(p, place, start, end, lowest, low, high, d):
     """Write the pairs of the points from `start` to `end` to the list, within their cutoffs and the skin.
 
-    These are pairs with points of larger numbers, and with those of numbers below `lowest`. The list has room from
-    `low` to `high`. Return the number of the first point for whose pairs there is no room.
+    These are pairs with points of larger numbers, from the place `low` of the list on, and with those of numbers below
+    `lowest`, up to the place `high`. Return the number of the first point for whose pairs there is no room.
     """
     count, masses, room = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + ROOM])
     x, skin = floats(p, area(p, place, X), d * count), p[place + PRESENT_SKIN]
     first, above = integers(p, area(p, place, FIRST), masses), integers(p, area(p, place, ABOVE), masses)
     stop, mates = integers(p, area(p, place, STOP), masses), integers(p, area(p, place, MATES), room)
+    owners = integers(p, area(p, place, OWNERS), room)
     group, has_groups = integers(p, area(p, place, GROUP), count), p[place + HAS_GROUPS] == 1
     apart = integers(p, area(p, place, APART), count + 1)
     apart_mates = integers(p, area(p, place, APART_MATES), int(apart[count]))
@@ -342,13 +347,14 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
     squares, some = batch(), batch()
     k, which, furthest = low, integers(some, 0, BATCH), ((1 + _ULPS) * (skin + widest)) ** 2
     for i in range(start, end):
-        first[i] = above[i] = stop[i] = begin_of_mates = k
+        above[i] = stop[i] = begin_of_mates = k
+        first[i] = high
         if bucket[i] < 0:
             continue
         cx = cell(x, p, place, 0, i, d)
         cy = cell(x, p, place, 1, i, d)
         cz = cell(x, p, place, 2, i, d)
-        x_here, y_here, z_here = x[i], x[count + i] if d > 1 else 0.0, x[2 * count + i] if d > 2 else 0.0
+        x_here, y_here, z_here = x[d * i], x[d * i + 1] if d > 1 else 0.0, x[d * i + 2] if d > 2 else 0.0
         for oz in range(low_z, high_z):
             for oy in range(low_y, high_y):
                 row = int(across) * within(cy + oy, ny) + int(over) * within(cz + oz, nz)
@@ -391,11 +397,19 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
                                     return i
                             mates[k] = j
                             k += 1
-        k = stop[i] = sort(mates, begin_of_mates, k)
-        middle = begin_of_mates
-        while middle < k and mates[middle] < i:
-            middle += 1
-        above[i] = middle
+        k = sort(mates, begin_of_mates, k)
+        below = 0
+        while begin_of_mates + below < k and mates[begin_of_mates + below] < i:
+            below += 1
+        high -= below
+        if high < k:
+            return i
+        for q in range(below):
+            mates[high + q], owners[high + q] = mates[begin_of_mates + q], i
+        k -= below
+        for q in range(begin_of_mates, k):
+            mates[q], owners[q] = mates[q + below], i
+        first[i], stop[i] = high, k
     return end
 
 
@@ -470,7 +484,7 @@ def sort_by_cells(x, p, place, size, d):
         bucket[i] = -1
         sum_of_all = 0.0
         for k in range(d):
-            sum_of_all += abs(x[k * count + i])
+            sum_of_all += abs(x[d * i + k])
         if sum_of_all < math.inf:  # a point without a place is near to none
             row = int(across) * cell(x, p, place, 1, i, d) + int(over) * cell(x, p, place, 2, i, d)
             c = (row + cell(x, p, place, 0, i, d)) & (buckets - 1)
@@ -486,7 +500,7 @@ def sort_by_cells(x, p, place, size, d):
             start[c] -= 1
             order[start[c]] = i
             for k in range(d):
-                ordered[k * count + start[c]] = x[k * count + i]
+                ordered[k * count + start[c]] = x[d * i + k]
 
 
 @element
@@ -509,7 +523,7 @@ def divide(x, p, place, size, d):
             head[_NUMBERS + k], head[_LOWS + k], head[_SCALES + k] = number, 0.0, number / side
             extent = number
         else:
-            low, length = region(x[k * count : (k + 1) * count], floats(p, place + _SOME, _SAMPLES))
+            low, length = region(x, k, d, floats(p, place + _SOME, _SAMPLES))
             scale = 1 / max(size, length / _CELLS)
             head[_NUMBERS + k], head[_LOWS + k], head[_SCALES + k] = 0.0, low, scale
             extent = math.floor(_BEYOND * length * scale) + 3
@@ -523,10 +537,10 @@ def cell(x, p, place, k, i, d):
     """Return the number of the cell of a point along an axis."""
     if k >= d:
         return 0
-    count, tilt = int(p[place + POINTS]), p[place + TILT]
-    along = x[k * count + i] - p[place + _LOWS + k]
+    tilt = p[place + TILT]
+    along = x[d * i + k] - p[place + _LOWS + k]
     if k == 0 and tilt != 0:  # then there are more dimensions, and a side along y
-        along -= tilt / p[place + BOX + 1] * x[count + i]
+        along -= tilt / p[place + BOX + 1] * x[d * i + 1]
     along *= p[place + _SCALES + k]
     number = p[place + _NUMBERS + k]
     if number > 0:
@@ -535,11 +549,11 @@ def cell(x, p, place, k, i, d):
 
 
 @element
-def region(x, some):
-    """Return the middle and the length of a range with most of the values, from those that are copied to `some`."""
-    count = 0
-    for k in range(len(some)):
-        value = x[k * len(x) // len(some)]
+def region(x, k, d, some):
+    """Return the middle and the length of a range along an axis with most of the points, of which some are copied."""
+    count, points = 0, len(x) // d
+    for e in range(len(some)):
+        value = x[d * (e * points // len(some)) + k]
         if abs(value) < math.inf:
             some[count] = value
             count += 1

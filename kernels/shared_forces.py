@@ -1,14 +1,15 @@
-"""Let threads share the forces of a scene: its lists of neighbours, the forces of their pairs, and all others."""
+"""Let threads share the work of a scene: its lists of neighbours, the forces of their pairs, and all others."""
 
 from .compile.jit import element
+from .grains import IN_TURN, IS_FULL, take_next, write_in_turn
 from .neighbours import BEGIN, CHECK, FINISH, PARTS, REFRESH
 from .team import THREADS, board_at, board_of, together
 
 #: What the threads share: all forces but those of the lists, and then, from LISTS + STAGES times the number of a list
-#: on, the stages of `add_forces`.
+#: on, the stages of `update`, `add_forces` and `advance_springs`.
 OWN, LISTS = 0, 1
-SCANNING, BUILDING, ACTING = range(3)
-STAGES = 3
+SCANNING, BUILDING, ACTING, ADVANCING = range(4)
+STAGES = 4
 
 
 @element
@@ -25,15 +26,12 @@ def set_forces(share, t, u, v, p, a, team):
 
 
 @element
-def add_forces(share, lists, number, t, u, v, p, a, place, team):
-    """Bring a list up to date, and add the forces of its pairs to a. `number` and `place` are those of the list."""
-    board, first = board_of(p, team), LISTS + number * STAGES
+def update(share, lists, number, board, t, u, v, p, a, place):
+    """Bring a list up to date; return the number of its parts. `number` and `place` are those of the list."""
+    first = LISTS + number * STAGES
     if board == 0:
         lists(REFRESH, t, u, p, place, place, place)
-        parts = int(p[place + PARTS])
-        for part in range(parts):
-            share(first + ACTING, part, parts, t, u, v, p, a)
-        return
+        return int(p[place + PARTS])
     parts = board_at(board)[THREADS]  # more of them would share more pairs
     together(share, board, first + SCANNING, parts, t, u, v, p, a)
     if lists(CHECK, t, u, p, place, place, parts) == 0:
@@ -42,4 +40,37 @@ def add_forces(share, lists, number, t, u, v, p, a, place, team):
             together(share, board, first + BUILDING, int(p[place + PARTS]), t, u, v, p, a)
             if lists(FINISH, t, u, p, place, place, place) == 1:
                 break
-    together(share, board, first + ACTING, int(p[place + PARTS]), t, u, v, p, a)
+    return int(p[place + PARTS])
+
+
+@element
+def do_all(share, stage, board, parts, t, u, v, p, a):
+    """Do all parts of a stage."""
+    if board == 0:
+        for part in range(parts):
+            share(stage, part, parts, t, u, v, p, a)
+    else:
+        together(share, board, stage, parts, t, u, v, p, a)
+
+
+@element
+def add_forces(share, lists, number, t, u, v, p, a, place, team):
+    """Bring a list up to date, and add the forces of its pairs to a."""
+    board = board_of(p, team)
+    parts = update(share, lists, number, board, t, u, v, p, a, place)
+    do_all(share, LISTS + number * STAGES + ACTING, board, parts, t, u, v, p, a)
+
+
+@element
+def advance_springs(share, lists, number, t, u, v, p, place, springs, team):
+    """Write the springs between grains in a state to their other table, which is at `springs`, and take it."""
+    board, stage = board_of(p, team), LISTS + number * STAGES + ADVANCING
+    parts = update(share, lists, number, board, t, u, v, p, u, place)
+    p[springs + IN_TURN] = p[springs + IS_FULL] = 0.0
+    if board != 0:
+        do_all(share, stage, board, parts, t, u, v, p, u)
+    if board == 0 or p[springs + IS_FULL] == 1:
+        write_in_turn(p, springs)
+        for part in range(parts):
+            share(stage, part, parts, t, u, v, p, u)
+    take_next(t, p, springs)

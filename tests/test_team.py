@@ -1,9 +1,11 @@
 """Threads that share the forces of a scene: they change no bit, and a run does not depend on their being there."""
 
+import inspect
 import multiprocessing
+import re
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import pytest
 import eig3
 from eig3 import effects
 from eig3.effects import Link
+from eig3.kernels import grains as kernel
 from eig3.problems.flag import sheet
 from eig3.run import short
 from eig3.scene import Scene, hinges, packing
@@ -112,7 +115,23 @@ def of_cells():
     return scene
 
 
-SCENES = [damped, of_sizes, sheared, of_two_lists, with_many_mates, of_cells]
+ROUGH = effects.HertzMindlin(E=300.0, nu=0.3, reach=1.0, friction=0.5, restitution=0.7)
+
+
+def of_grains():
+    """Discs that roll and slide on one another and on fixed ones, in no order, beside contacts without friction."""
+    x, v = cloud()
+    scene = Scene(2)
+    grains = scene.mass(np.linspace(0.5, 2, len(x)), x, v, inertia=0.1, spin=np.linspace(-3, 3, len(x)))
+    scene.add(replace(ROUGH, reach=np.linspace(0.9, 1.1, len(x))), grains)
+    ground = scene.fixed(np.column_stack([np.arange(-1, 14, 0.5), np.full(30, -0.8)]))
+    scene.add(ROUGH, grains, near=ground)
+    scene.add(effects.MassContact(10.0, 1.3), grains)
+    scene.add(effects.Gravity((0.0, -1.0)))
+    return scene
+
+
+SCENES = [damped, of_sizes, sheared, of_two_lists, with_many_mates, of_cells, of_grains]
 
 
 @pytest.mark.parametrize("make", SCENES)
@@ -156,6 +175,27 @@ def test_a_list_without_room_has_one_part():
         scene.add(effects.LinearSpring(1.0), points, scene.fixed((0.0, 0.0)))
         runs.append(scene.problem((0.0, 3.0), threads=threads).integrate(h=1e-2))
     np.testing.assert_array_equal(runs[0].u, runs[1].u)
+
+
+def test_springs_of_a_part_without_room_are_written_in_turn(monkeypatch):
+    """The grains that touch are the first ones: there is room for their springs, but not in the first part's table."""
+    monkeypatch.setattr(packing, "_CONTACTS", {2: 1})
+    n = np.arange(70)
+    heap = np.column_stack([n % 8, n // 8]) * 0.9
+    runs = []
+    for threads in (1, 2, 3):
+        scene = Scene(2)
+        scene.add(ROUGH, scene.mass(1.0, np.concatenate([heap, 50 + 10 * heap]), inertia=0.1))
+        problem = scene.problem((0.0, 0.1), threads=threads)
+        stepper = problem.stepper(h=1e-3)
+        with team.team(problem.rhs.py_func.shares, stepper.params, 100):
+            stepper.advance(100)
+        source = inspect.getsource(problem.rhs.py_func.history.advance.py_func)
+        springs = int(re.search(r"springs = index\(\d+\), index\((\d+)\)", source)[1])
+        assert stepper.params[springs + kernel.IS_FULL] == (threads > 1)
+        runs.append(np.concatenate([stepper.u, stepper.v]))
+    np.testing.assert_array_equal(runs[0], runs[1])
+    np.testing.assert_array_equal(runs[0], runs[2])
 
 
 @pytest.mark.parametrize("options", [{"h": 1e-3, "method": "rk4"}, {"rtol": 1e-6}, {"h": 1e-3, "inline": True}])

@@ -182,6 +182,7 @@ class _Source:
                     with self._indented(f"if stage == {OWN}:"):
                         self._forces_on_part()
                 self._write_all(self._swarms.stages())
+                self._write_all(self._grains.stages())
 
     def rhs(self) -> None:
         """Write the function of the accelerations."""

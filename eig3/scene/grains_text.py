@@ -7,24 +7,27 @@ stiffness of the spring. x_spin, y_spin, z_spin is the spin of the point times i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 
 from ..kernels import grains
+from ..kernels.shared_forces import ADVANCING, LISTS, STAGES
 from .assembly import Assembly
 from .lines import only_if
 from .packing import GrainsBlock, Packing, SwarmBlock, entry
 from .swarm_text import SwarmText
 
 _NEXT = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the axes that follow
-_FUNCTIONS = ("tension", "shear_stiffness", "shear_damping")
 
 
 class GrainsText(SwarmText):
     """The grains of one scene in the source. Each method returns lines, with their indentation."""
 
+    _functions = ("tension", "shear_stiffness", "shear_damping")
+
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
         super().__init__(assembly, packing)
-        self._grains, self._team = packing.grains, None
+        self._blocks: Sequence[GrainsBlock] = packing.grains
+        self._first = len(packing.swarms)
         self._dimension, self._turn = assembly.dimension, packing.turn
         self._spins = "xyz"[3 - assembly.angles :] if assembly.angles else ""  # the axes about which points spin
 
@@ -34,21 +37,44 @@ class GrainsText(SwarmText):
             begin = self._n * self._dimension
             yield f"for k in range({begin}, {begin + self._n * len(self._spins)}):"
             yield "    a[k] = 0.0"
-        for block in self._grains:
-            sums = [f"{axis}_sum" for axis in self._axes] + [f"{axis}_torque" for axis in self._spins]
-            act = [*self._act(block), *self._on_mate(block)]
-            inside = [f"{' = '.join(sums)} = 0.0", *self._of_mates(block, act)]
-            inside += [f"{self._at('a', c, 'i')} += {axis}_sum * {self._w('i')}" for c, axis in enumerate(self._axes)]
-            inside += [f"{self._spin('a', c, 'i')} += {x}_torque * {self._t('i')}" for c, x in enumerate(self._spins)]
-            yield from self._all(block, inside)
+        yield from super().forces()
+
+    def stages(self) -> Iterator[str]:
+        """Do a part of a stage that threads share: also that of writing the springs."""
+        yield from super().stages()
+        self._in_part = True
+        for number, block in enumerate(self._blocks, self._first):
+            yield from self._stage(block, LISTS + number * STAGES + ADVANCING, self._functions, self._next(block))
+        self._in_part = False
+
+    def _act(self, block: GrainsBlock, act: Sequence[str], where: str = "") -> Iterator[str]:
+        """Compute the forces and torques between grains, and add them."""
+        loop = [*self._contact(block), *(f"f{axis} = tension * n{axis} + s{axis}" for axis in self._axes)]
+        loop += [f"q{axis} = {_cross(axis, 'n', 's')}" for axis in self._spins]
+        yield from self._springs(block)
+        yield from self._near(block, [[*loop, *act]], where)
+
+    def _on_point(self, block: GrainsBlock) -> list[str]:
+        """Add the force and the torque to the point."""
+        torques = [f"{self._spin('a', c, 'i')} += arm * q{x} * {self._t('i')}" for c, x in enumerate(self._spins)]
+        return [*super()._on_point(block), *torques]
+
+    def _on_mate(self, block: GrainsBlock) -> list[str]:
+        """Add the force and the torque to the mate."""
+        torques = [
+            f"{self._spin('a', c, 'j')} += arm_of_mate * q{x} * {self._t('j')}" for c, x in enumerate(self._spins)
+        ]
+        return [*super()._on_mate(block), *torques]
 
     def power(self) -> Iterator[str]:
         """Add the power of grains on each other."""
-        for block in self._grains:
-            inside = [*self._contact(block), f"total -= tension * rate + {_dot('s', 'w')}"]
+        for block in self._blocks:
+            add = [*self._contact(block), f"total -= tension * rate + {_dot('s', 'w')}"]
             if self._box.shears:
-                inside += ["fx = tension * nx + sx", *self._box.power()]
-            yield from self._all(block, self._of_mates(block, inside))
+                add += ["fx = tension * nx + sx", *self._box.power()]
+            yield from self._refreshed(block, *self._functions)
+            yield from self._springs(block)
+            yield from self._near(block, [add])
 
     def energy(self) -> Iterator[str]:
         """Add the kinetic energy of spins to the total."""
@@ -60,82 +86,66 @@ class GrainsText(SwarmText):
 
     def begin(self) -> Iterator[str]:
         """Forget all springs."""
-        for block in self._grains:
-            yield f"kept, side = memory(p), index({block.place + grains.HEAD})"
-            yield f"held_firsts = integers(kept, side, {block.listing.masses + 1})"
-            yield f"for k in range({block.listing.masses + 1}):"
-            yield "    held_firsts[k] = 0"
-            yield f"kept[{block.place}] = t"
-            yield f"kept[{block.place + 1}] = 0.0"
+        for block in self._blocks:
+            yield f"kept, springs = memory(p), index({block.place})"
+            yield from self._table(block, "held", f"index({block.place + grains.HEAD})")
+            yield f"for k in range({block.listing.masses}):"
+            yield "    held_firsts[k] = held_ends[k] = 0"
+            yield f"kept[springs], kept[{block.place + grains.TABLE}] = t, 0.0"
         yield "advance(t, u, v, p)"
 
     def advance(self) -> Iterator[str]:
         """Write the springs in a state to the other table, and take it from now on."""
         yield "out_of_line()"  # it is compiled once, though it has two callers
-        for block in self._grains:
-            table, room, masses = block.table, block.room, block.listing.masses
-            inside = [
-                "next_firsts[point] = held_count",
-                *self._of_mates(block, [*self._contact(block), *self._hold(block)]),
-            ]
-            yield from self._springs(block)
-            yield f"side = index({block.place + grains.HEAD + table.size} - {table.size} * kept[{block.place + 1}])"
-            yield f"next_firsts = integers(kept, side, {masses + 1})"
-            yield f"next_mates = integers(kept, side + {table.mates}, {room})"
-            yield f"next_held = floats(kept, side + {table.values}, {grains.VALUES * room})"
-            yield "held_count = 0"
-            yield from self._grains_of(block, inside)
-            yield f"next_firsts[{masses}] = held_count"
-            yield f"kept[{block.place}] = t"
-            yield f"kept[{block.place + 1}] = 1.0 - kept[{block.place + 1}]"
+        for number, block in enumerate(self._blocks, self._first):
+            if self._team is not None:
+                yield f"place, springs = index({block.listing.place}), index({block.place})"
+                given = "t, memory(u), memory(v), memory(p), place, springs"
+                yield f"advance_springs(share, lists, {number}, {given}, {self._team})"
+                continue
+            yield from self._refreshed(block, *self._functions)
+            yield f"low, end, part, parts = 0, {block.listing.masses}, 0, 1"
+            yield f"write_in_turn(kept, index({block.place}))"
+            yield from self._next(block)
+            yield "take_next(t, kept, springs)"
 
-    def _hold(self, block: GrainsBlock) -> Iterator[str]:
-        given = f"next_mates, next_held, held_count, {block.room}, mate"
-        yield f"hold({given}, spring[0], spring[1], spring[2], grip, wx, wy, wz)"
-        yield "held_count += 1"
-
-    def _all(self, block: GrainsBlock, inside: Iterable[str]) -> Iterator[str]:
-        """Loop over the grains of a list, with the springs of its table at hand."""
+    def _next(self, block: GrainsBlock) -> Iterator[str]:
+        """Write the springs of the points of a part to the next table."""
         yield from self._springs(block)
-        yield from self._grains_of(block, inside)
-
-    def _grains_of(self, block: GrainsBlock, inside: Iterable[str]) -> Iterator[str]:
-        return self._masses(block, [*self._point(block, True), *inside])
+        size, which = block.table.size, f"kept[{block.place + grains.TABLE}]"
+        yield from self._table(block, "next", f"index({block.place + grains.HEAD + size} - {size} * {which})")
+        yield f"held_count, held_end = room_of(kept, springs, {block.room}, part, parts)"
+        yield "for k in range(low, end):"
+        yield "    next_firsts[k] = next_ends[k] = 0"
+        given = "next_mates, next_values, held_count, mate, spring[0], spring[1], spring[2], grip, wx, wy, wz"
+        write = ["if next_ends[point] == 0:", "    next_firsts[point] = held_count", f"hold({given})"]
+        write += ["held_count += 1", "next_ends[point] = held_count"]
+        keep = [*only_if("held_count < held_end", write), "else:", "    refuse(kept, springs)"]
+        yield from self._near(block, [[*self._contact(block), *keep]])
+        yield "end_part(kept, springs, held_count)"
 
     def _springs(self, block: GrainsBlock) -> Iterator[str]:
-        """Refresh the list, and read where it and the table of its springs are."""
-        table, room = block.table, block.room
-        yield from self._refreshed(block, *_FUNCTIONS)
+        """Read where the table of the springs is."""
         for name in ("friction", "near_radius"):
             if name in block.law.columns:
                 yield f"{name} = {block.law.columns[name].of('')}"
-        yield f"since = t - kept[{block.place}]"
-        yield f"side = index({block.place + grains.HEAD} + {table.size} * kept[{block.place + 1}])"
-        yield f"held_firsts = integers(kept, side, {block.listing.masses + 1})"
-        yield f"held_mates = integers(kept, side + {table.mates}, {room})"
-        yield f"held = floats(kept, side + {table.values}, {grains.VALUES * room})"
+        yield f"springs = index({block.place})"
+        yield "since = t - kept[springs]"
+        size, which = block.table.size, f"kept[{block.place + grains.TABLE}]"
+        yield from self._table(block, "held", f"index({block.place + grains.HEAD} + {size} * {which})")
 
-    def _of_mates(self, block: GrainsBlock, inside: Iterable[str]) -> Iterator[str]:
-        yield "h, h_end = int(held_firsts[point]), int(held_firsts[point + 1])"
-        yield from self._mates(block, [*inside])
+    def _table(self, block: GrainsBlock, name: str, side: str) -> Iterator[str]:
+        """Read where the parts of a table are."""
+        table, masses = block.table, block.listing.masses
+        yield f"side = {side}"
+        yield f"{name}_firsts = integers(kept, side, {masses})"
+        yield f"{name}_ends = integers(kept, side + {table.ends}, {masses})"
+        yield f"{name}_mates = integers(kept, side + {table.mates}, {block.room})"
+        yield f"{name}_values = floats(kept, side + {table.values}, {grains.VALUES * block.room})"
 
-    def _act(self, block: GrainsBlock) -> Iterator[str]:
-        """Add the force and the torque on the point."""
-        yield from self._contact(block)
-        for axis in self._axes:
-            yield f"f{axis} = tension * n{axis} + s{axis}"
-            yield f"{axis}_sum += f{axis}"
-        for axis in self._spins:
-            yield f"q{axis} = {_cross(axis, 'n', 's')}"
-            yield f"{axis}_torque += arm * q{axis}"
-
-    def _on_mate(self, block: GrainsBlock) -> list[str]:
-        lines = [f"j = {self._mass(block, 'mate')}"]
-        lines += [f"{self._at('a', c, 'j')} -= f{axis} * {self._w('j')}" for c, axis in enumerate(self._axes)]
-        lines += [
-            f"{self._spin('a', c, 'j')} += arm_of_mate * q{x} * {self._t('j')}" for c, x in enumerate(self._spins)
-        ]
-        return only_if(self._if_mass(block), lines)
+    def _is_dense(self, block: SwarmBlock) -> bool:
+        """Whether one loops over the points: the springs are found for each pair."""
+        return False
 
     def _contact(self, block: GrainsBlock) -> Iterator[str]:
         """Compute the force between two grains: the tension, and that of the spring along their surfaces."""
@@ -149,9 +159,10 @@ class GrainsText(SwarmText):
         yield from self._surfaces(block)
         yield f"grip = {law.call('shear_stiffness', '', self._offered(block))}"
         yield "limit = friction * max(0.0, -tension)"
+        yield "h, h_end = index(held_firsts[point]), index(held_ends[point])"
         yield "h = found(held_mates, h, h_end, mate)"
         yield "known = h if h < h_end and held_mates[h] == mate else -1"
-        yield "spring = stretched(held, known, since, grip, wx, wy, wz, nx, ny, nz, limit)"
+        yield "spring = stretched(held_values, known, since, grip, wx, wy, wz, nx, ny, nz, limit)"
         if "shear_damping" in law.functions:
             yield f"loss = {law.call('shear_damping', '', self._offered(block))}"
             forces = ", ".join(f"spring[{c}] + loss * w{axis}" for c, axis in enumerate("xyz"))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..kernels import bodies, constraints, grains, neighbours
-from ..kernels.shared_forces import add_forces, set_forces
+from ..kernels.shared_forces import add_forces, advance_springs, set_forces
 from ..kernels.team import out_of_line
 from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
 from .effect import arguments
@@ -332,10 +332,10 @@ class Packing:
             for name in ("shift", "speed")
             for number in range(len(assembly.motions) + max((len(g.motions) for g in assembly.links), default=0))
         }
-        self._names |= {f"{axis}_{name}" for axis in "xyz" for name in ("spin", "torque")}
-        self._names |= {f"held_{name}" for name in ("firsts", "mates", "count")}
-        self._names |= {f"next_{name}" for name in ("firsts", "mates", "held")}
-        self._names |= {"near_radius", "arm_of_mate", "h_end"}
+        self._names |= {f"{axis}_{name}" for axis in "xyz" for name in ("spin", "ways", "turns")}
+        self._names |= {f"{side}_{name}" for side in ("held", "next") for name in ("firsts", "ends", "mates", "values")}
+        self._names |= {"near_radius", "arm_of_mate", "h_end", "held_count", "held_end", "near_points", "near_mates"}
+        self._names |= {"low_pair", "high_pair", "low_of_batch", "goes_up", "end_of_list"}
         self.functions: dict[str, Any] = {}
         self._first_state = assembly.coordinates
         self.weight = self._column(1 / assembly.cloud.in_order(assembly.cloud.masses))
@@ -356,9 +356,10 @@ class Packing:
         self.carried = self._carried(assembly) if assembly.n > assembly.own else None
         self.held = self._held(assembly.held) if assembly.held else None
         self.shares_cells = threads is not None and sum(block.size for block in self.meshes) >= _SHARED_CELLS
-        is_large = threads is not None and any(block.listing.masses >= _SHARED for block in self.swarms)
+        near = [*self.swarms, *self.grains]
+        is_large = threads is not None and any(block.listing.masses >= _SHARED for block in near)
         self.team = self._add(np.array([0, 0, threads])) if is_large or self.shares_cells else None
-        if self.swarms or self.grains:
+        if near:
             views = {"memory": neighbours.memory, "floats": neighbours.floats, "integers": neighbours.integers}
             views["batch"] = neighbours.batch
             tasks = {name: getattr(neighbours, name) for name in ("REFRESH", "SCAN", "BUILD", "REACH")}
@@ -366,7 +367,8 @@ class Packing:
         if self.grains:
             self.functions |= {**grains.FUNCTIONS, "out_of_line": out_of_line}
         if self.team is not None:
-            self.functions |= {"set_forces": set_forces, "add_forces": add_forces, "memory": neighbours.memory}
+            shared = {"set_forces": set_forces, "add_forces": add_forces, "advance_springs": advance_springs}
+            self.functions |= {**shared, "memory": neighbours.memory}
             self.functions |= {"bounds": neighbours.bounds, "out_of_line": out_of_line}
 
     def _swarm(self, assembly: Assembly, swarm: Swarm) -> SwarmBlock:

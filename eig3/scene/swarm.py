@@ -18,7 +18,7 @@ from .rough import Rough
 
 _SKIN = 0.2  # as a part of the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
-_MANY_MATES = 8  # pairs of a point, from which on their distances are computed before their forces
+_MANY_MATES = 8  # pairs of a point, from which on each point has batches of its own
 _GROWTH = 2.0  # room for so many times the pairs at the start
 
 
@@ -172,7 +172,7 @@ class Listing:
     begin : int
         The index of the first mass, if the indices follow each other, or else -1.
     is_dense : bool
-        Whether points have many mates at the start, in a box that does not shear.
+        Whether points have many mates at the start.
     values : ndarray
         What is at the place.
     """
@@ -217,7 +217,7 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         p, areas, found = attempt(room, skin)
     follows = (np.diff(members.index) == 1).all()
     first = int(members.index[0]) if follows else -1
-    is_dense = not cloud.shear and (room if found is None else found) >= _MANY_MATES * count
+    is_dense = (room if found is None else found) >= _MANY_MATES * count
     return Listing(begin, areas, count, members.index.size, room, own, first, is_dense, p[place:])
 
 
@@ -276,7 +276,7 @@ def _write(
     p[begin + neighbours.PARTS] = p[begin + neighbours.WANTED] = 1
     p[begin + neighbours.SHEAR], p[begin + neighbours.PRESENT_SKIN] = cloud.shear, skin
     p[begin + neighbours.HEAD :][: len(areas)] = areas
-    p[areas.x :][: x.shape[1] * count] = x[members.points].T.ravel()
+    p[areas.x :][: x.shape[1] * count] = x[members.points].ravel()
     tables = {"number": members.index, "group": members.group, "apart": apart[0], "apart_mates": apart[1]}
     for name, table in tables.items():
         _integers(p, getattr(areas, name), table.size)[:] = table

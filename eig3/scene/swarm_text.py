@@ -1,12 +1,16 @@
 """Write the loops over pairs of points that are near each other as lines of Python source.
 
 In the source, point and mate are the places of two points in a list of neighbours, and i and j the indices of their
-masses. In a large scene, threads share the points: then the forces are in a function of their own.
+masses. The pairs are looked at in batches. A first loop collects those within the cutoff, without a branch: whether two
+points touch cannot be foretold. The others do the rest for what was collected, at the place q. The compiler vectorises
+that of the forces if it can.
+
+In a large scene, threads share the points: then the forces are in a function of their own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
@@ -16,38 +20,51 @@ from .lines import indented, only_if
 from .packing import Packing, SwarmBlock, entry
 
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
+_ALL_ABOVE = "above[begin], stops[stop - 1]"  # those of several points
 
 
 class SwarmText:
     """The swarms of one scene in the source. Each method returns lines, with their indentation."""
 
+    _functions: tuple[str, ...] = ("tension", "density")  # of the forces
+
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
         self._n, self._axes, self._weight = assembly.n, "xyz"[: assembly.dimension], packing.weight
-        self._box, self._swarms, self._team = BoxText(packing), packing.swarms, packing.team
+        self._box, self._team = BoxText(packing), packing.team
+        self._blocks: Sequence[SwarmBlock] = packing.swarms
+        self._first = 0  # the number of the first list among all of the scene
+        self._in_part = False  # whether the lines are for a part of the points
 
     def forces(self) -> Iterator[str]:
         """Add the forces between near points to the accelerations of their masses."""
-        for number, block in enumerate(self._swarms):
-            if self._team is not None:
+        for number, block in enumerate(self._blocks, self._first):
+            if self._team is None:
+                yield from self._refreshed(block, *self._functions)
+                on_mate = only_if(self._if_mass(block), self._on_mate(block))
+                yield from self._act(block, [*self._on_point(block), *on_mate])
+            else:
                 yield f"kept, place = memory(p), index({block.listing.place})"
                 velocity = "v" if self._reads_rate(block) else "u"  # a rhs that names v is one that reads it
                 given = f"t, memory(u), memory({velocity}), kept, memory(a), place"
                 yield f"add_forces(share, lists, {number}, {given}, {self._team})"
-                continue
-            yield from self._refreshed(block, "tension", "density")
-            act = [*self._force(block), *self._on_both(block, self._if_mass(block))]
-            yield from self._masses(block, self._forces_on(block, act))
 
     def stages(self) -> Iterator[str]:
         """Do a part of a stage that threads share: the lists of points, or the forces on them."""
-        for number, block in enumerate(self._swarms):
-            first, functions = LISTS + number * STAGES, ("tension", "density")
+        self._in_part = True
+        for number, block in enumerate(self._blocks, self._first):
+            first = LISTS + number * STAGES
             for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")):
                 yield f"if stage == {first + stage}:"
                 yield f"    lists({task}, {self._time}, u, p, index({block.listing.place}), part, parts)"
-            yield f"if stage == {first + ACTING}:"
-            yield f"    kept, place = p, index({block.listing.place})"
-            yield from indented([*self._views(block, *functions), *self._part(block)])
+            yield from self._stage(block, first + ACTING, self._functions, self._part(block))
+        self._in_part = False
+
+    def _stage(self, block: SwarmBlock, stage: int, functions: Sequence[str], lines: Iterator[str]) -> Iterator[str]:
+        """Do a stage for the points of a part."""
+        yield f"if stage == {stage}:"
+        yield f"    kept, place = p, index({block.listing.place})"
+        yield f"    low, end = bounds({block.listing.masses}, part, parts)"
+        yield from indented([*self._views(block, *functions), *lines])
 
     def _part(self, block: SwarmBlock) -> Iterator[str]:
         """Add the forces on the points of a part: those from points before the part, and then those from points above.
@@ -56,43 +73,63 @@ class SwarmText:
         """
         listing = block.listing
         yield f"firsts = integers(kept, {listing.areas.first}, {listing.masses})"
-        yield f"low, end = bounds({listing.masses}, part, parts)"
-        mates = "first, last = (above[point], stops[point]) if goes_up else (firsts[point], above[point])"
-        on_point = [f"{self._at('a', k, 'i')} += f{axis} * {self._w('i')}" for k, axis in enumerate(self._axes)]
-        on_both = self._on_both(block, "mate < end")
-        act = [*self._force(block), "if goes_up:", *indented(on_both), "else:", *indented(on_point)]
-        inside = [mates, *self._forces_on(block, act, "first, last")]
+        yield f"end_of_list = bounds({listing.room}, part, parts)[1]"
+        on_mate = only_if("mate < end", self._on_mate(block))
+        if self._is_dense(block):
+            alone = [f"{self._at('a', k, 'i')} += f{axis} * {self._w('i')}" for k, axis in enumerate(self._axes)]
+            act = ["if goes_up:", *indented([*self._on_point(block), *on_mate]), "else:", *indented(alone)]
+            before = "(firsts[point], firsts[point - 1] if point > low else end_of_list)"
+            where = f"({_ABOVE}) if goes_up else {before}"
+        else:
+            act = [*only_if("point >= low", self._on_point(block)), *on_mate]
+            where = f"({_ALL_ABOVE}) if goes_up else (firsts[stop - 1], end_of_list)"
         yield "for goes_up in range(int(parts == 1), 2):"
-        yield from indented(self._points(inside, "low", "end"))
+        yield from indented(self._act(block, act, where))
 
-    def _forces_on(self, block: SwarmBlock, act: Sequence[str], mates: str = _ABOVE) -> list[str]:
-        """Add the forces between a point and its mates."""
-        return [
-            *self._point(block, self._reads_rate(block)),
-            f"{' = '.join(f'{axis}_sum' for axis in self._axes)} = 0.0",
-            *self._mates(block, act, mates),
-            *(f"{self._at('a', k, 'i')} += {axis}_sum * {self._w('i')}" for k, axis in enumerate(self._axes)),
-        ]
+    def _act(self, block: SwarmBlock, act: Sequence[str], where: str = "") -> Iterator[str]:
+        """Compute the forces between near points in one loop, and add them in another one."""
+        pull = [*self._length(block, self._reads_rate(block)), f"pulls[q] = ({self._tension(block)}) * inverse"]
+        add = ["pull = pulls[q]", *(f"f{axis} = pull * d{axis}" for axis in self._axes), *act]
+        yield "pulls = batch()"
+        if not self._is_dense(block):
+            yield from self._near(block, [pull, add], where)
+            return
+        sums = [f"{axis}_sum" for axis in self._axes]
+        before = [f"{' = '.join(sums)} = 0.0"]
+        after = [f"{self._at('a', k, 'i')} += {total} * {self._w('i')}" for k, total in enumerate(sums)]
+        yield from self._near(block, [pull, add], where, before, after)
+
+    def _on_point(self, block: SwarmBlock) -> list[str]:
+        """Add a force to the point, or to its sum if points have many mates."""
+        if self._is_dense(block):
+            return [f"{axis}_sum += f{axis}" for axis in self._axes]
+        lines = [f"{self._at('a', k, 'i')} += f{axis} * {self._w('i')}" for k, axis in enumerate(self._axes)]
+        return [f"i = {self._mass(block, 'point')}", *lines]
+
+    def _on_mate(self, block: SwarmBlock) -> list[str]:
+        """Add a force to the mate."""
+        lines = [f"{self._at('a', k, 'j')} -= f{axis} * {self._w('j')}" for k, axis in enumerate(self._axes)]
+        return [f"j = {self._mass(block, 'mate')}", *lines]
 
     def potentials(self) -> Iterator[str]:
         """Add the potentials of near points to the total."""
-        for block in self._swarms:
+        for block in self._blocks:
             if "potential" in block.law.functions:
                 yield from self._refreshed(block, "potential")
-                offered = self._offered(block)
-                inside = ["r = sqrt(tiny + square)", f"total += {block.law.call('potential', '', offered)}"]
-                yield from self._masses(block, [*self._point(block, False), *self._mates(block, inside)])
+                add = ["r = sqrt(tiny + square)"]
+                add.append(f"total += {block.law.call('potential', '', self._offered(block))}")
+                yield from self._near(block, [add])
 
     def power(self) -> Iterator[str]:
         """Add the power of the forces without a potential, and of the images in a box that shears."""
-        for block in self._swarms:
+        for block in self._blocks:
             loses = "potential" not in block.law.functions
             if loses or self._box.shears:
-                yield from self._refreshed(block, "tension", "density")
-                inside = [*self._length(block, True), f"force = {self._tension(block)}"]
-                inside += ["total -= force * rate"] * loses
-                inside += ["fx = force * inverse * dx", *self._box.power()] if self._box.shears else []
-                yield from self._masses(block, [*self._point(block, True), *self._mates(block, inside)])
+                yield from self._refreshed(block, *self._functions)
+                add = [*self._length(block, True), f"force = {self._tension(block)}"]
+                add += ["total -= force * rate"] * loses
+                add += ["fx = force * inverse * dx", *self._box.power()] if self._box.shears else []
+                yield from self._near(block, [add])
 
     def _refreshed(self, block: SwarmBlock, *functions: str) -> Iterator[str]:
         """Refresh the list, and read what all pairs share."""
@@ -104,13 +141,13 @@ class SwarmText:
         """Read where the list is, and what all pairs share."""
         listing, areas = block.listing, block.listing.areas
         yield f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})"
-        yield f"above = integers(kept, {areas.above}, {listing.masses})"
-        yield f"stops = integers(kept, {areas.stop}, {listing.masses})"
-        yield f"mates = integers(kept, {areas.mates}, {listing.room})"
-        if listing.is_dense:
-            for name in (*(f"{axis}_ways" for axis in self._axes), "squares", "some"):
-                yield f"{name} = batch()"
-            yield f"which = integers(some, 0, {BATCH})"
+        for name, area in (("above", areas.above), ("stops", areas.stop)):
+            yield f"{name} = integers(kept, {area}, {listing.masses})"
+        for name, area in (("mates", areas.mates), ("owners", areas.owners)):
+            yield f"{name} = integers(kept, {area}, {listing.room})"
+        yield from (f"{name} = batch()" for name in ("squares", "some", *self._ways.values()))
+        yield f"near_points = integers(some, 0, {BATCH})"
+        yield f"near_mates = integers(some, {BATCH // 2}, {BATCH})"
         if listing.begin < 0:
             yield f"indices = integers(kept, {areas.number}, {listing.masses})"
         yield from block.law.constants(*functions)
@@ -119,91 +156,85 @@ class SwarmText:
     def _time(self) -> str:
         return "t" if self._box.shears else "0.0"
 
-    def _masses(self, block: SwarmBlock, inside: Iterable[str]) -> Iterator[str]:
-        """Loop over the masses of a list."""
-        return self._points(inside, "0", str(block.listing.masses))
+    @property
+    def _ways(self) -> dict[str, str]:
+        """What is kept of the way between two points, and the names of its batches."""
+        ways = {f"d{axis}": f"{axis}_ways" for axis in self._axes}
+        return ways | ({"turns": "y_turns"} if self._box.shears else {})
 
-    def _points(self, inside: Iterable[str], low: str, end: str) -> Iterator[str]:
-        """Loop over some masses of a list, which has the pairs of a few of them at a time if it has no room for all."""
+    def _near(
+        self,
+        block: SwarmBlock,
+        loops: Sequence[Sequence[str]],
+        where: str = "",
+        before: Sequence[str] = (),
+        after: Sequence[str] = (),
+    ) -> Iterator[str]:
+        """Do loops over the pairs within the cutoff, and more before and after those of a point with many mates.
+
+        `where` are the places of the pairs in the list. The list has the pairs of a few points at a time if it has no
+        room for all.
+        """
+        low, end = ("low", "end") if self._in_part else ("0", str(block.listing.masses))
         yield f"stop = index({low})"
         yield f"while stop < {end}:"
         yield f"    begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({end})))"
+        if not self._is_dense(block):
+            yield from indented(self._batches(block, loops, where or _ALL_ABOVE))
+            return
+        here = [f"{axis}_here = {self._place('point', k)}" for k, axis in enumerate(self._axes)]
+        inside = [f"i = {self._mass(block, 'point')}", *here, *before]
+        inside += [*self._batches(block, loops, where or _ABOVE), *after]
         yield "    for point in range(begin, stop):"
         yield from (f"        {line}" for line in inside)
 
-    def _point(self, block: SwarmBlock, reads_rate: bool) -> Iterator[str]:
-        """Read the position of a point, and its velocity."""
-        yield f"i = {self._mass(block, 'point')}"
-        for k, axis in enumerate(self._axes):
-            yield f"{axis}_here = {entry('places', k * block.listing.points, 'point')}"
-            if reads_rate:
-                yield f"{axis}_rate = {self._at('v', k, 'i')}"
+    def _batches(self, block: SwarmBlock, loops: Sequence[Sequence[str]], where: str) -> Iterator[str]:
+        """Collect the pairs within the cutoff that are somewhere in the list, and do loops over them."""
+        has_points = not self._is_dense(block)
+        kept = {"near_mates": "mate", "squares": "square"} | {batch: value for value, batch in self._ways.items()}
+        kept |= {"near_points": "point"} if has_points else {}
+        yield f"low_pair, high_pair = {where}"
+        yield f"for low_of_batch in range(low_pair, high_pair, {BATCH}):"
+        yield "    near = index(0)"
+        yield f"    for e in range(low_of_batch, min(low_of_batch + {BATCH}, high_pair)):"
+        yield from (f"        {line}" for line in [*self._pair(block), *self._way(block)])
+        yield from (f"        {batch}[near] = {value}" for batch, value in kept.items())
+        yield f"        near += {self._is_near(block)}"
+        for loop in loops:
+            yield "    for q in range(near):"
+            yield from ("        point = index(near_points[q])" for _ in range(has_points))
+            yield "        mate, square = index(near_mates[q]), squares[q]"
+            yield from (f"        {value} = {batch}[q]" for value, batch in self._ways.items())
+            yield from (f"        {line}" for line in loop)
 
-    def _mates(self, block: SwarmBlock, inside: Sequence[str], mates: str = _ABOVE) -> Iterator[str]:
-        """Loop over the mates of a point that are within the cutoff."""
-        if block.listing.is_dense:
-            yield from self._batches(block, inside, mates)
-            return
-        yield f"for q in range({mates}):"
-        yield "    mate = index(mates[q])"
-        yield from indented(self._way(block))
-        yield f"    if {self._is_near(block, 'square')}:"
-        yield from (f"        {line}" for line in inside)
-
-    def _batches(self, block: SwarmBlock, inside: Sequence[str], mates: str) -> Iterator[str]:
-        """Do so for many mates, in three loops: the compiler vectorises the first, and the second has no branch."""
-        ways = [f"{axis}_ways" for axis in self._axes]
-        yield f"low_mate, high_mate = {mates}"
-        yield f"for low_of_batch in range(low_mate, high_mate, {BATCH}):"
-        yield f"    size, near = min({BATCH}, high_mate - low_of_batch), index(0)"
-        yield "    for k in range(size):"
-        yield "        mate = index(mates[low_of_batch + k])"
-        yield from (f"        {line}" for line in self._way(block))
-        yield f"        {', '.join(f'{way}[k]' for way in ways)}, squares[k] = {self._ways}, square"
-        yield "    for k in range(size):"
-        yield "        mate = index(mates[low_of_batch + k])"
-        yield "        which[near] = k"
-        yield f"        near += {self._is_near(block, 'squares[k]')}"
-        yield "    for q in range(near):"
-        yield "        k = index(which[q])"
-        yield "        mate = index(mates[low_of_batch + k])"
-        yield f"        {self._ways}, square = {', '.join(f'{way}[k]' for way in ways)}, squares[k]"
-        yield from (f"        {line}" for line in inside)
+    def _pair(self, block: SwarmBlock) -> Iterator[str]:
+        """Read a pair of the list, the smaller number first unless one loops over the points."""
+        yield "mate = index(mates[e])"
+        if not self._is_dense(block):
+            yield "point = index(owners[e])"
+            if self._in_part:
+                yield "point, mate = min(point, mate), max(point, mate)"
+            yield from (f"{axis}_here = {self._place('point', k)}" for k, axis in enumerate(self._axes))
 
     def _way(self, block: SwarmBlock) -> Iterator[str]:
         """Compute the way from a point to its mate, and the square of its length."""
         for k, axis in enumerate(self._axes):
-            yield f"d{axis} = {entry('places', k * block.listing.points, 'mate')} - {axis}_here"
+            yield f"d{axis} = {self._place('mate', k)} - {axis}_here"
         yield from self._box.nearest()
         yield f"square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}"
 
-    @property
-    def _ways(self) -> str:
-        return ", ".join(f"d{axis}" for axis in self._axes)
-
-    def _is_near(self, block: SwarmBlock, square: str) -> str:
+    def _is_near(self, block: SwarmBlock) -> str:
         """The condition that two points are within the cutoff."""
         law = block.law
         cutoff = law.value(law.cutoff, "") if law.cutoff in law.columns else self._own(block, law.cutoff)
-        return f"{square} < {cutoff} * {cutoff}"
-
-    def _force(self, block: SwarmBlock) -> list[str]:
-        """Compute the force between two points."""
-        reads_rate = self._reads_rate(block)
-        lines = [*self._length(block, reads_rate), f"pull = ({self._tension(block)}) * inverse"]
-        return [*lines, *(f"f{axis} = pull * d{axis}" for axis in self._axes)]
-
-    def _on_both(self, block: SwarmBlock, condition: str) -> list[str]:
-        """Add the force between two points to both, or to the point only if its mate does not meet the condition."""
-        scatter = [f"j = {self._mass(block, 'mate')}"]
-        scatter += [f"{self._at('a', k, 'j')} -= f{axis} * {self._w('j')}" for k, axis in enumerate(self._axes)]
-        return [*(f"{axis}_sum += f{axis}" for axis in self._axes), *only_if(condition, scatter)]
+        return f"square < {cutoff} * {cutoff}"
 
     def _length(self, block: SwarmBlock, reads_rate: bool) -> list[str]:
         """Compute the distance of two points, and the rate at which it grows."""
         lines = ["r = sqrt(tiny + square)", "inverse = 1 / r"]
         if reads_rate:
-            lines += [f"e{axis} = -{axis}_rate" for axis in self._axes]
+            lines.append(f"i = {self._mass(block, 'point')}")
+            lines += [f"e{axis} = -{self._at('v', k, 'i')}" for k, axis in enumerate(self._axes)]
             of_mate = [f"j = {self._mass(block, 'mate')}"]
             of_mate += [f"e{axis} += {self._at('v', k, 'j')}" for k, axis in enumerate(self._axes)]
             lines += [*only_if(self._if_mass(block), of_mate), *self._box.rate()]
@@ -214,6 +245,10 @@ class SwarmText:
         """The condition that the mate is a mass, if the swarm has fixed points."""
         listing = block.listing
         return "" if listing.points == listing.masses else f"mate < {listing.masses}"
+
+    def _is_dense(self, block: SwarmBlock) -> bool:
+        """Whether one loops over the points, and for each over its mates, because these are many."""
+        return block.listing.is_dense
 
     def _tension(self, block: SwarmBlock) -> str:
         law, offered = block.law, self._offered(block)
@@ -231,6 +266,9 @@ class SwarmText:
     def _own(self, block: SwarmBlock, name: str) -> str:
         place = block.listing.own[name]
         return f"({entry('p', place, 'point')} + {entry('p', place, 'mate')})"
+
+    def _place(self, point: str, k: int) -> str:
+        return entry("places", k, point if len(self._axes) == 1 else f"{len(self._axes)} * {point}")
 
     def _mass(self, block: SwarmBlock, place: str) -> str:
         begin = block.listing.begin
