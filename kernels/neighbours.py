@@ -509,7 +509,7 @@ def divide(x, p, place, size, d):
 
     If there is a bucket for each cell of the region, neighbouring cells have neighbouring buckets.
     """
-    count, head = int(p[place + POINTS]), floats(p, place, HEAD)
+    head = floats(p, place, HEAD)
     for k in range(3):
         head[_NUMBERS + k] = 1.0
     along = 1.0

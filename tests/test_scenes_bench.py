@@ -67,6 +67,7 @@ def test_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr(scenes, "_ARGON", 4)
     monkeypatch.setattr(scenes, "_RODS", (2,))
     monkeypatch.setattr(near_pairs.contest, "POINT_STEPS", 2000)
+    monkeypatch.setattr(near_pairs.contest, "STEPS", 20)
     lines = []
     scenes.benchmark(repeats=1, out=tmp_path, write=lines.append)
     text = "\n".join(lines)

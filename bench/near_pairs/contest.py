@@ -10,8 +10,8 @@ from functools import partial
 from .. import text
 from ..timing import interleave
 
-POINT_STEPS = 2_000_000  # of a timed run
-_LEAST = 100  # steps of a run: lists are made anew some times
+POINT_STEPS = 2_000_000  # that are timed together
+STEPS = 200  # of a run, for all numbers of points: these move apart, so that later steps take less time
 _ENOUGH = 5.0  # seconds
 SCENE = "scene"
 
@@ -23,23 +23,35 @@ Who = tuple[str, int]
 
 @dataclass(frozen=True)
 class Contest:
-    """The runs of the same number of points. There is one of the scene for each number of cores."""
+    """The runs of the same number of points. There is one of the scene for each number of cores.
+
+    Attributes
+    ----------
+    n : int
+        Number of points.
+    runs : dict of Who to Run
+    rounds : int
+        How many runs follow each other to be timed.
+    """
 
     n: int
     runs: Mapping[Who, Run]
-    steps_of_a_run: int
+    rounds: int
 
     @classmethod
     def of(cls, n: int, runs: Mapping[Who, Run], cost: int = 1) -> Contest:
         """Return a contest of points whose step takes about `cost` times that of a sphere."""
-        return cls(n, runs, max(_LEAST, POINT_STEPS // (cost * n)))
+        return cls(n, runs, max(1, POINT_STEPS // (cost * n * STEPS)))
 
     def ns(self, repeats: int, where: str) -> dict[Who, float]:
         """Return the ns of a point and step: medians of interleaved runs."""
-        runs = {_label(who): partial(run, self.steps_of_a_run) for who, run in self.runs.items()}
+        runs = {_label(who): partial(self._seconds, run) for who, run in self.runs.items()}
         found = interleave(runs, repeats, f"{self.n} {where}", _ENOUGH)
-        unit = 1e9 / (self.n * self.steps_of_a_run)
+        unit = 1e9 / (self.n * STEPS * self.rounds)
         return {who: unit * statistics.median(found[_label(who)]) for who in self.runs}
+
+    def _seconds(self, run: Run) -> float:
+        return sum(run(STEPS) for _ in range(self.rounds))
 
 
 def table(points: str, contests: Sequence[Contest], repeats: int) -> str:
