@@ -14,9 +14,10 @@ import eig3
 from eig3 import effects
 from eig3.effects import Link
 from eig3.kernels import grains as kernel
+from eig3.kernels import neighbours
 from eig3.problems.flag import sheet
 from eig3.run import short
-from eig3.scene import Scene, hinges, packing
+from eig3.scene import Scene, hinges, packing, swarm
 from eig3.stepping import team
 
 from .test_extend import assert_same
@@ -28,6 +29,7 @@ def _shared_from_the_start(monkeypatch):
     monkeypatch.setattr(packing, "_SHARED_CELLS", 1)
     monkeypatch.setattr(team, "_WORTH", 0)
     monkeypatch.setattr(short, "MOST_SECONDS", 0)
+    monkeypatch.setattr(swarm, "_JUMP", np.inf)  # most pairs shall be in two parts
 
 
 @pytest.fixture
@@ -162,6 +164,28 @@ def test_the_forces_are_those_of_a_small_scene(make, monkeypatch):
         shared.rhs(run.t[k], run.u[k], run.v[k], shared.params, found)
         alone.rhs(run.t[k], run.u[k], run.v[k], alone.params, expected)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("make", [of_sizes, of_two_lists, of_grains])
+def test_points_in_no_order_are_sorted_by_their_places(make, monkeypatch):
+    """This is seen in the order of the list only. The forces differ by the order of rounding."""
+    given = make().problem((0.0, 0.5), threads=2)
+    monkeypatch.setattr(swarm, "_JUMP", 3.0)
+    sorted_ = [make().problem((0.0, 0.5), threads=threads) for threads in (1, 2)]
+    (place,) = re.findall(r"index\((\d+)\)\n    add_forces\(share, lists, 0,", inspect.getsource(given.rhs.py_func))
+    for problem, is_sorted in ((given, False), (sorted_[0], True)):
+        areas = neighbours.Areas(*problem.params[int(place) + neighbours.HEAD :][:15].astype(int))
+        numbers = problem.params[areas.number :].view(np.int32)[:150]
+        assert (np.diff(numbers) > 0).all() != is_sorted
+        np.testing.assert_array_equal(np.sort(numbers), np.arange(150))
+    found = []
+    for problem in (given, *sorted_):
+        a = np.empty(problem.u0.size)
+        problem.rhs(0.0, problem.u0, problem.v0, problem.params.copy(), a)
+        found.append(a)
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-13 * np.abs(found[0]).max())
+    runs = [problem.integrate(h=1e-3, save_every=100) for problem in sorted_]
+    np.testing.assert_array_equal(runs[0].u, runs[1].u)
 
 
 def test_a_list_without_room_has_one_part():

@@ -155,6 +155,7 @@ class _Source:
         self._grains, self._constraints = GrainsText(assembly, packing), ConstraintText(assembly, packing)
         self._bodies_text = BodiesText(assembly, packing, self._constraints)
         self._team, self._shares_cells = packing.team, packing.shares_cells
+        self._has_stages = packing.team is not None or bool(packing.grains)
         self._rhs_name = f"forces{self._bodies_text.suffix}" if packing.held else "rhs"
         self._own_masses = assembly.own
         self._box = BoxText(packing)
@@ -175,7 +176,7 @@ class _Source:
         for head, lines in self._meshes.functions():
             with self._function(head, ()):
                 self._write_all(lines)
-        if self._team is not None:
+        if self._has_stages:
             with self._function("share(stage, part, parts, t, u, v, p, a)", self._links):
                 self._write("out_of_line()")
                 if self._shares_cells:

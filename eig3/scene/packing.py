@@ -365,7 +365,7 @@ class Packing:
             tasks = {name: getattr(neighbours, name) for name in ("REFRESH", "SCAN", "BUILD", "REACH")}
             self.functions |= {"lists": neighbours.LISTS[assembly.dimension], **tasks, **views}
         if self.grains:
-            self.functions |= {**grains.FUNCTIONS, "out_of_line": out_of_line}
+            self.functions |= {**grains.FUNCTIONS, "bounds": neighbours.bounds, "out_of_line": out_of_line}
         if self.team is not None:
             shared = {"set_forces": set_forces, "add_forces": add_forces, "advance_springs": advance_springs}
             self.functions |= {**shared, "memory": neighbours.memory}

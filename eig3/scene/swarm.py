@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -19,6 +19,7 @@ from .rough import Rough
 _SKIN = 0.2  # as a part of the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
 _MANY_MATES = 8  # pairs of a point, from which on each point has batches of its own
+_JUMP = 3.0  # distances between points beside each other, from which on the points are sorted
 _GROWTH = 2.0  # room for so many times the pairs at the start
 
 
@@ -54,7 +55,10 @@ class Swarm:
 
 @dataclass(frozen=True, eq=False)
 class Members:
-    """The points of a swarm in the order of its list: masses by their index in the scene, then fixed points.
+    """The points of a swarm in the order of its list: masses, then fixed points.
+
+    They are ordered by their index in the scene, or by their places at the start if these would jump too much: points
+    that are near each other are then near each other in the memory, and mostly in the part of one thread.
 
     Attributes
     ----------
@@ -74,12 +78,34 @@ class Members:
     place: np.ndarray
 
     @classmethod
-    def of(cls, swarm: Swarm, free: np.ndarray) -> Members:
+    def of(cls, swarm: Swarm, free: np.ndarray, positions: np.ndarray) -> Members:
         numbers = np.concatenate([swarm.first, swarm.second])
-        order = np.lexsort((free[numbers], free[numbers] < 0))
+        is_fixed = free[numbers] < 0
+        order = np.lexsort((free[numbers], is_fixed))
+        if _jumps(positions[numbers[order]]):
+            order = np.lexsort((*_cells(positions[numbers]), is_fixed))
         points = numbers[order]
         index = free[points]
         return cls(points, index[index >= 0], (order >= swarm.first.size).astype(int), order)
+
+
+def _spacing(x: np.ndarray) -> float:
+    """Return a distance of points beside each other if they filled the region of most of them, or 0."""
+    low, high = np.quantile(x, [0.05, 0.95], axis=0)
+    sides = (high - low)[high > low]
+    return float((sides.prod() / len(x)) ** (1 / sides.size)) if sides.size else 0.0
+
+
+def _jumps(x: np.ndarray) -> bool:
+    """Return whether points that follow each other are mostly far from each other."""
+    steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
+    return len(x) > 1 and float(np.median(steps)) > _JUMP * _spacing(x) > 0
+
+
+def _cells(x: np.ndarray) -> Iterator[np.ndarray]:
+    """Return the cells of points, by axes: the longest extent last, by which points are sorted first."""
+    extents, spacing = np.ptp(x, axis=0), _spacing(x)
+    return (np.floor(x[:, k] / spacing) for k in np.argsort(extents, kind="stable"))
 
 
 def check_swarm(swarm: Swarm, cloud: Any) -> None:
@@ -190,7 +216,7 @@ class Listing:
 
 def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarray) -> Listing:
     """Return the list of a swarm as it is at the start, for the place of p from which on there is room."""
-    members, dimension = Members.of(swarm, cloud.free), cloud.positions.shape[1]
+    members, dimension = Members.of(swarm, cloud.free, cloud.positions), cloud.positions.shape[1]
     own, fields = _own_fields(swarm, members, place)
     begin = place + sum(field.size for field in fields)
     apart, count = _apart(members, pairs, cloud.masses.size), members.points.size

@@ -50,26 +50,35 @@ class SwarmText:
 
     def stages(self) -> Iterator[str]:
         """Do a part of a stage that threads share: the lists of points, or the forces on them."""
+        if self._team is not None:
+            yield from self._stages()
+
+    def _stages(self) -> Iterator[str]:
         self._in_part = True
         for number, block in enumerate(self._blocks, self._first):
             first = LISTS + number * STAGES
-            for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")):
+            for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")) if self._team is not None else ():
                 yield f"if stage == {first + stage}:"
                 yield f"    lists({task}, {self._time}, u, p, index({block.listing.place}), part, parts)"
-            yield from self._stage(block, first + ACTING, self._functions, self._part(block))
+            yield from self._acting(block, first)
         self._in_part = False
 
-    def _stage(self, block: SwarmBlock, stage: int, functions: Sequence[str], lines: Iterator[str]) -> Iterator[str]:
-        """Do a stage for the points of a part."""
-        yield f"if stage == {stage}:"
-        yield f"    kept, place = p, index({block.listing.place})"
-        yield f"    low, end = bounds({block.listing.masses}, part, parts)"
-        yield from indented([*self._views(block, *functions), *lines])
+    def _acting(self, block: SwarmBlock, first: int) -> Iterator[str]:
+        """Add the forces on the points of a part."""
+        yield f"if stage == {first + ACTING}:"
+        yield from indented([*self._of_part(block), *self._part(block, "parts == 1")])
 
-    def _part(self, block: SwarmBlock) -> Iterator[str]:
+    def _of_part(self, block: SwarmBlock) -> Iterator[str]:
+        """Read where the list is, and which points are those of the part."""
+        yield f"kept, place = p, index({block.listing.place})"
+        yield f"low, end = bounds({block.listing.masses}, part, parts)"
+        yield from self._views(block, *self._functions)
+
+    def _part(self, block: SwarmBlock, only_up: str) -> Iterator[str]:
         """Add the forces on the points of a part: those from points before the part, and then those from points above.
 
-        One loop does both. In two loops, the compiler could round in two ways.
+        One loop does both. In two loops, the compiler could round in two ways. `only_up` is the condition that only the
+        latter are wanted.
         """
         listing = block.listing
         yield f"firsts = integers(kept, {listing.areas.first}, {listing.masses})"
@@ -83,7 +92,7 @@ class SwarmText:
         else:
             act = [*only_if("point >= low", self._on_point(block)), *on_mate]
             where = f"({_ALL_ABOVE}) if goes_up else (firsts[stop - 1], end_of_list)"
-        yield "for goes_up in range(int(parts == 1), 2):"
+        yield f"for goes_up in range(int({only_up}), 2):"
         yield from indented(self._act(block, act, where))
 
     def _act(self, block: SwarmBlock, act: Sequence[str], where: str = "") -> Iterator[str]:
