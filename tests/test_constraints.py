@@ -374,6 +374,19 @@ def test_a_target_of_ones_own_depends_on_the_time():
         assert run.drift["energy"] < tolerance
 
 
+def test_the_frequencies_are_those_in_the_tangent_space():
+    """Of a hanging chain: M_ij = n - max(i, j), and K_ii = (n - i) g / l for the angles, from 0. Differences to 1e-8."""
+    n = 5
+    i, j = np.indices((n, n))
+    omega = np.sqrt(np.linalg.eigvals(np.linalg.inv(n - np.maximum(i, j)) @ np.diag((n - i[:, 0]) * G * n)).real.max())
+    step = chain(n, angle=0.0).problem((0.0, 1.0)).critical_step()
+    assert step.omega_max == pytest.approx(omega, rel=1e-7)
+    assert step.limit == pytest.approx(2 / omega, rel=1e-6)  # that of EIG-3 without damping
+    disturbed = chain(n, angle=1e-6).problem((0.0, 40.0))
+    assert np.abs(disturbed.integrate(h=0.98 * step.limit).u[-1, :n]).max() < 3e-6
+    assert disturbed.integrate(h=1.02 * step.limit).status is eig3.Status.DIVERGED
+
+
 def test_a_plan_finds_a_method(monkeypatch):
     """Without central difference, which has no steps with constraints. To compile more methods takes long."""
     monkeypatch.setattr(planner, "LIBRARY", ("cd", "eig3", "rk4", "ab3"))
