@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
+from ..functions.history import constraints_of
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
 from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
@@ -31,7 +32,7 @@ from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
 from .alone import Alone, Singles
 from .block import Block
 from .histories import Histories
-from .lanewise import ROWS_FOLLOWED, lanes_of, layout_of
+from .lanewise import ROWS_FOLLOWED, keeping_of, lanes_of, layout_of
 from .members import Members
 from .options import Options
 from .shared import Shared, SignOf
@@ -55,6 +56,10 @@ def _not_in_lanes(error: Exception) -> str:
 
 
 _AT_TIMES = "The members run one at a time, because lanes with fixed steps have no t_eval; save_every is possible."
+_MANY_CONSTRAINTS = (
+    "The members run one at a time, because lanes are for scenes with at most 8 constraints and 24 degrees of freedom, "
+    "without near pairs and without constraints that depend on the time or have a phi of their own."
+)
 _FOLLOWED = (
     "The members run one at a time, because runs with tolerances in lanes have no save_every, no invariants and no "
     "outputs; t_eval and events are possible."
@@ -151,24 +156,34 @@ class Run:
         if options.t_eval is not None:
             self.notes.append(_AT_TIMES)
             return None
-        method = options.method.for_force(self._callback.reads_velocity, members.n)
+        method, constraints = options.method.for_force(self._callback.reads_velocity, members.n), constraints_of(self.rhs)
+        straight = constraints and constraints.straight
+        if constraints and not straight:
+            self.notes.append(_MANY_CONSTRAINTS)
+            return None
+        method = method.with_constraints() if constraints else method
         followed = self._followed()
         rows = sum(1 if isinstance(name, SignOf) else ROWS_FOLLOWED * q.width for name, q in followed.items())
+        rows += straight.room + members.n if straight else 0
         layout = layout_of(members, method, rows, self.threads)
         if layout is None:
             return None
         try:
             rhs = lanes_of(self.rhs, self._callback, layout, compile_rhs)
             quantities = {name: (q, _compiled(name, q, layout)) for name, q in followed.items()}
+            kept = self.rhs, self._callback, layout
+            keeping = keeping_of(*kept, straight, bool(method.second)) if straight else None
         except Exception as error:
             self.notes.append(_not_in_lanes(error))
             return None
         if rhs.obstacle:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
-        kernel = wide_kernel(method.formulas, FOLLOWS if quantities else 0)
+        looks = FOLLOWS if quantities or (keeping and not keeping.is_leap) else 0
+        kernel = wide_kernel(method.formulas, looks, method.second)
         plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "invariants": {}, "outputs": {}}
         alone = Singles(self.rhs, members, options, **plain)
-        return Shared(members, layout, method, kernel, rhs, quantities, self.histories, alone, self._single)
+        given = rhs, keeping, quantities, self.histories, alone, self._single
+        return Shared(members, layout, method, kernel, *given)
 
     def _followed(self) -> dict[Any, Quantity]:
         """Return what is evaluated at each step: the invariants, the outputs, and the functions of the events."""

@@ -31,6 +31,20 @@ class SignOf(NamedTuple):
     event: str
 
 
+class Keeping(NamedTuple):
+    """The function of a block that keeps the constraints.
+
+    Attributes
+    ----------
+    function : Lanes
+    is_leap : bool
+        Whether it is a step of EIG-3, and not a projection after each step.
+    """
+
+    function: Lanes
+    is_leap: bool
+
+
 class Pace:
     """The number of steps of a chunk, which follows from the time of the last one in any block.
 
@@ -64,6 +78,8 @@ class Shared:
     kernel : callable
         The kernel of the method.
     rhs : Lanes
+    keeping : Keeping or None
+        What keeps the constraints; None without constraints.
     quantities : dict of str or SignOf to (Quantity, Lanes)
         The invariants, the outputs and the functions of the events.
     histories : Histories
@@ -78,6 +94,7 @@ class Shared:
     method: Method
     kernel: Callable
     rhs: Lanes
+    keeping: Keeping | None
     quantities: dict[Any, tuple[Quantity, Lanes]]
     histories: Histories
     alone: Callable[[int, Cancel], Solution]

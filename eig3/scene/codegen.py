@@ -29,6 +29,7 @@ from ..functions.events import Event
 from ..functions.families import Family
 from ..functions.history import Constraints, History
 from ..kernels.compile.source import define
+from ..kernels.constraint_lanes import Straight
 from ..kernels.protocol import index
 from ..kernels.shared_forces import OWN
 from ..stepping.team import Shares
@@ -85,7 +86,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> Compiled:
     if packing.team is not None:
         functions["rhs"].py_func.shares = Shares(functions["share"], packing.team, assembly.n)
     if packing.held:
-        functions["rhs"].py_func.constraints = Constraints(functions["projection"], functions["constrained_step"])
+        keeping = functions["projection"], functions["constrained_step"]
+        functions["rhs"].py_func.constraints = Constraints(*keeping, source.straight(functions))
     if packing.grains:
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
     found: dict[str, Event] = {}
@@ -169,6 +171,16 @@ class _Source:
         return "\n".join(self._lines) + "\n"
 
     # The functions
+
+    def straight(self, functions: dict[str, Any]) -> Straight | None:
+        """Return the functions of a few constraints in lanes, and let others find theirs."""
+        text = self._constraints.straight
+        if text is None:
+            return None
+        for name in ("rhs", "reactions"):
+            functions[name].py_func.in_lanes = functions[f"{name}_in_lanes"]
+        named = (functions[name] for name in ("forces", "stand_in_lanes", "approach_in_lanes", "level_in_lanes"))
+        return Straight(*named, text.room)
 
     def parts(self) -> None:
         """Write the functions that others call: the places of the corners of cells, and what threads share."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -19,11 +20,16 @@ from .swarm import Listing, Swarm, listed
 
 _CONTACTS = {2: 4, 3: 8}  # of a grain, by the dimension: hard ones have 3 and 6
 if TYPE_CHECKING:
+    from .constraint_table import Packed
     from .held import Held
 
 #: Near points, and cells, from which on threads share their forces. Links alone are not shared: to compute the force of
 #: one takes less time than another core needs to get its ends, which the thread of the run has just moved.
 _SHARED, _SHARED_CELLS = 2000, 5000
+
+#: Rows of constraints, and degrees of freedom, up to which straight lines are written for them: with more, to compile
+#: these takes longer than most ensembles.
+_FEW, _FEW_DEGREES = 8, 24
 
 
 @dataclass(frozen=True)
@@ -259,12 +265,18 @@ class HeldBlock:
         The place in p of the number of each row, in the order in which they were added, among those of the table.
     own : list of (Symbols, int, int)
         The laws with functions of their own, the first of their rows, and the number of their members.
+    packed : Packed
+        The table.
+    is_few : bool
+        Whether there are so few that they are also written as straight lines, which run in lanes.
     """
 
     held: Held
     place: int
     order: int
     own: list[tuple[Symbols, int, int]]
+    packed: Packed
+    is_few: bool
 
 
 @dataclass(frozen=True)
@@ -275,6 +287,8 @@ class CarriedBlock:
     ----------
     count, size, degrees : int
         The number of carried points, of masses that carry them, and of degrees of freedom of all points at most.
+    carriers : list of list of int
+        The masses that carry each point.
     """
 
     begins: int
@@ -285,6 +299,7 @@ class CarriedBlock:
     count: int
     size: int
     degrees: int
+    carriers: list[list[int]]
 
 
 class Packing:
@@ -354,7 +369,7 @@ class Packing:
         self.grains = [self._grains(assembly, x) for x in assembly.swarms if isinstance(x.effect, Rough)]
         self.turn = self._column(inverse(assembly.cloud.in_order(assembly.cloud.inertia))) if assembly.angles else None
         self.carried = self._carried(assembly) if assembly.n > assembly.own else None
-        self.held = self._held(assembly.held) if assembly.held else None
+        self.held = self._held(assembly) if assembly.held else None
         self.shares_cells = threads is not None and sum(block.size for block in self.meshes) >= _SHARED_CELLS
         is_large = threads is not None and any(block.listing.masses >= _SHARED for block in self.swarms)
         self.team = self._add(np.array([0, 0, threads])) if is_large or self.shares_cells else None
@@ -394,12 +409,14 @@ class Packing:
             len(points),
             len(parts),
             degrees,
+            [cloud.free[parts].tolist() for parts, _ in points],
         )
 
-    def _held(self, held: Held) -> HeldBlock:
+    def _held(self, assembly: Assembly) -> HeldBlock:
+        held = assembly.held
         place = sum(part.size for part in self._parts)
-        values, order = held.table.values(place)
-        self._add(values)
+        packed = held.table.packed(place)
+        self._add(packed.values)
         own = [(self._symbols(Law(x.effect, x.columns)), int(x.rows[0]), len(x.rows)) for x in held.kinds]
         self.functions |= {"memory": neighbours.memory, "areas": constraints.areas}
         self.functions["strike"] = constraints.strike
@@ -409,7 +426,10 @@ class Packing:
         else:
             self.functions |= dict(zip(names, constraints.LIBRARY[held.table.dimension], strict=True))
             self.functions["own"] = constraints.nothing_of_its_own
-        return HeldBlock(held, place, self._add(np.argsort(order)), own)
+        is_few = _is_few(assembly)
+        if is_few:
+            self.functions |= {"batch": neighbours.batch, "nan": math.nan, "inf": math.inf}
+        return HeldBlock(held, place, self._add(np.argsort(packed.order)), own, packed, is_few)
 
     def _grains(self, assembly: Assembly, swarm: Swarm) -> GrainsBlock:
         block = self._swarm(assembly, swarm)
@@ -481,6 +501,13 @@ class Packing:
         has_events = any(law.events.size for law in laws)
         ends = [self._column(x) for x in (group.first, group.second) if has_events and x is not None]
         return Block(group, laws, anchor, moved, runs, place, ends)
+
+
+def _is_few(assembly: Assembly) -> bool:
+    """Return whether the constraints of a scene are few."""
+    if assembly.held.kinds or assembly.swarms:
+        return False
+    return len(assembly.held.names) <= _FEW and assembly.size <= _FEW_DEGREES and assembly.degrees < neighbours.BATCH
 
 
 def inverse(values: np.ndarray) -> np.ndarray:
