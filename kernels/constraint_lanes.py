@@ -12,103 +12,146 @@ depend on the others.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
+import numba
 from numba.extending import intrinsic
-from numba.types import intp
+from numba.types import int64, intp, none
 
-from .compile.jit import bound
+from .compile.jit import KERNEL_OPTIONS, bound, function_at
 from .compile.numba_internals import array_over, floats_on_stack
+from .compile.source import define
 from .constraints import MOST_ITERATIONS
-from .lanes import Lanes, Layout, compile_block, inlined, options_for, vector, vector_own_step, view
+from .lanes import Lanes, Layout, compile_block, compile_rhs, options_for, view
 from .protocol import VECTOR, vector_type
 
 #: The first number in the room of a lane: the residual before, or, if it is one of these, how the iteration has ended.
 CONVERGED, LOST = 0.0, -1.0
 
+_given, _written = VECTOR.rhs.args[1], vector_type
+_KINDS = {  # the arguments of the functions of a block: those of one lane in small letters, and how to get them
+    "react": (none(_given, _given, _given, _written), "uvpa"),
+    "stand": (none(_given, _given, _written), "upr"),
+    "approach": (int64(_given, _written, _given, _written), "uxpr"),
+    "level": (none(_given, _written, _given), "uvp"),
+}
+_VIEWS = {"u": "GIVEN", "p": "PARAMS", "r": "ROOM"}
+_AT = {name: function_at(signature) for name, (signature, _) in _KINDS.items()}
+_forces_at = function_at(VECTOR.rhs)
 
-class Straight(NamedTuple):
-    """The functions of a scene with few constraints, for one member.
+
+@dataclass(frozen=True)
+class Straight:
+    """A few constraints as straight lines of source, for the arrays of one member.
 
     Attributes
     ----------
     forces : jitted function
         ``forces(t, u, v, p, a)`` writes the accelerations that do not know the constraints.
-    stand : jitted function
-        ``stand(t, u, p, room)`` writes S, factorised, to the room of a lane, and how an iteration begins.
-    approach : jitted function
-        ``approach(t, u, x, p, room)`` is one iteration of `constraints.approach`; it returns whether another one follows.
-    level : jitted function
-        ``level(t, u, v, p)`` projects the velocity.
+    react : str
+        Add the accelerations from the constraints to `a`.
+    stand : str
+        Write S in u, factorised, to the room r of a lane, and how an iteration begins.
+    approach : str
+        One iteration of `constraints.approach` for u + x. It adds 1 to `going` if another one follows.
+    level : str
+        Project the velocity v.
     room : int
         The number of values in the room of a lane.
     """
 
     forces: Any
-    stand: Any
-    approach: Any
-    level: Any
+    react: str
+    stand: str
+    approach: str
+    level: str
     room: int
 
 
-def find(t, there, u, x, p, room):
-    """Add W G^T l to x, with the gradients in u, until u + x keeps the constraints."""
-    for lane in range(LANES):
-        STAND(TIME(t, p, lane), GIVEN(u, lane), PARAMS(p, lane), ROOM(room, lane))
-    for _ in range(MOST_ITERATIONS):
-        going = 0
-        for lane in range(LANES):
-            time = TIME(there, p, lane)
-            going += APPROACH(time, GIVEN(u, lane), WRITTEN(x, lane), PARAMS(p, lane), ROOM(room, lane))
-        if going == 0:
-            break
-    for first in range(0, N * LANES, LANES):
-        for lane in range(LANES):
-            x[first + lane] = x[first + lane] if room[lane] == CONVERGED else math.nan
+def rhs(t, u, v, p, a):
+    FORCES_AT(FORCES)(t, u, v, p, a)
+    REACT_AT(REACT)(u, v, p, a)
 
 
 def leap(t, h, u, v, drift, p):
     """Take a step of EIG-3, as `constraints.leap` does."""
     x, room = ROWS_ON_STACK(), ROOM_ON_STACK()
-    FORCES(t, u, v, p, x)
-    for j in range(N * LANES):
+    FORCES_AT(FORCES)(t, u, v, p, x)
+    for j in range(SIZE):
         x[j] = h * (drift[j] + h * x[j])
-    FIND(t, t + h, u, x, p, room)
-    for j in range(N * LANES):
+    FIND(u, x, p, room)
+    for j in range(SIZE):
         now = x[j] / h
         u[j] += x[j]
         v[j] = now + (now - drift[j]) / 2
         drift[j] = now
-    for lane in range(LANES):
-        LEVEL(TIME(t + h, p, lane), GIVEN(u, lane), WRITTEN(v, lane), PARAMS(p, lane))
+    LEVEL_AT(LEVEL)(u, v, p)
 
 
 def project(t, u, v, p):
     """Move u and v to the nearest state that keeps the constraints, as `constraints.project` does."""
     x, room = ROWS_ON_STACK(), ROOM_ON_STACK()
-    for j in range(N * LANES):
+    for j in range(SIZE):
         x[j] = 0.0
-    FIND(t, t, u, x, p, room)
-    for j in range(N * LANES):
+    FIND(u, x, p, room)
+    for j in range(SIZE):
         u[j] += x[j]
-    for lane in range(LANES):
-        LEVEL(TIME(t, p, lane), GIVEN(u, lane), WRITTEN(v, lane), PARAMS(p, lane))
+    LEVEL_AT(LEVEL)(u, v, p)
     return 0.0
+
+
+def find(u, x, p, room):
+    """Add W G^T l to x, with the gradients in u, until u + x keeps the constraints; x is NaN where it does not."""
+    STAND_AT(STAND)(u, p, room)
+    for _ in range(MOST_ITERATIONS):
+        if APPROACH_AT(APPROACH)(u, x, p, room) == 0:
+            break
+    for first in range(0, SIZE, LANES):
+        for lane in range(LANES):
+            x[first + lane] = x[first + lane] if room[lane] == CONVERGED else math.nan
+
+
+def compile_constrained(functions: Straight, layout: Layout, is_checked: bool = False) -> Lanes:
+    """Compile the right-hand side of a block, which knows the constraints."""
+    return _joined(rhs, VECTOR.rhs.args, functions, layout, ("forces", "react"), is_checked)
 
 
 def compile_keeping(functions: Straight, layout: Layout, is_leap: bool, is_checked: bool = False) -> Lanes:
     """Compile the function of a block that keeps the constraints: a step of EIG-3, or else the projection."""
-    options, size = options_for(is_checked), layout.n * layout.lanes
-    names = {**layout.names(), "ROOM": view(functions.room, layout.lanes)}
-    names |= {"ROWS_ON_STACK": _on_stack(size), "ROOM_ON_STACK": _on_stack(functions.room * layout.lanes)}
-    for name in ("stand", "approach", "level"):
-        names[name.upper()] = inlined(getattr(functions, name).py_func, options)
-    names["FIND"] = inlined(bound(find, names), options)
-    if is_leap:
-        forces = bound(vector_own_step if layout.has_own_step else vector, names)
-        names["FORCES"] = inlined(bound(forces, {"FUNCTION": inlined(functions.forces.py_func, options)}), options)
-        return compile_block(bound(leap, names), VECTOR.leap.args, options)
-    return compile_block(bound(project, names), VECTOR.apply.args, options)
+    template, arguments = (leap, VECTOR.leap.args) if is_leap else (project, VECTOR.apply.args)
+    parts = *(["forces"] if is_leap else []), "stand", "approach", "level"
+    return _joined(template, arguments, functions, layout, parts, is_checked)
+
+
+def _joined(
+    template: Any, arguments: tuple, functions: Straight, layout: Layout, parts: Sequence[str], is_checked: bool
+) -> Lanes:
+    """Compile a function of a block that calls others, each of which has a loop over the lanes."""
+    found = [_part(name, functions, layout, is_checked) for name in parts]
+    names: dict[str, Any] = {"LANES": layout.lanes, "SIZE": layout.n * layout.lanes, "FORCES_AT": _forces_at}
+    names |= {f"{name.upper()}_AT": at for name, at in _AT.items()}
+    names |= {name.upper(): part.address for name, part in zip(parts, found, strict=True)}
+    names |= {"ROWS_ON_STACK": _on_stack(names["SIZE"]), "ROOM_ON_STACK": _on_stack(functions.room * layout.lanes)}
+    names["FIND"] = numba.njit(inline="always", **KERNEL_OPTIONS)(bound(find, names))
+    joined = compile_block(bound(template, names), arguments, options_for(is_checked))
+    obstacles = [part.obstacle for part in found if part.obstacle]
+    return replace(joined, obstacle=obstacles[0] if obstacles else "", compiled=(joined.compiled, found))
+
+
+def _part(name: str, functions: Straight, layout: Layout, is_checked: bool) -> Lanes:
+    if name == "forces":
+        return compile_rhs(functions.forces.py_func, layout, is_checked)
+    signature, arrays = _KINDS[name]
+    views = ", ".join(f"{_VIEWS.get(x, 'WRITTEN')}({x.upper()}, lane)" for x in arrays)
+    lines = [f"def {name}({', '.join(arrays.upper())}):", "    going = 0", "    for lane in range(LANES):"]
+    lines += [f"        {', '.join(arrays)} = {views}"]
+    lines += [f"        {line}" for line in getattr(functions, name).splitlines()]
+    lines += ["    return going"] * (name == "approach")
+    names = {**layout.names(), "ROOM": view(functions.room, layout.lanes), "nan": math.nan, "inf": math.inf}
+    function = define("\n".join(lines) + "\n", "lanes", names)[name]
+    return compile_block(function, signature.args, options_for(is_checked))
 
 
 def _on_stack(count: int) -> Any:

@@ -32,7 +32,7 @@ from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
 from .alone import Alone, Singles
 from .block import Block
 from .histories import Histories
-from .lanewise import ROWS_FOLLOWED, keeping_of, lanes_of, layout_of
+from .lanewise import ROWS_FOLLOWED, constrained_of, lanes_of, layout_of
 from .members import Members
 from .options import Options
 from .shared import Shared, SignOf
@@ -169,10 +169,11 @@ class Run:
         if layout is None:
             return None
         try:
-            rhs = lanes_of(self.rhs, self._callback, layout, compile_rhs)
+            if straight:
+                rhs, keeping = constrained_of(self.rhs, self._callback, layout, straight, bool(method.second))
+            else:
+                rhs, keeping = lanes_of(self.rhs, self._callback, layout, compile_rhs), None
             quantities = {name: (q, _compiled(name, q, layout)) for name, q in followed.items()}
-            kept = self.rhs, self._callback, layout
-            keeping = keeping_of(*kept, straight, bool(method.second)) if straight else None
         except Exception as error:
             self.notes.append(_not_in_lanes(error))
             return None

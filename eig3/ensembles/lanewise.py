@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 from ..functions.callbacks import Callback
 from ..kernels.compile.numba_internals import options_of
-from ..kernels.constraint_lanes import Straight, compile_keeping
+from ..kernels.constraint_lanes import Straight, compile_constrained, compile_keeping
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
 from .members import Members
@@ -52,16 +52,20 @@ def lanes_of(
     function: Any, callback: Callback, layout: Layout, compile_it: Callable[..., Lanes], *arguments: Any
 ) -> Lanes:
     """Call ``compile_it(function, layout, *arguments)`` for a checked function, at the first call only."""
-    own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # of a scene with constraints
+    own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # the reactions of a scene
     python = own.py_func if own else callback.function
     make = partial(compile_it, python, layout, *arguments)
     return _remembered(function, callback, (compile_it, layout, arguments), make)
 
 
-def keeping_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight, is_leap: bool) -> Keeping:
-    """Compile what keeps the constraints of a scene, at the first call only."""
+def constrained_of(
+    rhs: Any, callback: Callback, layout: Layout, straight: Straight, is_leap: bool
+) -> tuple[Lanes, Keeping]:
+    """Compile the right-hand side of a scene with constraints, and what keeps these, at the first call only."""
+    make = partial(compile_constrained, straight, layout)
+    constrained = _remembered(rhs, callback, (compile_constrained, layout), make)
     make = partial(compile_keeping, straight, layout, is_leap)
-    return Keeping(_remembered(rhs, callback, (compile_keeping, layout, is_leap), make), is_leap)
+    return constrained, Keeping(_remembered(rhs, callback, (compile_keeping, layout, is_leap), make), is_leap)
 
 
 def _remembered(function: Any, callback: Callback, key: tuple, make: Callable[[bool], Lanes]) -> Lanes:

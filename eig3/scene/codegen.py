@@ -173,14 +173,12 @@ class _Source:
     # The functions
 
     def straight(self, functions: dict[str, Any]) -> Straight | None:
-        """Return the functions of a few constraints in lanes, and let others find theirs."""
+        """Return a few constraints as lines for lanes, and let the reactions find their own function for lanes."""
         text = self._constraints.straight
         if text is None:
             return None
-        for name in ("rhs", "reactions"):
-            functions[name].py_func.in_lanes = functions[f"{name}_in_lanes"]
-        named = (functions[name] for name in ("forces", "stand_in_lanes", "approach_in_lanes", "level_in_lanes"))
-        return Straight(*named, text.room)
+        functions["reactions"].py_func.in_lanes = functions["reactions_in_lanes"]
+        return text.straight(functions["forces"])
 
     def parts(self) -> None:
         """Write the functions that others call: the places of the corners of cells, and what threads share."""

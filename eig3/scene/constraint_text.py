@@ -33,7 +33,7 @@ class ConstraintText:
             yield "constrained_step(t, h, u, v, drift, p)", self._leap(self._block)
             yield "reactions(t, u, v, p, out)", self._reactions(self._block)
         if self.straight:
-            yield from self.straight.functions()
+            yield "reactions_in_lanes(t, u, v, p, out)", self.straight.reactions()
 
     def _rhs(self, block: HeldBlock) -> Iterator[str]:
         yield "forces(t, u, v, p, a)"

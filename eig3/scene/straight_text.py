@@ -9,12 +9,13 @@ respect to the mass i, and wk_i_x this times the inverse mass; sk_m is S, and th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
-from ..kernels.constraint_lanes import CONVERGED, LOST
+from ..kernels.constraint_lanes import CONVERGED, LOST, Straight
 from ..kernels.constraints import CLOSE, EPS, LENGTH, SINGULAR
 from .packing import HeldBlock
 
-_LAST = "room[0]"
+_LAST = "r[0]"
 
 
 class StraightText:
@@ -26,32 +27,24 @@ class StraightText:
         table = block.held.table
         self._n, self._rows, self._arms = len(table.weights), range(len(table.rows)), range(len(table.arms))
         places = [*((i, j) for i in self._rows for j in range(self._low(i), i)), *((i, i) for i in self._rows)]
-        self._numbers = {place: f"room[{k + 1}]" for k, place in enumerate(places)}
+        self._numbers = {place: f"r[{k + 1}]" for k, place in enumerate(places)}
 
-    @property
-    def room(self) -> int:
-        """The number of values that a lane needs from one function to the next: `last`, and S."""
-        return 1 + len(self._numbers)
+    def straight(self, forces: Any) -> Straight:
+        """Return the lines, for a function of the accelerations that do not know the constraints."""
+        parts = self._constrain(), self._stand(), self._approach(), self._level()
+        return Straight(forces, *("\n".join(lines) for lines in parts), 1 + len(self._numbers))
 
-    def functions(self) -> Iterator[tuple[str, Iterator[str]]]:
-        """The heads and the bodies of the functions."""
-        yield "rhs_in_lanes(t, u, v, p, a)", self._rhs()
-        yield "stand_in_lanes(t, u, p, room)", self._stand()
-        yield "approach_in_lanes(t, u, x, p, room)", self._approach()
-        yield "level_in_lanes(t, u, v, p)", self._level()
-        yield "reactions_in_lanes(t, u, v, p, out)", self._reactions()
-
-    def _rhs(self) -> Iterator[str]:
-        yield "forces(t, u, v, p, a)"
-        yield from self._react()
-        yield from self._push("a", "+")
-
-    def _reactions(self) -> Iterator[str]:
+    def reactions(self) -> Iterator[str]:
+        """Write the reactions to `out`."""
         yield "a = batch()"
         yield "forces(t, u, v, p, a[: len(u)])"
         yield from self._react()
         for k in self._rows:
             yield f"out[{self._order[k]}] = l{k}"
+
+    def _constrain(self) -> Iterator[str]:
+        yield from self._react()
+        yield from self._push("a", "+")
 
     def _react(self) -> Iterator[str]:
         """Find the multipliers; they are NaN where the constraints depend on each other."""
@@ -90,7 +83,7 @@ class StraightText:
         for k in self._rows:
             yield f"l{k} = l{k} if goes_on else 0.0"
         yield from self._push("x", "-")
-        yield "return 1 if goes_on else 0"
+        yield "going += 1 if goes_on else 0"
 
     def _level(self) -> Iterator[str]:
         yield from self._factors()
