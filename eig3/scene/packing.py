@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 #: one takes less time than another core needs to get its ends, which the thread of the run has just moved.
 _SHARED, _SHARED_CELLS = 2000, 5000
 
-#: Rows of constraints, and degrees of freedom, up to which straight lines are written for them: with more, to compile
-#: these takes longer than most ensembles.
+#: Rows of constraints (and points of bodies), and degrees of freedom, up to which straight lines are written for them:
+#: with more, to compile these takes longer than most ensembles.
 _FEW, _FEW_DEGREES = 8, 24
 
 
@@ -507,7 +507,8 @@ def _is_few(assembly: Assembly) -> bool:
     """Return whether the constraints of a scene are few."""
     if assembly.held.kinds or assembly.swarms:
         return False
-    return len(assembly.held.names) <= _FEW and assembly.size <= _FEW_DEGREES and assembly.degrees < neighbours.BATCH
+    is_small = assembly.size <= _FEW_DEGREES and assembly.n - assembly.own <= _FEW
+    return len(assembly.held.names) <= _FEW and is_small
 
 
 def inverse(values: np.ndarray) -> np.ndarray:
