@@ -124,19 +124,21 @@ def test_a_lane_that_finds_no_state_ends_as_a_single_run(method):
     assert "no state was found that keeps the constraints" in solution[0].message
 
 
-def test_an_impact_on_a_body_in_lanes():
-    """The lanes watch the stop; the members that strike it run again as single runs."""
+def test_an_event_at_a_point_of_a_body():
+    """The lanes watch the height of the point; the members in which it falls to the stop run again as single runs."""
     scene = Scene(2)
     arm = scene.body(mass=2.0, inertia=0.05, position=(0.3, 0.0))
     arm.joint(None, (0.0, 0.0))
     scene.add(effects.Gravity((0.0, -G)))
     scene.add(effects.RigidStop((0.0, 1.0), -0.2, restitution=0.5), arm.point((0.3, 0.0)))
     problem = scene.problem((0.0, 0.4), work=True)
+    events = {"touch": eig3.Event(problem.events["rigid stop 0"].g)}
     spin = np.linspace(-1.0, 5.0, 20)
     v0 = np.array([[0.0, 0.0, -w, 0.3 * w, w, 0.0] for w in spin])
-    solution = problem.ensemble(v0=v0, h=1e-3)
-    assert_single_runs(solution, problem, {i: {"v0": v0[i]} for i in (0, 10, 19)}, h=1e-3, save_every=None)
-    first = solution.events["rigid stop 0"].first
+    options = {"h": 1e-3, "events": events, "save_every": 400}
+    solution = problem.ensemble(v0=v0, **options)
+    assert_single_runs(solution, problem, {i: {"v0": v0[i]} for i in (0, 10, 19)}, **options)
+    first = solution.events["touch"].first
     assert np.isfinite(first[0]) and np.isnan(first[-1])
 
 
