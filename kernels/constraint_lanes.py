@@ -12,7 +12,7 @@ depend on the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ import numba
 from numba.extending import intrinsic
 from numba.types import int64, intp, none
 
-from .compile.jit import KERNEL_OPTIONS, bound, function_at
+from .compile.jit import bound, function_at
 from .compile.numba_internals import array_over, floats_on_stack
 from .compile.source import define
 from .constraints import MOST_ITERATIONS
@@ -39,7 +39,6 @@ _KINDS = {  # the arguments of the functions of a block: those of one lane in sm
 }
 _VIEWS = {"u": "GIVEN", "p": "PARAMS", "r": "ROOM"}
 _AT = {name: function_at(signature) for name, (signature, _) in _KINDS.items()}
-_forces_at = function_at(VECTOR.rhs)
 
 
 @dataclass(frozen=True)
@@ -113,45 +112,61 @@ def find(u, x, p, room):
             x[first + lane] = x[first + lane] if room[lane] == CONVERGED else math.nan
 
 
-def compile_constrained(functions: Straight, layout: Layout, is_checked: bool = False) -> Lanes:
-    """Compile the right-hand side of a block, which knows the constraints."""
-    return _joined(rhs, VECTOR.rhs.args, functions, layout, ("forces", "react"), is_checked)
+def compile_constrained(
+    functions: Straight,
+    layout: Layout,
+    signature: Any = VECTOR.rhs,
+    compile_forces: Callable[..., Lanes] = compile_rhs,
+    is_checked: bool = False,
+) -> Lanes:
+    """Compile the right-hand side of a block, which knows the constraints.
+
+    `compile_forces` compiles that which does not, for the same signature.
+    """
+    forces = compile_forces(functions.forces.py_func, layout, is_checked)
+    parts = {"forces": forces, **_parts(("react",), functions, layout, is_checked)}
+    names = {"FORCES_AT": function_at(signature), "REACT_AT": _AT["react"]}
+    return _joined(rhs, signature.args, names, parts, is_checked)
 
 
 def compile_keeping(functions: Straight, layout: Layout, is_leap: bool, is_checked: bool = False) -> Lanes:
     """Compile the function of a block that keeps the constraints: a step of EIG-3, or else the projection."""
-    template, arguments = (leap, VECTOR.leap.args) if is_leap else (project, VECTOR.apply.args)
-    parts = *(["forces"] if is_leap else []), "stand", "approach", "level"
-    return _joined(template, arguments, functions, layout, parts, is_checked)
+    size = layout.n * layout.lanes
+    names: dict[str, Any] = {"LANES": layout.lanes, "SIZE": size, "FORCES_AT": function_at(VECTOR.rhs)}
+    names |= {"ROWS_ON_STACK": _on_stack(size), "ROOM_ON_STACK": _on_stack(functions.room * layout.lanes)}
+    names |= {f"{name.upper()}_AT": at for name, at in _AT.items()}
+    parts = _parts(("stand", "approach", "level"), functions, layout, is_checked)
+    if not is_leap:
+        return _joined(project, VECTOR.apply.args, names, parts, is_checked)
+    parts["forces"] = compile_rhs(functions.forces.py_func, layout, is_checked)
+    return _joined(leap, VECTOR.leap.args, names, parts, is_checked)
 
 
 def _joined(
-    template: Any, arguments: tuple, functions: Straight, layout: Layout, parts: Sequence[str], is_checked: bool
+    template: Callable, arguments: tuple, names: dict[str, Any], parts: dict[str, Lanes], is_checked: bool
 ) -> Lanes:
-    """Compile a function of a block that calls others, each of which has a loop over the lanes."""
-    found = [_part(name, functions, layout, is_checked) for name in parts]
-    names: dict[str, Any] = {"LANES": layout.lanes, "SIZE": layout.n * layout.lanes, "FORCES_AT": _forces_at}
-    names |= {f"{name.upper()}_AT": at for name, at in _AT.items()}
-    names |= {name.upper(): part.address for name, part in zip(parts, found, strict=True)}
-    names |= {"ROWS_ON_STACK": _on_stack(names["SIZE"]), "ROOM_ON_STACK": _on_stack(functions.room * layout.lanes)}
-    names["FIND"] = numba.njit(inline="always", **KERNEL_OPTIONS)(bound(find, names))
-    joined = compile_block(bound(template, names), arguments, options_for(is_checked))
-    obstacles = [part.obstacle for part in found if part.obstacle]
-    return replace(joined, obstacle=obstacles[0] if obstacles else "", compiled=(joined.compiled, found))
+    """Compile a function of a block that calls its parts, each of which has a loop over the lanes."""
+    names = {**names, **{name.upper(): part.address for name, part in parts.items()}}
+    options = options_for(is_checked)
+    names["FIND"] = numba.njit(inline="always", **options)(bound(find, names))
+    joined = compile_block(bound(template, names), arguments, options)
+    obstacles = [part.obstacle for part in parts.values() if part.obstacle]
+    return replace(joined, obstacle=obstacles[0] if obstacles else "", compiled=(joined.compiled, parts))
 
 
-def _part(name: str, functions: Straight, layout: Layout, is_checked: bool) -> Lanes:
-    if name == "forces":
-        return compile_rhs(functions.forces.py_func, layout, is_checked)
-    signature, arrays = _KINDS[name]
-    views = ", ".join(f"{_VIEWS.get(x, 'WRITTEN')}({x.upper()}, lane)" for x in arrays)
-    lines = [f"def {name}({', '.join(arrays.upper())}):", "    going = 0", "    for lane in range(LANES):"]
-    lines += [f"        {', '.join(arrays)} = {views}"]
-    lines += [f"        {line}" for line in getattr(functions, name).splitlines()]
-    lines += ["    return going"] * (name == "approach")
+def _parts(wanted: Sequence[str], functions: Straight, layout: Layout, is_checked: bool) -> dict[str, Lanes]:
     names = {**layout.names(), "ROOM": view(functions.room, layout.lanes), "nan": math.nan, "inf": math.inf}
-    function = define("\n".join(lines) + "\n", "lanes", names)[name]
-    return compile_block(function, signature.args, options_for(is_checked))
+    found = {}
+    for name in wanted:
+        signature, arrays = _KINDS[name]
+        views = ", ".join(f"{_VIEWS.get(x, 'WRITTEN')}({x.upper()}, lane)" for x in arrays)
+        lines = [f"def {name}({', '.join(arrays.upper())}):", "    going = 0", "    for lane in range(LANES):"]
+        lines += [f"        {', '.join(arrays)} = {views}"]
+        lines += [f"        {line}" for line in getattr(functions, name).splitlines()]
+        lines += ["    return going", ""] if name == "approach" else [""]
+        function = define("\n".join(lines), "lanes", names)[name]
+        found[name] = compile_block(function, signature.args, options_for(is_checked))
+    return found
 
 
 def _on_stack(count: int) -> Any:

@@ -32,7 +32,7 @@ from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
 from .alone import Alone, Singles
 from .block import Block
 from .histories import Histories
-from .lanewise import ROWS_FOLLOWED, constrained_of, lanes_of, layout_of
+from .lanewise import ROWS_FOLLOWED, constrained_of, keeping_of, lanes_of, layout_of
 from .members import Members
 from .options import Options
 from .shared import Shared, SignOf
@@ -89,6 +89,9 @@ class Run:
         self.notes: list[str] = []
         self._single = Singles(rhs, members, options)
         self._callback = check_callback(rhs, "rhs", members.form)
+        constraints = constraints_of(rhs)
+        self._straight = constraints and constraints.straight
+        self._has_many_constraints = constraints is not None and self._straight is None
         self._invariants, self._outputs = options.functions.quantities(members.form)
         self._check_start()
         self.work = self._work()
@@ -133,12 +136,16 @@ class Run:
     def _adaptive(self) -> Adaptive | None:
         """Compile what runs in lanes with tolerances; return None if the members run one at a time."""
         options, members = self.options, self.members
-        if not runs_in_lanes(members):
+        if not runs_in_lanes(members, self._straight):
+            return None
+        if self._has_many_constraints:
+            self.notes.append(_MANY_CONSTRAINTS)
             return None
         if options.save_every is not None or self._invariants or self._outputs:
             self.notes.append(_FOLLOWED)
             return None
-        given = members, self._single.prepared(0), [*self._followed().values()], self.histories, self._single
+        given = self._straight, members, self._single.prepared(0), [*self._followed().values()]
+        given = *given, self.histories, self._single
         try:
             adaptive = in_lanes(self.rhs, self._callback, *given)
         except Exception as error:
@@ -156,12 +163,11 @@ class Run:
         if options.t_eval is not None:
             self.notes.append(_AT_TIMES)
             return None
-        method, constraints = options.method.for_force(self._callback.reads_velocity, members.n), constraints_of(self.rhs)
-        straight = constraints and constraints.straight
-        if constraints and not straight:
+        if self._has_many_constraints:
             self.notes.append(_MANY_CONSTRAINTS)
             return None
-        method = method.with_constraints() if constraints else method
+        method, straight = options.method.for_force(self._callback.reads_velocity, members.n), self._straight
+        method = method.with_constraints() if straight else method
         followed = self._followed()
         rows = sum(1 if isinstance(name, SignOf) else ROWS_FOLLOWED * q.width for name, q in followed.items())
         rows += straight.room + members.n if straight else 0
@@ -169,10 +175,11 @@ class Run:
         if layout is None:
             return None
         try:
+            mine, keeping = (self.rhs, self._callback, layout), None
             if straight:
-                rhs, keeping = constrained_of(self.rhs, self._callback, layout, straight, bool(method.second))
+                rhs, keeping = constrained_of(*mine, straight), keeping_of(*mine, straight, bool(method.second))
             else:
-                rhs, keeping = lanes_of(self.rhs, self._callback, layout, compile_rhs), None
+                rhs = lanes_of(*mine, compile_rhs)
             quantities = {name: (q, _compiled(name, q, layout)) for name, q in followed.items()}
         except Exception as error:
             self.notes.append(_not_in_lanes(error))

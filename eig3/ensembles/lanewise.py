@@ -58,19 +58,22 @@ def lanes_of(
     return _remembered(function, callback, (compile_it, layout, arguments), make)
 
 
-def constrained_of(
-    rhs: Any, callback: Callback, layout: Layout, straight: Straight, is_leap: bool
-) -> tuple[Lanes, Keeping]:
-    """Compile the right-hand side of a scene with constraints, and what keeps these, at the first call only."""
-    make = partial(compile_constrained, straight, layout)
-    constrained = _remembered(rhs, callback, (compile_constrained, layout), make)
+def constrained_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight, *how: Any) -> Lanes:
+    """Compile the right-hand side of a scene with constraints, at the first call only."""
+    return _remembered(
+        rhs, callback, (compile_constrained, layout, how), partial(compile_constrained, straight, layout, *how)
+    )
+
+
+def keeping_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight, is_leap: bool) -> Keeping:
+    """Compile what keeps these constraints, at the first call only."""
     make = partial(compile_keeping, straight, layout, is_leap)
-    return constrained, Keeping(_remembered(rhs, callback, (compile_keeping, layout, is_leap), make), is_leap)
+    return Keeping(_remembered(rhs, callback, (compile_keeping, layout, is_leap), make), is_leap)
 
 
-def _remembered(function: Any, callback: Callback, key: tuple, make: Callable[[bool], Lanes]) -> Lanes:
+def _remembered(function: Any, callback: Callback, key: tuple, make: Callable[..., Lanes]) -> Lanes:
     known = _known.setdefault(function, {})
     if key not in known or known[key][0] is not callback.compiled:  # the user may have compiled the function anew
         is_checked = bool(options_of(function).get("boundscheck"))
-        known[key] = callback.compiled, make(is_checked)
+        known[key] = callback.compiled, make(is_checked=is_checked)
     return known[key][1]
