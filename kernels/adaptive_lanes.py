@@ -416,7 +416,13 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, looks: int) -> 
     pair = variable_formulas(module)
     names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations, "LOOKS": looks}
     names |= rows_of(module, n, lanes).views() | pair.of_lanes(n, lanes)
-    names |= {"RHS_AT": _rhs_at, "EVENT_AT": _event_at, "PROJECT_AT": _project_at, "ALONE_AT": form.at("rhs"), "BEGIN": beginning(form)[0]}
+    names |= {
+        "RHS_AT": _rhs_at,
+        "EVENT_AT": _event_at,
+        "PROJECT_AT": _project_at,
+        "ALONE_AT": form.at("rhs"),
+        "BEGIN": beginning(form)[0],
+    }
     names |= {"OVERFLOWING": _OVERFLOWING}
     if looks:
         dense = pair.functions()["dense_called"]

@@ -1,12 +1,13 @@
 # ruff: noqa: F821
-"""Scenes with few constraints in the lanes of SIMD registers: a step of EIG-3, and the way back to the constraints.
+"""Scenes with few constraints in the lanes of SIMD registers: their accelerations, a step of EIG-3, and the projection.
 
-The formulas are those of `eig3.kernels.constraints`. There, a table in p says which arms and points belong to a row, and
-p has room for what is computed on the way. Here, the source of the scene has the rows as straight code: see
-`eig3.scene.straight_text`. What a lane needs from one loop over lanes to the next, such as S, has its room on the stack.
+The formulas are those of `eig3.kernels.constraints`. There, a table in p says which arms and points belong to a row,
+and what is computed on the way is in p too. Here, the rows are straight lines of source, written by the scene: see
+`eig3.scene.straight_text`. Each of the parts, such as `stand`, is one loop over the lanes. What a lane needs from one
+loop to the next, such as S, has its room on the stack.
 
-Newton's iteration goes on until the last lane has converged. A lane that has, stays as it is: so its numbers do not
-depend on the others.
+Newton's iteration goes on until the last lane has converged. A lane that has, stays as it is: its numbers do not depend
+on the others.
 """
 
 from __future__ import annotations
@@ -115,8 +116,8 @@ def find(u, x, p, room):
 def compile_constrained(
     functions: Straight,
     layout: Layout,
-    signature: Any = VECTOR.rhs,
-    compile_forces: Callable[..., Lanes] = compile_rhs,
+    signature: Any,
+    compile_forces: Callable[..., Lanes],
     is_checked: bool = False,
 ) -> Lanes:
     """Compile the right-hand side of a block, which knows the constraints.

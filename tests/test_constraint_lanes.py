@@ -116,7 +116,8 @@ def test_a_lane_that_finds_no_state_ends_as_a_single_run(method):
     problem = double_pendulum()
     v0 = np.asarray(problem.v0) * np.where(np.arange(20) < 5, 600.0, 1.0)[:, None]
     solution = problem.ensemble(v0=v0, h=2e-2, method=method)
-    assert (solution.status[:5] == eig3.Status.DIVERGED).all() and solution.success[5:].all()
+    assert (solution.status[:5] == eig3.Status.DIVERGED).all()
+    assert solution.success[5:].all()
     for i in (0, 10):
         alone = problem.with_(v0=v0[i]).integrate(h=2e-2, method=method, save_every=None)
         assert (solution[i].status, solution[i].message) == (alone.status, alone.message)
@@ -139,7 +140,8 @@ def test_an_event_at_a_point_of_a_body():
     solution = problem.ensemble(v0=v0, **options)
     assert_single_runs(solution, problem, {i: {"v0": v0[i]} for i in (0, 10, 19)}, **options)
     first = solution.events["touch"].first
-    assert np.isfinite(first[0]) and np.isnan(first[-1])
+    assert np.isfinite(first[0])
+    assert np.isnan(first[-1])
 
 
 def test_many_constraints_run_one_at_a_time():

@@ -16,8 +16,8 @@ from ..kernels.adaptive_lanes import (
     EVALUATED,
     OPEN,
     REACHED,
-    RHS_AT_TIMES,
     REJECTED,
+    RHS_AT_TIMES,
     TAKEN,
     TERMINATED,
     Block,
@@ -30,8 +30,8 @@ from ..kernels.adaptive_lanes import (
     compile_rhs_at_times,
     rows_of,
 )
-from ..kernels.lanes import Lanes, Layout
 from ..kernels.constraint_lanes import Straight
+from ..kernels.lanes import Lanes, Layout
 from ..kernels.protocol import EVENTS, SEARCHES
 from ..result.memory import aligned
 from ..run.prepare import Prepared

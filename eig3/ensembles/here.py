@@ -16,14 +16,14 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
-from ..functions.history import constraints_of
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
+from ..functions.history import constraints_of
 from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
 from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
-from ..kernels.protocol import FOLLOWS
+from ..kernels.protocol import FOLLOWS, VECTOR
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
 from ..stepping.team import alone
@@ -144,10 +144,10 @@ class Run:
         if options.save_every is not None or self._invariants or self._outputs:
             self.notes.append(_FOLLOWED)
             return None
-        given = self._straight, members, self._single.prepared(0), [*self._followed().values()]
-        given = *given, self.histories, self._single
+        functions = self.rhs, self._callback, self._straight
+        given = members, self._single.prepared(0), [*self._followed().values()], self.histories, self._single
         try:
-            adaptive = in_lanes(self.rhs, self._callback, *given)
+            adaptive = in_lanes(*functions, *given)
         except Exception as error:
             self.notes.append(_not_in_lanes(error))
             return None
@@ -177,7 +177,8 @@ class Run:
         try:
             mine, keeping = (self.rhs, self._callback, layout), None
             if straight:
-                rhs, keeping = constrained_of(*mine, straight), keeping_of(*mine, straight, bool(method.second))
+                rhs = constrained_of(*mine, straight, VECTOR.rhs, compile_rhs)
+                keeping = keeping_of(*mine, straight, bool(method.second))
             else:
                 rhs = lanes_of(*mine, compile_rhs)
             quantities = {name: (q, _compiled(name, q, layout)) for name, q in followed.items()}

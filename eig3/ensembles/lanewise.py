@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from ..functions.callbacks import Callback
@@ -13,7 +13,6 @@ from ..kernels.constraint_lanes import Straight, compile_constrained, compile_ke
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
 from .members import Members
-from .shared import Keeping
 
 MOST_DEGREES = 24  # with more degrees of freedom, a member alone is as fast as in lanes
 _CACHE = 2**15  # bytes of the first-level cache for the rows of a block
@@ -25,6 +24,20 @@ _BLOCKS = 2  # of a thread, at least
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
 _known: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Lanes]]] = WeakKeyDictionary()
+
+
+class Keeping(NamedTuple):
+    """The function of a block that keeps the constraints.
+
+    Attributes
+    ----------
+    function : Lanes
+    is_leap : bool
+        Whether it is a step of EIG-3, and not a projection after each step.
+    """
+
+    function: Lanes
+    is_leap: bool
 
 
 def layout_of(members: Members, method: Method, more_rows: int, threads: int) -> Layout | None:
@@ -59,10 +72,12 @@ def lanes_of(
 
 
 def constrained_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight, *how: Any) -> Lanes:
-    """Compile the right-hand side of a scene with constraints, at the first call only."""
-    return _remembered(
-        rhs, callback, (compile_constrained, layout, how), partial(compile_constrained, straight, layout, *how)
-    )
+    """Compile the right-hand side of a scene with constraints, at the first call only.
+
+    `how` are the signature, and the function that compiles the forces.
+    """
+    make = partial(compile_constrained, straight, layout, *how)
+    return _remembered(rhs, callback, (compile_constrained, layout, how), make)
 
 
 def keeping_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight, is_leap: bool) -> Keeping:
@@ -71,9 +86,9 @@ def keeping_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight,
     return Keeping(_remembered(rhs, callback, (compile_keeping, layout, is_leap), make), is_leap)
 
 
-def _remembered(function: Any, callback: Callback, key: tuple, make: Callable[..., Lanes]) -> Lanes:
+def _remembered(function: Any, callback: Callback, key: tuple, make: Callable[[bool], Lanes]) -> Lanes:
     known = _known.setdefault(function, {})
     if key not in known or known[key][0] is not callback.compiled:  # the user may have compiled the function anew
         is_checked = bool(options_of(function).get("boundscheck"))
-        known[key] = callback.compiled, make(is_checked=is_checked)
+        known[key] = callback.compiled, make(is_checked)
     return known[key][1]

@@ -12,6 +12,7 @@ from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
 from .histories import Histories
+from .lanewise import Keeping
 from .members import Members
 
 _CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are looked at
@@ -29,20 +30,6 @@ class SignOf(NamedTuple):
     """
 
     event: str
-
-
-class Keeping(NamedTuple):
-    """The function of a block that keeps the constraints.
-
-    Attributes
-    ----------
-    function : Lanes
-    is_leap : bool
-        Whether it is a step of EIG-3, and not a projection after each step.
-    """
-
-    function: Lanes
-    is_leap: bool
 
 
 class Pace:

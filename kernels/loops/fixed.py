@@ -282,8 +282,9 @@ def wide_kernel(method: Formulas, looks: int, second: str = "") -> Any:
     names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}, "N": 0, "STACKED": 0}
     names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing, "MAY_BE_ONLY": 0}
     names |= {"ADVANCE_HISTORY": no_history, "PROJECT": functions(VECTOR).project}
+    label = f"{method.label}_wide_{looks}{second}" if method.is_own else ""
     with wide_vectors():
-        return _compile(method, 0, VECTOR, callbacks, names, looks, f"{method.label}_wide_{looks}{second}" * method.is_own)
+        return _compile(method, 0, VECTOR, callbacks, names, looks, label)
 
 
 def _compile(
