@@ -362,7 +362,8 @@ def _obstacle(code: str) -> str:
     if called:
         names = ", ".join(sorted(called))
         return f"it calls {names} of the C library for each member separately; use the functions of eig3.math"
-    if not is_vectorised:
+    body = code[code.index("define") :].partition("\n}")[0]  # that of the function; its wrappers follow
+    if not is_vectorised and re.search(r"^\s*br ", body, re.MULTILINE):  # a constant force needs neither
         return "it has branches or loops that do not work for several members at once; choose between simple values"
     return ""
 

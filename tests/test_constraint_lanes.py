@@ -9,6 +9,8 @@ import eig3
 from eig3 import effects
 from eig3.scene import Scene
 
+from .test_adaptive_lanes import in_lanes  # noqa: F401  a fixture
+
 G = 9.81
 CLOSE = 1e-11  # beside u and v of about 1 and 10: the round-off of some hundred steps of a regular motion
 
@@ -142,6 +144,29 @@ def test_an_event_at_a_point_of_a_body():
     first = solution.events["touch"].first
     assert np.isfinite(first[0])
     assert np.isnan(first[-1])
+
+
+@pytest.mark.usefixtures("in_lanes")
+def test_pendulums_with_tolerances_strike_a_wall_in_lanes():
+    """The wall acts in the lane of a member, which then goes on there."""
+    scene = Scene(2)
+    bob = scene.mass(1.0, (1.0, 0.0))
+    scene.add(effects.Rod(), scene.fixed((0.0, 0.0)), bob)
+    scene.add(effects.Gravity((0.0, -G)))
+    scene.add(effects.RigidStop((1.0, 0.0), -0.3, restitution=0.7), bob)
+    problem = scene.problem((0.0, 1.5))
+    v0 = np.column_stack([np.zeros(40), np.linspace(-2.0, 3.0, 40)])
+    options = {"rtol": 1e-8, "method": "rk5", "t_eval": np.linspace(0.0, 1.5, 4), "invariants": {}}
+    solution = problem.ensemble(v0=v0, **options)
+    assert solution.notes == ()
+    for i in (0, 20, 39):
+        alone = problem.with_(v0=v0[i]).integrate(**options)
+        impacts, others = solution[i].events["rigid stop 0"], alone.events["rigid stop 0"]
+        assert len(impacts) == len(others) > 0
+        # the round-off of an impact, which later ones make larger
+        np.testing.assert_allclose(impacts.t, others.t, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(solution[i].u, alone.u, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(solution.u[:, -1], axis=1), 1.0, rtol=4e-16)
 
 
 def test_many_constraints_run_one_at_a_time():
