@@ -61,7 +61,7 @@ def assert_single_runs(solution, problem, members, **options):
         np.testing.assert_allclose(member.v, alone.v, rtol=0, atol=10 * CLOSE)
         for name, values in alone.outputs.items():
             np.testing.assert_allclose(member.outputs[name], values, rtol=1e-9, atol=1e-9)
-        assert member.drift["energy"] == pytest.approx(alone.drift["energy"], abs=1e-9)
+        assert member.drift == pytest.approx(alone.drift, abs=1e-9)
 
 
 @pytest.mark.parametrize("method", ["eig3", "rk4"])
@@ -134,7 +134,7 @@ def test_an_event_at_a_point_of_a_body():
     arm.joint(None, (0.0, 0.0))
     scene.add(effects.Gravity((0.0, -G)))
     scene.add(effects.RigidStop((0.0, 1.0), -0.2, restitution=0.5), arm.point((0.3, 0.0)))
-    problem = scene.problem((0.0, 0.4), work=True)
+    problem = scene.problem((0.0, 0.4))
     events = {"touch": eig3.Event(problem.events["rigid stop 0"].g)}
     spin = np.linspace(-1.0, 5.0, 20)
     v0 = np.array([[0.0, 0.0, -w, 0.3 * w, w, 0.0] for w in spin])
@@ -156,16 +156,16 @@ def test_pendulums_with_tolerances_strike_a_wall_in_lanes():
     scene.add(effects.RigidStop((1.0, 0.0), -0.3, restitution=0.7), bob)
     problem = scene.problem((0.0, 1.5))
     v0 = np.column_stack([np.zeros(40), np.linspace(-2.0, 3.0, 40)])
-    options = {"rtol": 1e-8, "method": "rk5", "t_eval": np.linspace(0.0, 1.5, 4), "invariants": {}}
+    options = {"rtol": 1e-7, "method": "rk8", "t_eval": np.linspace(0.0, 1.5, 4), "invariants": {}}
     solution = problem.ensemble(v0=v0, **options)
     assert solution.notes == ()
     for i in (0, 20, 39):
         alone = problem.with_(v0=v0[i]).integrate(**options)
         impacts, others = solution[i].events["rigid stop 0"], alone.events["rigid stop 0"]
         assert len(impacts) == len(others) > 0
-        # the round-off of an impact, which later ones make larger
-        np.testing.assert_allclose(impacts.t, others.t, rtol=0, atol=1e-10)
-        np.testing.assert_allclose(solution[i].u, alone.u, rtol=0, atol=1e-9)
+        # round-off may decide whether a step with an error near the tolerance is accepted
+        np.testing.assert_allclose(impacts.t, others.t, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(solution[i].u, alone.u, rtol=0, atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(solution.u[:, -1], axis=1), 1.0, rtol=4e-16)
 
 

@@ -144,10 +144,9 @@ class Run:
         if options.save_every is not None or self._invariants or self._outputs:
             self.notes.append(_FOLLOWED)
             return None
-        functions = self.rhs, self._callback, self._straight
         given = members, self._single.prepared(0), [*self._followed().values()], self.histories, self._single
         try:
-            adaptive = in_lanes(*functions, *given)
+            adaptive = in_lanes(self.rhs, self._callback, self._straight, *given)
         except Exception as error:
             self.notes.append(_not_in_lanes(error))
             return None

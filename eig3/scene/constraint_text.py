@@ -20,8 +20,8 @@ class ConstraintText:
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
         self._d, self._follows_work, self._work = assembly.dimension, assembly.follows_work, assembly.size
         self._n, self._block = assembly.own, packing.held
-        is_few = packing.held is not None and packing.held.is_few
-        self.straight = StraightText(packing.held, assembly.dimension) if is_few else None
+        few = packing.held if packing.held and packing.held.is_few else None
+        self.straight = StraightText(few, assembly.dimension) if few else None
 
     def functions(self) -> Iterator[tuple[str, Iterable[str]]]:
         """The heads and the bodies of the functions, all but the accelerations that do not know the constraints."""

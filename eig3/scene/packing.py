@@ -369,7 +369,7 @@ class Packing:
         self.grains = [self._grains(assembly, x) for x in assembly.swarms if isinstance(x.effect, Rough)]
         self.turn = self._column(inverse(assembly.cloud.in_order(assembly.cloud.inertia))) if assembly.angles else None
         self.carried = self._carried(assembly) if assembly.n > assembly.own else None
-        self.held = self._held(assembly) if assembly.held else None
+        self.held = self._held(assembly, assembly.held) if assembly.held else None
         self.shares_cells = threads is not None and sum(block.size for block in self.meshes) >= _SHARED_CELLS
         is_large = threads is not None and any(block.listing.masses >= _SHARED for block in self.swarms)
         self.team = self._add(np.array([0, 0, threads])) if is_large or self.shares_cells else None
@@ -412,8 +412,7 @@ class Packing:
             [cloud.free[parts].tolist() for parts, _ in points],
         )
 
-    def _held(self, assembly: Assembly) -> HeldBlock:
-        held = assembly.held
+    def _held(self, assembly: Assembly, held: Held) -> HeldBlock:
         place = sum(part.size for part in self._parts)
         packed = held.table.packed(place)
         self._add(packed.values)
@@ -426,7 +425,7 @@ class Packing:
         else:
             self.functions |= dict(zip(names, constraints.LIBRARY[held.table.dimension], strict=True))
             self.functions["own"] = constraints.nothing_of_its_own
-        is_few = _is_few(assembly)
+        is_few = _is_few(assembly, held)
         if is_few:
             self.functions |= {"batch": neighbours.batch, "nan": math.nan, "inf": math.inf}
         return HeldBlock(held, place, self._add(np.argsort(packed.order)), own, packed, is_few)
@@ -503,12 +502,12 @@ class Packing:
         return Block(group, laws, anchor, moved, runs, place, ends)
 
 
-def _is_few(assembly: Assembly) -> bool:
+def _is_few(assembly: Assembly, held: Held) -> bool:
     """Return whether the constraints of a scene are few."""
-    if assembly.held.kinds or assembly.swarms:
+    if held.kinds or assembly.swarms:
         return False
     is_small = assembly.size <= _FEW_DEGREES and assembly.n - assembly.own <= _FEW
-    return len(assembly.held.names) <= _FEW and is_small
+    return len(held.names) <= _FEW and is_small
 
 
 def inverse(values: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from ..kernels.constraint_lanes import CONVERGED, LOST, Straight
@@ -35,8 +35,14 @@ class StraightText:
 
     def straight(self, forces: Any) -> Straight:
         """Return the lines, for a function of the accelerations that do not know the constraints."""
-        parts = self._constrain(), self._stand(), self._approach(), self._level()
-        return Straight(forces, *("\n".join(_read_once(list(lines))) for lines in parts), 1 + len(self._numbers))
+        return Straight(
+            forces=forces,
+            react=_joined(self._constrain()),
+            stand=_joined(self._stand()),
+            approach=_joined(self._approach()),
+            level=_joined(self._level()),
+            room=1 + len(self._numbers),
+        )
 
     def reactions(self) -> Iterator[str]:
         """Write the reactions to `out`."""
@@ -189,10 +195,10 @@ class StraightText:
         return f"p[{getattr(self._at, area) + k}]"
 
 
-def _read_once(lines: list[str]) -> Iterator[str]:
-    """Read the entries of u and p that occur more than once at the beginning: the lines compile in less time."""
-    counts = Counter(entry for line in lines for entry in _ENTRY.findall(line))
-    often = [entry for entry, count in counts.items() if count > 1]
-    yield from (f"{x}_{k} = {x}[{k}]" for x, k in often)
-    for line in lines:
-        yield _ENTRY.sub(lambda found: f"{found[1]}_{found[2]}" if found.groups() in often else found[0], line)
+def _joined(lines: Iterable[str]) -> str:
+    """Join lines. What they read more than once of u and p is read first: they compile in less time."""
+    text = "\n".join(lines)
+    counts = Counter(found[0] for found in _ENTRY.finditer(text))
+    often = {entry for entry, count in counts.items() if count > 1}
+    text = _ENTRY.sub(lambda found: f"{found[1]}_{found[2]}" if found[0] in often else found[0], text)
+    return "\n".join([*(_ENTRY.sub(r"\1_\2 = \1[\2]", entry) for entry in sorted(often)), text])
