@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
+import numpy as np
 from numba.extending import intrinsic
 from numba.types import int64, intp, none
 
@@ -42,7 +43,7 @@ _VIEWS = {"u": "GIVEN", "p": "PARAMS", "r": "ROOM"}
 _AT = {name: function_at(signature) for name, (signature, _) in _KINDS.items()}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Straight:
     """A few constraints as straight lines of source, for the arrays of one member.
 
@@ -60,6 +61,8 @@ class Straight:
         Project the velocity v.
     room : int
         The number of values in the room of a lane.
+    structure : (int, ndarray)
+        A place in p, and the numbers from there on, which say for what constraints the lines are.
     """
 
     forces: Any
@@ -68,6 +71,13 @@ class Straight:
     approach: str
     level: str
     room: int
+    structure: tuple[int, np.ndarray]
+
+    def are_those_of(self, params: np.ndarray) -> bool:
+        """Return whether parameters, of shape (..., k), are for these constraints."""
+        first, wanted = self.structure
+        given = params[..., first : first + len(wanted)]
+        return given.shape[-1] == len(wanted) and given.tobytes() == np.broadcast_to(wanted, given.shape).tobytes()
 
 
 def rhs(t, u, v, p, a):

@@ -178,3 +178,20 @@ def test_many_constraints_run_one_at_a_time():
     problem = scene.problem((0.0, 0.01))
     solution = problem.ensemble(v0=np.zeros((2, 18)), h=1e-3)
     assert "at most 8 constraints" in solution.notes[0]
+
+
+def test_members_with_other_constraints_run_one_at_a_time():
+    """The lines are for rods between certain points, and the numbers of the second scene for a rod between others."""
+
+    def held(i):
+        scene = Scene(2)
+        bobs = scene.mass([1.0, 2.0], [(0.5, 0.0), (0.0, 0.5)])
+        scene.add(effects.Rod(), scene.fixed((0.0, 0.0)), bobs[i])
+        scene.add(effects.Gravity((0.0, -G)))
+        return scene.problem((0.0, 0.1))
+
+    problems = [held(0), held(1)]
+    solution = problems[0].ensemble(params=np.array([problem.params for problem in problems]), h=1e-3)
+    assert "join other points" in solution.notes[0]
+    for i, problem in enumerate(problems):
+        np.testing.assert_array_equal(solution.u[i, -1], problem.integrate(h=1e-3).u[-1])

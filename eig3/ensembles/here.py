@@ -21,6 +21,7 @@ from ..functions.history import constraints_of
 from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
+from ..kernels.constraint_lanes import Straight
 from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS, VECTOR
@@ -58,7 +59,12 @@ def _not_in_lanes(error: Exception) -> str:
 _AT_TIMES = "The members run one at a time, because lanes with fixed steps have no t_eval; save_every is possible."
 _MANY_CONSTRAINTS = (
     "The members run one at a time, because lanes are for scenes with at most 8 constraints and 24 degrees of freedom, "
-    "without near pairs and without constraints that depend on the time or have a phi of their own."
+    "with forces on at most 8 points of bodies, and without near pairs and constraints that depend on the time or have "
+    "a phi of their own."
+)
+_OTHER_CONSTRAINTS = (
+    "The members run one at a time, because params are those of scenes whose constraints join other points than those "
+    "of this problem; make a problem of each such scene."
 )
 _FOLLOWED = (
     "The members run one at a time, because runs with tolerances in lanes have no save_every, no invariants and no "
@@ -89,9 +95,7 @@ class Run:
         self.notes: list[str] = []
         self._single = Singles(rhs, members, options)
         self._callback = check_callback(rhs, "rhs", members.form)
-        constraints = constraints_of(rhs)
-        self._straight = constraints and constraints.straight
-        self._has_many_constraints = constraints is not None and self._straight is None
+        self._straight, self._refusal = _straight_of(rhs, members)
         self._invariants, self._outputs = options.functions.quantities(members.form)
         self._check_start()
         self.work = self._work()
@@ -138,8 +142,8 @@ class Run:
         options, members = self.options, self.members
         if not runs_in_lanes(members, self._straight):
             return None
-        if self._has_many_constraints:
-            self.notes.append(_MANY_CONSTRAINTS)
+        if self._refusal:
+            self.notes.append(self._refusal)
             return None
         if options.save_every is not None or self._invariants or self._outputs:
             self.notes.append(_FOLLOWED)
@@ -162,8 +166,8 @@ class Run:
         if options.t_eval is not None:
             self.notes.append(_AT_TIMES)
             return None
-        if self._has_many_constraints:
-            self.notes.append(_MANY_CONSTRAINTS)
+        if self._refusal:
+            self.notes.append(self._refusal)
             return None
         method, straight = options.method.for_force(self._callback.reads_velocity, members.n), self._straight
         method = method.with_constraints() if straight else method
@@ -256,6 +260,18 @@ class Run:
         again = None if self.is_part else partial(_again, self.rhs, self.members, self.options)
         given = self.rhs, self.members, self.options, self.histories
         return _result(*given, seconds, self.notes, again=again)
+
+
+def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
+    """Return the constraints of a scene for lanes, if there are any, or why the members run one at a time."""
+    constraints = constraints_of(rhs)
+    if constraints is None:
+        return None, ""
+    if constraints.straight is None:
+        return None, _MANY_CONSTRAINTS
+    if not constraints.straight.are_those_of(members.params):
+        return None, _OTHER_CONSTRAINTS
+    return constraints.straight, ""
 
 
 def _compiled(name: Any, q: Quantity, layout: Layout) -> Lanes:

@@ -62,12 +62,15 @@ class Packed(NamedTuple):
         The order of its rows.
     areas, begins : Areas
         Its areas, and their places in p.
+    structure : (int, ndarray)
+        The place in p of the part that says which points belong to which row, and this part.
     """
 
     values: np.ndarray
     order: np.ndarray
     areas: Areas
     begins: Areas
+    structure: tuple[int, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +112,8 @@ class ConstraintTable:
         table = np.column_stack([begins, [len(area) for area in areas]]).ravel()
         # 32-bit integers have no index in p
         places = [int(begin) if k < FLOATS else None for k, begin in enumerate(begins)]
-        return Packed(np.concatenate([head, table, *parts]), order, areas, Areas(*places))
+        structure = int(begins[FLOATS]), np.concatenate(parts[FLOATS:])
+        return Packed(np.concatenate([head, table, *parts]), order, areas, Areas(*places), structure)
 
     def entries(self) -> np.ndarray:
         """Return a row (row, point, arm, factor) for each entry of the gradients."""

@@ -368,6 +368,7 @@ class Packing:
         self.swarms = [self._swarm(assembly, x) for x in assembly.swarms if not isinstance(x.effect, Rough)]
         self.grains = [self._grains(assembly, x) for x in assembly.swarms if isinstance(x.effect, Rough)]
         self.turn = self._column(inverse(assembly.cloud.in_order(assembly.cloud.inertia))) if assembly.angles else None
+        self._is_few = assembly.held is not None and _is_few(assembly, assembly.held)
         self.carried = self._carried(assembly) if assembly.n > assembly.own else None
         self.held = self._held(assembly, assembly.held) if assembly.held else None
         self.shares_cells = threads is not None and sum(block.size for block in self.meshes) >= _SHARED_CELLS
@@ -395,6 +396,8 @@ class Packing:
     def _carried(self, assembly: Assembly) -> CarriedBlock:
         cloud, carried = assembly.cloud, assembly.cloud.bodies.carried
         points = [carried[point] for point in sorted(carried)]
+        if not self._is_few:  # where the points are in the source, it must not depend on their places
+            points = [(parts[factors != 0], factors[factors != 0]) for parts, factors in points]
         sizes, degrees = [len(parts) for parts, _ in points], assembly.degrees + 1
         parts = np.concatenate([cloud.free[parts] for parts, _ in points])
         factors = np.concatenate([factors for _, factors in points])
@@ -425,10 +428,9 @@ class Packing:
         else:
             self.functions |= dict(zip(names, constraints.LIBRARY[held.table.dimension], strict=True))
             self.functions["own"] = constraints.nothing_of_its_own
-        is_few = _is_few(assembly, held)
-        if is_few:
+        if self._is_few:
             self.functions |= {"batch": neighbours.batch, "nan": math.nan, "inf": math.inf}
-        return HeldBlock(held, place, self._add(np.argsort(packed.order)), own, packed, is_few)
+        return HeldBlock(held, place, self._add(np.argsort(packed.order)), own, packed, self._is_few)
 
     def _grains(self, assembly: Assembly, swarm: Swarm) -> GrainsBlock:
         block = self._swarm(assembly, swarm)

@@ -28,6 +28,7 @@ class StraightText:
     def __init__(self, block: HeldBlock, dimension: int) -> None:
         self._axes, self._place = "xyz"[:dimension], block.place
         self._areas, self._at, self._order = block.packed.areas, block.packed.begins, block.packed.order
+        self._structure = block.packed.structure
         table = block.held.table
         self._n, self._rows, self._arms = len(table.weights), range(len(table.rows)), range(len(table.arms))
         places = [*((i, j) for i in self._rows for j in range(self._low(i), i)), *((i, i) for i in self._rows)]
@@ -42,6 +43,7 @@ class StraightText:
             approach=_joined(self._approach()),
             level=_joined(self._level()),
             room=1 + len(self._numbers),
+            structure=self._structure,
         )
 
     def reactions(self) -> Iterator[str]:
