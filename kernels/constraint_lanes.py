@@ -147,25 +147,29 @@ def compile_keeping(functions: Straight, layout: Layout, is_leap: bool, is_check
     names |= {"ROWS_ON_STACK": _on_stack(size), "ROOM_ON_STACK": _on_stack(functions.room * layout.lanes)}
     names |= {f"{name.upper()}_AT": at for name, at in _AT.items()}
     parts = _parts(("stand", "approach", "level"), functions, layout, is_checked)
-    if not is_leap:
-        return _joined(project, VECTOR.apply.args, names, parts, is_checked)
-    parts["forces"] = compile_rhs(functions.forces.py_func, layout, is_checked)
-    return _joined(leap, VECTOR.leap.args, names, parts, is_checked)
+    if is_leap:
+        parts["forces"] = compile_rhs(functions.forces.py_func, layout, is_checked)
+    inlined = numba.njit(inline="always", **options_for(is_checked))
+    names["FIND"] = inlined(bound(find, names | _addresses(parts)))
+    template, arguments = (leap, VECTOR.leap.args) if is_leap else (project, VECTOR.apply.args)
+    return _joined(template, arguments, names, parts, is_checked)
 
 
 def _joined(
     template: Callable, arguments: tuple, names: dict[str, Any], parts: dict[str, Lanes], is_checked: bool
 ) -> Lanes:
     """Compile a function of a block that calls its parts, each of which has a loop over the lanes."""
-    names = {**names, **{name.upper(): part.address for name, part in parts.items()}}
-    options = options_for(is_checked)
-    names["FIND"] = numba.njit(inline="always", **options)(bound(find, names))
-    joined = compile_block(bound(template, names), arguments, options)
+    joined = compile_block(bound(template, names | _addresses(parts)), arguments, options_for(is_checked))
     obstacles = [part.obstacle for part in parts.values() if part.obstacle]
     return replace(joined, obstacle=obstacles[0] if obstacles else "", compiled=(joined.compiled, parts))
 
 
+def _addresses(parts: dict[str, Lanes]) -> dict[str, int]:
+    return {name.upper(): part.address for name, part in parts.items()}
+
+
 def _parts(wanted: Sequence[str], functions: Straight, layout: Layout, is_checked: bool) -> dict[str, Lanes]:
+    """Compile the loops over the lanes around the lines of some parts."""
     names = {**layout.names(), "ROOM": view(functions.room, layout.lanes), "nan": math.nan, "inf": math.inf}
     found = {}
     for name in wanted:

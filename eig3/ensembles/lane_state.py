@@ -51,8 +51,9 @@ class LaneState:
         self._unit = self.h if layout.has_own_step else np.ones(layout.lanes)
         self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
         self._rhs, self._kernel, keeping = shared.rhs, shared.kernel, shared.keeping
-        leap, project = (keeping.function.address, 0)[:: 1 if keeping.is_leap else -1] if keeping else (0, 0)
-        self._callbacks = shared.rhs.address, leap or None
+        leap = keeping.function.address if keeping and keeping.is_leap else None
+        project = keeping.function.address if keeping and not keeping.is_leap else 0
+        self._callbacks = shared.rhs.address, leap
         self._slices = Slices(shared.pace.seconds)
         self._method, self._tally = shared.method, np.zeros(EVENTS)
         self._set_numbers(everyone.first + members)
