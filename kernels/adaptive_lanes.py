@@ -30,7 +30,7 @@ from .lanes import Lanes, Layout, compile_template
 from .loops.beginning import RESOLUTION, beginning, least_size, least_sizes
 from .loops.controller import LEAST_ERROR, exponent, growth, log2, shrinkage
 from .loops.formulas import variable_formulas
-from .loops.pair import A_END, U_MOST, V_MOST, A, U, V
+from .loops.pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
 from .protocol import (
     EVALUATIONS,
     LOOK_WITHIN,
@@ -59,9 +59,11 @@ NEXT, OPEN = range(2)
 
 _OVERFLOWING = 1e150  # a single run says what is wrong with a larger motion
 
-#: The signatures of a right-hand side for lanes, which gets a time for each lane, and of the function of an event.
-_RHS, _EVENT = none(*[vector_type] * 5), none(*[vector_type] * 6)
-_rhs_at, _event_at = function_at(_RHS), function_at(_EVENT)
+#: The signatures of a right-hand side for lanes, which gets a time for each lane, of the function of an event, and of
+#: the projection.
+RHS_AT_TIMES, _EVENT = none(*[vector_type] * 5), none(*[vector_type] * 6)
+_rhs_at, _event_at = function_at(RHS_AT_TIMES), function_at(_EVENT)
+_project_at = function_at(float64(float64, *[vector_type] * 3))
 
 
 class LaneRows(NamedTuple):
@@ -150,10 +152,11 @@ class Control(NamedTuple):
     reads_time: Any
 
 
-def adaptive(rhs, alone, count, control, block, starts, ends, sight, look):
+def adaptive(rhs, alone, project, count, control, block, starts, ends, sight, look):
     """Take `count` steps in each lane, or fewer if all trajectories end, or if the log of occurrences is full.
 
-    `rhs` is the address of the right-hand side for lanes, and `alone` of that for one trajectory.
+    `rhs` is the address of the right-hand side for lanes, and `alone` of that for one trajectory. `project` is that of
+    the projection for lanes, or 0 without constraints.
     """
     s, members, place, atol, t_end = block.values, block.members, block.place, control.atol, control.t_end
     y = ROWS(s)
@@ -207,6 +210,8 @@ def adaptive(rhs, alone, count, control, block, starts, ends, sight, look):
         if control.reads_time == 1:
             for lane in range(LANES):  # the force may not act yet
                 bad[lane] = BAD if (ok[lane] > 0) & (square[lane] == 0) else bad[lane]
+        if project != 0:
+            PROJECT_AT(project)(control.t0, y[U_END], y[V_END], block.p)
         if LOOKS > 0 and SEE(block.p, of, y, sight) > 0:
             for lane in range(LANES):
                 if of.sees[lane] > 0:
@@ -331,7 +336,7 @@ def watched(t, u, v, p, side, product):
 def compile_rhs_at_times(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:
     """Compile the right-hand side of lanes with their own times, from the plain Python function of the user."""
     template = scalar_at_times if layout.form is SCALAR else vector_at_times
-    return compile_template(template, function, layout, _RHS.args, is_checked)
+    return compile_template(template, function, layout, RHS_AT_TIMES.args, is_checked)
 
 
 def compile_event(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:
@@ -411,7 +416,13 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, looks: int) -> 
     pair = variable_formulas(module)
     names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations, "LOOKS": looks}
     names |= rows_of(module, n, lanes).views() | pair.of_lanes(n, lanes)
-    names |= {"RHS_AT": _rhs_at, "EVENT_AT": _event_at, "ALONE_AT": form.at("rhs"), "BEGIN": beginning(form)[0]}
+    names |= {
+        "RHS_AT": _rhs_at,
+        "EVENT_AT": _event_at,
+        "PROJECT_AT": _project_at,
+        "ALONE_AT": form.at("rhs"),
+        "BEGIN": beginning(form)[0],
+    }
     names |= {"OVERFLOWING": _OVERFLOWING}
     if looks:
         dense = pair.functions()["dense_called"]
@@ -420,7 +431,7 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, looks: int) -> 
     names["BEGIN_LANE"] = element(bound(begin_lane, names))
     integers, vector, matrix = Array(int64, 1, "C"), vector_type, matrix_type
     arguments = (
-        *(int64, int64, int64),
+        *(int64, int64, int64, int64),
         Record((float64, float64, float64, float64, int64, float64, matrix, int64, int64), Control),
         Record((vector, vector, integers, integers, matrix, vector), Block),
         Record((matrix, matrix, matrix), Starts),

@@ -40,10 +40,10 @@ HEAD = 8
 #: What a function of constraints of one's own does: see `nothing_of_its_own`.
 PLACE, SPEED = map(np.int64, range(2))
 
-_MOST_ITERATIONS = 60
-_EPS = np.finfo(np.float64).eps
-_CLOSE = 1e-9  # the residual, as a part of the largest length, at which an iteration may end because it no longer falls
-_SINGULAR = 1e-13  # a pivot, as a part of the entry on the diagonal
+MOST_ITERATIONS = 60
+EPS = np.finfo(np.float64).eps
+CLOSE = 1e-9  # the residual, as a part of the largest length, at which an iteration may end because it no longer falls
+SINGULAR = 1e-13  # a pivot, as a part of the entry on the diagonal
 
 
 class Areas(NamedTuple):
@@ -221,7 +221,7 @@ def factorise(c, rows, d):
             entry = c.profile[start + j - low]
             c.profile[start + j - low] = entry * c.pivots[j]
             pivot -= entry * entry * c.pivots[j]
-        if not pivot > _SINGULAR * diagonal:
+        if not pivot > SINGULAR * diagonal:
             return False
         c.pivots[i] = 1 / pivot
     return True
@@ -334,14 +334,14 @@ def approach(own, t, u, x, p, place, c, n, rows, d):
     is too long, or the constraints almost depend on each other.
     """
     last = math.inf
-    for _ in range(_MOST_ITERATIONS):
+    for _ in range(MOST_ITERATIONS):
         for j in range(d * n):
             c.ways[j] = u[j] + x[j]
         worst = evaluate(own, t, c.ways, p, place, c, n, rows, d)
-        if worst <= _EPS * p[place + LENGTH]:
+        if worst <= EPS * p[place + LENGTH]:
             return True
         if not worst < 0.5 * last:
-            return worst <= _CLOSE * p[place + LENGTH]
+            return worst <= CLOSE * p[place + LENGTH]
         last = worst
         for k in range(rows):
             c.multipliers[k] = c.values[k]
@@ -410,7 +410,7 @@ def strike(own, t, u, v, p, place, free, d):
             square += change * (v[j] - c.before[j])
             held += change * c.ways[j]
     free = square if free < 0 else free
-    scale = free / held if success and held > _SINGULAR * free else 0.0
+    scale = free / held if success and held > SINGULAR * free else 0.0
     for j in range(d * n):
         v[j] = c.before[j] + scale * c.ways[j]
 

@@ -17,6 +17,7 @@ from numba.types import NamedTuple as Record
 from .compile.jit import bound, element, outlined
 from .loops.dense import evaluate
 from .loops.events import EPSILON, LAST, LATER, NEAR, SIDE, G, event_of, searching
+from .loops.follow import functions
 from .loops.pair import A_END, U_END, V_END, A, U, V
 from .protocol import (
     ENDED_BY,
@@ -169,6 +170,7 @@ def look_alone(lane, alone, control, own, of, block, sight, look):
     sight.due[lane] = due_after(tally, watch.times)
     if outcome == PASSED:
         return DENSE_COST
+    PROJECT(look.follow, t_stop, u_there, v_there, own)
     f(t_stop, u_there, v_there, own, y[A])
     for d in range(N):
         s[(U_END * N + d) * LANES + lane], s[(V_END * N + d) * LANES + lane] = u_there[d], v_there[d]
@@ -201,7 +203,7 @@ def seeing(form: Form, names: dict[str, Any]) -> dict[str, Any]:
     `names` has the values of the names in capitals that depend on the method.
     """
     search, _ = searching(form)
-    names = {**names, "EVENT": event_of(form), "SEARCH": search, "ROWS_OF": rows}
+    names = {**names, "EVENT": event_of(form), "SEARCH": search, "ROWS_OF": rows, "PROJECT": functions(form).project}
     templates: dict[str, Any] = {"SEE": see, "BEGIN_SIGHT": begin_sight}
     return {
         **{name: element(bound(template, names)) for name, template in templates.items()},

@@ -35,6 +35,7 @@ from .compile.numba_internals import (
     parts_of,
     wide_vectors,
 )
+from .compile.source import is_beside
 from .protocol import (
     ADDRESS,
     COLUMN,
@@ -248,14 +249,14 @@ class Layout:
     def names(self) -> dict[str, Any]:
         """Return the values of the names in capitals in the templates, except FUNCTION."""
         n, lanes, own = self.n, self.lanes, self.begin_of_steps
-        given = _view(n, lanes, readonly=True)
+        given = view(n, lanes, readonly=True)
         names: dict[str, Any] = {
             "N": n,
             "LANES": lanes,
             "GIVEN": given,
-            "WRITTEN": _view(n, lanes),
+            "WRITTEN": view(n, lanes),
             "STATE": _value if self.form is SCALAR else given,
-            "PARAMS": _shared(self.k) if self.shares_params else _view(self.k, lanes, readonly=True),
+            "PARAMS": _shared(self.k) if self.shares_params else view(self.k, lanes, readonly=True),
             "STEPS": _shared(lanes, own),
             "BEGINS": _shared(lanes, own + lanes),
             "VELOCITIES": _shared(n * lanes, own + OWN_STEP_ROWS * lanes, readonly=False),
@@ -304,7 +305,7 @@ def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...],
     It is called as ``f(t, u, v, p, out, low, high, t_low, t_high)``, with the values of a kernel. The last five arrays
     have k rows of lanes: they take the values, the extremes so far, and the times at which these occurred.
     """
-    names = {"VALUES": _view(shape[0], layout.lanes)} if shape else {}
+    names = {"VALUES": view(shape[0], layout.lanes)} if shape else {}
     return compile_template(written if shape else returned, function, layout, _QUANTITY.args, is_checked, names)
 
 
@@ -322,15 +323,35 @@ def compile_template(
     names: Mapping[str, Any] = MappingProxyType({}),
 ) -> Lanes:
     """Compile a template for a block, with the user's function inlined in it."""
-    options = {**KERNEL_OPTIONS, "boundscheck": True} if is_checked else KERNEL_OPTIONS
-    inlined = numba.njit(inline="always", **options)(function)
-    function = bound(template, {**layout.names(), **names, "FUNCTION": inlined})
+    options = options_for(is_checked)
+    given = {**layout.names(), **names, "FUNCTION": inlined(function, options)}
+    return compile_block(bound(template, given), arguments, options)
+
+
+def options_for(is_checked: bool) -> dict[str, Any]:
+    """Return the options of the compiler."""
+    return {**KERNEL_OPTIONS, "boundscheck": True} if is_checked else KERNEL_OPTIONS
+
+
+def compile_block(function: Callable, arguments: tuple, options: dict[str, Any]) -> Lanes:
+    """Compile a function of a block, whose globals are complete."""
     with warnings.catch_warnings(), wide_vectors(), addresses_of_arrays():
         warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
         # If arrays might overlap, the code would have to check each pair of rows before its loop over lanes. A loop
         # with many such checks is not vectorised.
         result = compiled(assume_no_overlap(numba.njit(**options)(function)), arguments)
     return Lanes(call_without_checks(result), address_of(result), _obstacle(optimised_code(result)), result)
+
+
+def inlined(function: Callable, options: dict[str, Any]) -> Any:
+    """Compile a function for lanes: it is inlined before LLVM sees it, and so are those beside it in written source."""
+    code = function.__code__
+    beside = {
+        name: inlined(helper.py_func, options)
+        for name, helper in function.__globals__.items()
+        if name in code.co_names and is_beside(code, getattr(helper, "py_func", None))
+    }
+    return numba.njit(inline="always", **options)(bound(function, beside) if beside else function)
 
 
 def _obstacle(code: str) -> str:
@@ -341,12 +362,13 @@ def _obstacle(code: str) -> str:
     if called:
         names = ", ".join(sorted(called))
         return f"it calls {names} of the C library for each member separately; use the functions of eig3.math"
-    if not is_vectorised:
+    body = code[code.index("define") :].partition("\n}")[0]  # that of the function; its wrappers follow
+    if not is_vectorised and re.search(r"^\s*br ", body, re.MULTILINE):  # a constant force needs neither
         return "it has branches or loops that do not work for several members at once; choose between simple values"
     return ""
 
 
-def _view(count: int, stride: int, first: int = 0, readonly: bool = False) -> Any:
+def view(count: int, stride: int, first: int = 0, readonly: bool = False) -> Any:
     """Return a compiled ``view(array, lane)``: the values at first + lane + j stride for j < count."""
     return array_view(numba.types.Array(float64, 1, "A", readonly=readonly), count, stride, first, 1)
 

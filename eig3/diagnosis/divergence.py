@@ -57,13 +57,7 @@ class Divergence:
 
     @property
     def _lost(self) -> str:
-        """What may have become of constraints."""
-        if not self.last.system.leap:
-            return ""
-        return (
-            ", and no state was found that keeps the constraints: near there they may depend on each other, or the "
-            "step is too long for them"
-        )
+        return lost_constraints(bool(self.last.system.leap))
 
     def explain(self) -> str:
         """Find the reason: an error of rhs, or a step above the critical step, and a shorter step that works.
@@ -90,6 +84,16 @@ def became_non_finite(t: float, h: float, degree: int | None) -> str:
     """Say that a state became non-finite in the step h after the time t; `degree` is None in the scalar form."""
     where = "" if degree is None else f" in degree of freedom {degree}"
     return f"The run became non-finite at t = {t + h:g}{where}, with h = {h:g}"
+
+
+def lost_constraints(has_constraints: bool) -> str:
+    """Say what may have become of constraints."""
+    if not has_constraints:
+        return ""
+    return (
+        ", and no state was found that keeps the constraints: near there they may depend on each other, or the step is "
+        "too long for them"
+    )
 
 
 def find_divergence(stepper: Stepper) -> Divergence:

@@ -17,6 +17,7 @@ from ..kernels.adaptive_lanes import (
     OPEN,
     REACHED,
     REJECTED,
+    RHS_AT_TIMES,
     TAKEN,
     TERMINATED,
     Block,
@@ -29,8 +30,9 @@ from ..kernels.adaptive_lanes import (
     compile_rhs_at_times,
     rows_of,
 )
+from ..kernels.constraint_lanes import Straight
 from ..kernels.lanes import Lanes, Layout
-from ..kernels.protocol import EVENTS
+from ..kernels.protocol import EVENTS, SEARCHES
 from ..result.memory import aligned
 from ..run.prepare import Prepared
 from ..stepping.march import Cancel
@@ -39,7 +41,7 @@ from ..stepping.tolerances import Tolerances
 from .alone import Alone
 from .block_sight import BlockSight
 from .histories import Histories
-from .lanewise import lanes_of
+from .lanewise import constrained_of, keeping_of, lanes_of
 from .members import Members
 from .shared import Pace
 
@@ -58,6 +60,8 @@ class Adaptive:
     kernel : callable
     rows : Rows
     rhs : Lanes
+    project : Lanes or None
+        The projection of states to the constraints, if there are any.
     events : list of Lanes
     members : Members
     system : System
@@ -72,6 +76,7 @@ class Adaptive:
     kernel: Callable
     rows: Rows
     rhs: Lanes
+    project: Lanes | None
     events: list[Lanes]
     members: Members
     system: System
@@ -88,15 +93,16 @@ class Adaptive:
         return Control(*self.members.t_span, *limits, reads_time)
 
 
-def runs_in_lanes(members: Members) -> bool:
-    """Whether members with tolerances run in lanes."""
-    is_large = members.n > _MOST_DEGREES or (members.has_own_params and members.params.shape[1] > _MOST_PARAMS)
-    return not is_large and len(members) >= _FEWEST
+def runs_in_lanes(members: Members, straight: Straight | None) -> bool:
+    """Whether members with tolerances run in lanes. Most of the parameters of constraints are not read there."""
+    has_many = members.has_own_params and members.params.shape[1] > _MOST_PARAMS and straight is None
+    return members.n <= _MOST_DEGREES and not has_many and len(members) >= _FEWEST
 
 
 def in_lanes(
     rhs: Any,
     callback: Callback,
+    straight: Straight | None,
     members: Members,
     prepared: Prepared,
     events: Sequence[Quantity],
@@ -105,11 +111,18 @@ def in_lanes(
 ) -> Adaptive:
     """Compile what runs members in lanes. `prepared` is the single run of a member."""
     layout = Layout(members.form, members.n, LANES, members.params.shape[-1], not members.has_own_params, False)
-    module = prepared.method.variable
+    module, project = prepared.method.variable, None
+    if straight:
+        in_blocks = constrained_of(rhs, callback, layout, straight, RHS_AT_TIMES, compile_rhs_at_times)
+        project = keeping_of(rhs, callback, layout, straight, False).function
+    else:
+        in_blocks = lanes_of(rhs, callback, layout, compile_rhs_at_times)
+    searches = prepared.system.looks == SEARCHES
     return Adaptive(
-        adaptive_kernel(module, members.form, members.n, LANES, prepared.system.looks),
+        adaptive_kernel(module, members.form, members.n, LANES, SEARCHES if searches else 0),
         rows_of(module, members.n, LANES),
-        lanes_of(rhs, callback, layout, compile_rhs_at_times),
+        in_blocks,
+        project,
         [lanes_of(event.function, event.callback, layout, compile_event) for event in events],
         members,
         prepared.system,
@@ -141,7 +154,7 @@ class AdaptiveBlock:
 
     def run(self, stop: Cancel) -> None:
         """Run the members to their ends, or until `stop` is set."""
-        sight = self._sight() if self.shared.system.looks else None
+        sight = self._sight() if self.shared.system.looks == SEARCHES else None
         ends = self._march(stop, sight)
         how, histories = ends.counts[:, ENDED], self.shared.histories
         reached = (how == REACHED) | (how == TERMINATED)
@@ -169,10 +182,12 @@ class AdaptiveBlock:
         shared, m = self.shared, len(self.numbers)
         members = shared.members
         params = members.params[self.numbers] if members.has_own_params else members.params[None]
-        starts = Starts(members.u0[self.numbers], members.v0[self.numbers], np.ascontiguousarray(params))
+        # the right-hand side of one member may write to the table of its constraints
+        starts = Starts(members.u0[self.numbers], members.v0[self.numbers], params.copy())
         u, v = np.empty((2, m, members.n))
         ends = Ends(u, v, np.zeros((m, 4), dtype=np.int64))
-        addresses, control = (shared.rhs.address, shared.callback.address), shared.control
+        project = shared.project.address if shared.project else 0
+        addresses, control = (shared.rhs.address, shared.callback.address, project), shared.control
         block, pace = self._block(m), Pace()
         while block.place[OPEN] and not stop.is_set():
             begin = time.perf_counter()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.divergence import became_non_finite
+from ..diagnosis.divergence import became_non_finite, lost_constraints
 from ..functions.guard import not_finite_at_start
 from ..kernels.protocol import LOW, SCALAR, VECTOR
 from ..result.solution import Status
@@ -155,7 +155,8 @@ class Block:
                 degree = None if self.shared.layout.form is SCALAR else int(np.argmin(finite[step, :, place]))
                 what = became_non_finite(state.t0 + (first + step) * state.h[lane], state.h[lane], degree)
                 self._ends[lane] = first + step
-                self._failed[lane] = f"{what}; solution.explain() looks for the reason."
+                lost = lost_constraints(self.shared.keeping is not None)
+                self._failed[lane] = f"{what}{lost}; solution.explain() looks for the reason."
             lanes = lanes[good.all(axis=0)]
 
     def _observe(self, first: int, u: np.ndarray, v: np.ndarray, outputs: dict[str, np.ndarray]) -> None:

@@ -17,12 +17,14 @@ from numpy.typing import ArrayLike
 from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
+from ..functions.history import constraints_of
 from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
+from ..kernels.constraint_lanes import Straight
 from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
-from ..kernels.protocol import FOLLOWS
+from ..kernels.protocol import FOLLOWS, VECTOR
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
 from ..stepping.team import alone
@@ -31,7 +33,7 @@ from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
 from .alone import Alone, Singles
 from .block import Block
 from .histories import Histories
-from .lanewise import ROWS_FOLLOWED, lanes_of, layout_of
+from .lanewise import ROWS_FOLLOWED, constrained_of, keeping_of, lanes_of, layout_of
 from .members import Members
 from .options import Options
 from .shared import Shared, SignOf
@@ -55,6 +57,15 @@ def _not_in_lanes(error: Exception) -> str:
 
 
 _AT_TIMES = "The members run one at a time, because lanes with fixed steps have no t_eval; save_every is possible."
+_MANY_CONSTRAINTS = (
+    "The members run one at a time, because lanes are for scenes with at most 8 constraints and 24 degrees of freedom, "
+    "with forces on at most 8 points of bodies, and without near pairs and constraints that depend on the time or have "
+    "a phi of their own."
+)
+_OTHER_CONSTRAINTS = (
+    "The members run one at a time, because params are those of scenes whose constraints join other points than those "
+    "of this problem; make a problem of each such scene."
+)
 _FOLLOWED = (
     "The members run one at a time, because runs with tolerances in lanes have no save_every, no invariants and no "
     "outputs; t_eval and events are possible."
@@ -84,6 +95,7 @@ class Run:
         self.notes: list[str] = []
         self._single = Singles(rhs, members, options)
         self._callback = check_callback(rhs, "rhs", members.form)
+        self._straight, self._refusal = _straight_of(rhs, members)
         self._invariants, self._outputs = options.functions.quantities(members.form)
         self._check_start()
         self.work = self._work()
@@ -128,14 +140,17 @@ class Run:
     def _adaptive(self) -> Adaptive | None:
         """Compile what runs in lanes with tolerances; return None if the members run one at a time."""
         options, members = self.options, self.members
-        if not runs_in_lanes(members):
+        if not runs_in_lanes(members, self._straight):
+            return None
+        if self._refusal:
+            self.notes.append(self._refusal)
             return None
         if options.save_every is not None or self._invariants or self._outputs:
             self.notes.append(_FOLLOWED)
             return None
         given = members, self._single.prepared(0), [*self._followed().values()], self.histories, self._single
         try:
-            adaptive = in_lanes(self.rhs, self._callback, *given)
+            adaptive = in_lanes(self.rhs, self._callback, self._straight, *given)
         except Exception as error:
             self.notes.append(_not_in_lanes(error))
             return None
@@ -151,24 +166,36 @@ class Run:
         if options.t_eval is not None:
             self.notes.append(_AT_TIMES)
             return None
-        method = options.method.for_force(self._callback.reads_velocity, members.n)
+        if self._refusal:
+            self.notes.append(self._refusal)
+            return None
+        method, straight = options.method.for_force(self._callback.reads_velocity, members.n), self._straight
+        method = method.with_constraints() if straight else method
         followed = self._followed()
         rows = sum(1 if isinstance(name, SignOf) else ROWS_FOLLOWED * q.width for name, q in followed.items())
+        rows += straight.room + members.n if straight else 0
         layout = layout_of(members, method, rows, self.threads)
         if layout is None:
             return None
         try:
-            rhs = lanes_of(self.rhs, self._callback, layout, compile_rhs)
+            mine, keeping = (self.rhs, self._callback, layout), None
+            if straight:
+                rhs = constrained_of(*mine, straight, VECTOR.rhs, compile_rhs)
+                keeping = keeping_of(*mine, straight, bool(method.second))
+            else:
+                rhs = lanes_of(*mine, compile_rhs)
             quantities = {name: (q, _compiled(name, q, layout)) for name, q in followed.items()}
         except Exception as error:
             self.notes.append(_not_in_lanes(error))
             return None
         if rhs.obstacle:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
-        kernel = wide_kernel(method.formulas, FOLLOWS if quantities else 0)
+        looks = FOLLOWS if quantities or (keeping and not keeping.is_leap) else 0
+        kernel = wide_kernel(method.formulas, looks, method.second)
         plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "invariants": {}, "outputs": {}}
         alone = Singles(self.rhs, members, options, **plain)
-        return Shared(members, layout, method, kernel, rhs, quantities, self.histories, alone, self._single)
+        given = rhs, keeping, quantities, self.histories, alone, self._single
+        return Shared(members, layout, method, kernel, *given)
 
     def _followed(self) -> dict[Any, Quantity]:
         """Return what is evaluated at each step: the invariants, the outputs, and the functions of the events."""
@@ -233,6 +260,18 @@ class Run:
         again = None if self.is_part else partial(_again, self.rhs, self.members, self.options)
         given = self.rhs, self.members, self.options, self.histories
         return _result(*given, seconds, self.notes, again=again)
+
+
+def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
+    """Return the constraints of a scene for lanes, if there are any, or why the members run one at a time."""
+    constraints = constraints_of(rhs)
+    if constraints is None:
+        return None, ""
+    if constraints.straight is None:
+        return None, _MANY_CONSTRAINTS
+    if not constraints.straight.are_those_of(members.params):
+        return None, _OTHER_CONSTRAINTS
+    return constraints.straight, ""
 
 
 def _compiled(name: Any, q: Quantity, layout: Layout) -> Lanes:

@@ -50,7 +50,10 @@ class LaneState:
         self.h = np.ascontiguousarray(everyone.steps[members])
         self._unit = self.h if layout.has_own_step else np.ones(layout.lanes)
         self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
-        self._rhs, self._kernel = shared.rhs, shared.kernel
+        self._rhs, self._kernel, keeping = shared.rhs, shared.kernel, shared.keeping
+        leap = keeping.function.address if keeping and keeping.is_leap else None
+        project = keeping.function.address if keeping and not keeping.is_leap else 0
+        self._callbacks = shared.rhs.address, leap
         self._slices = Slices(shared.pace.seconds)
         self._method, self._tally = shared.method, np.zeros(EVENTS)
         self._set_numbers(everyone.first + members)
@@ -64,9 +67,9 @@ class LaneState:
         self._rows = self._state.reshape(-1, *u.shape)
         for row, values in zip(self._rows, (u, v, *formulas.start(u, v, a, self._clock[0])), strict=False):
             row[:] = values
-        self.tracks = Tracks(shared.quantities, layout)
+        self.tracks = Tracks(shared.quantities, layout, project)
         self.tracks.begin(self._clock[1], u.ravel(), v.ravel(), self._p)
-        self._look = Look(_NO_WATCH, self.tracks.record) if shared.quantities else None
+        self._look = Look(_NO_WATCH, self.tracks.record) if shared.quantities or project else None
         self._saves = {name: (shared.quantities[name][0].width, layout.lanes) for name in shared.histories.outputs}
         self._reserve(0)
 
@@ -154,7 +157,7 @@ class LaneState:
             steps, *begun = self._slices.begin(target - self.index)
             written = self.index // every - first // every
             given = Steps(h, t0, self._p, self.index, steps, every, written, u, v)
-            self._kernel((self._rhs.address, None), self._state, self._settings, self._tally, given, self._look)
+            self._kernel(self._callbacks, self._state, self._settings, self._tally, given, self._look)
             self.seconds += self._slices.end(steps, *begun)
             self.index += steps
             if stop.is_set():

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from ..functions.callbacks import Callback
 from ..kernels.compile.numba_internals import options_of
+from ..kernels.constraint_lanes import Straight, compile_constrained, compile_keeping
 from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
 from .members import Members
@@ -24,17 +26,31 @@ _BLOCKS = 2  # of a thread, at least
 _known: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Lanes]]] = WeakKeyDictionary()
 
 
-def layout_of(members: Members, method: Method, rows_followed: int, threads: int) -> Layout | None:
+class Keeping(NamedTuple):
+    """The function of a block that keeps the constraints.
+
+    Attributes
+    ----------
+    function : Lanes
+    is_leap : bool
+        Whether it is a step of EIG-3, and not a projection after each step.
+    """
+
+    function: Lanes
+    is_leap: bool
+
+
+def layout_of(members: Members, method: Method, more_rows: int, threads: int) -> Layout | None:
     """Return the arrays of a block; None if the members should run one at a time.
 
-    What is evaluated in each step reads or writes `rows_followed` rows.
+    What is evaluated in each step reads or writes `more_rows` rows.
 
     More lanes keep the vector units busy for longer in each loop, as long as the rows stay in the cache and each thread
     has blocks to run. A member's numbers do not depend on the number of lanes.
     """
     if method.is_implicit or members.n > MOST_DEGREES or (method.is_stochastic and members.has_own_step):
         return None  # the noise of a step depends on its length
-    lanes, rows = _MOST_LANES, members.n * method.formulas.own_rows + rows_followed
+    lanes, rows = _MOST_LANES, members.n * method.formulas.own_rows + more_rows
     while lanes > _LEAST_LANES and 8 * rows * lanes > _CACHE:
         lanes //= 2
     while lanes > _FEW_LANES and _BLOCKS * threads * lanes > len(members):
@@ -49,9 +65,30 @@ def lanes_of(
     function: Any, callback: Callback, layout: Layout, compile_it: Callable[..., Lanes], *arguments: Any
 ) -> Lanes:
     """Call ``compile_it(function, layout, *arguments)`` for a checked function, at the first call only."""
+    own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # the reactions of a scene
+    python = own.py_func if own else callback.function
+    make = partial(compile_it, python, layout, *arguments)
+    return _remembered(function, callback, (compile_it, layout, arguments), make)
+
+
+def constrained_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight, *how: Any) -> Lanes:
+    """Compile the right-hand side of a scene with constraints, at the first call only.
+
+    `how` are the signature, and the function that compiles the forces.
+    """
+    make = partial(compile_constrained, straight, layout, *how)
+    return _remembered(rhs, callback, (compile_constrained, layout, how), make)
+
+
+def keeping_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight, is_leap: bool) -> Keeping:
+    """Compile what keeps these constraints, at the first call only."""
+    make = partial(compile_keeping, straight, layout, is_leap)
+    return Keeping(_remembered(rhs, callback, (compile_keeping, layout, is_leap), make), is_leap)
+
+
+def _remembered(function: Any, callback: Callback, key: tuple, make: Callable[[bool], Lanes]) -> Lanes:
     known = _known.setdefault(function, {})
-    key = compile_it, layout, arguments
     if key not in known or known[key][0] is not callback.compiled:  # the user may have compiled the function anew
         is_checked = bool(options_of(function).get("boundscheck"))
-        known[key] = callback.compiled, compile_it(callback.function, layout, *arguments, is_checked)
+        known[key] = callback.compiled, make(is_checked)
     return known[key][1]

@@ -12,6 +12,7 @@ from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
 from .histories import Histories
+from .lanewise import Keeping
 from .members import Members
 
 _CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are looked at
@@ -64,6 +65,8 @@ class Shared:
     kernel : callable
         The kernel of the method.
     rhs : Lanes
+    keeping : Keeping or None
+        What keeps the constraints; None without constraints.
     quantities : dict of str or SignOf to (Quantity, Lanes)
         The invariants, the outputs and the functions of the events.
     histories : Histories
@@ -78,6 +81,7 @@ class Shared:
     method: Method
     kernel: Callable
     rhs: Lanes
+    keeping: Keeping | None
     quantities: dict[Any, tuple[Quantity, Lanes]]
     histories: Histories
     alone: Callable[[int, Cancel], Solution]

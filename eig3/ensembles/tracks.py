@@ -23,6 +23,8 @@ class Tracks:
     quantities : dict of str to (Quantity, Lanes)
         Each quantity, and its function compiled for lanes.
     layout : Layout
+    project : int
+        The address of the function that moves states to the constraints, or 0.
 
     Attributes
     ----------
@@ -34,7 +36,7 @@ class Tracks:
         The values at the start.
     """
 
-    def __init__(self, quantities: Mapping[str, tuple[Quantity, Lanes]], layout: Layout) -> None:
+    def __init__(self, quantities: Mapping[str, tuple[Quantity, Lanes]], layout: Layout, project: int = 0) -> None:
         self._quantities, self._lanes = quantities, layout.lanes
         self._table = np.zeros((len(quantities), 6), dtype=np.int64)
         column, place = 0, _GUARD_ROWS * layout.lanes
@@ -46,7 +48,8 @@ class Tracks:
         self._out, self._extremes = self.numbers[:place], self.numbers[place:].reshape(4, column)
         self._extremes[LOW], self._extremes[HIGH] = np.inf, -np.inf
         no_parts = _NONE.reshape(0, 2, 0)
-        self.record = Follow(self._table, self._out, self._extremes, _NONE, no_parts, _NONE, np.empty(0))
+        arrays = self._table, self._out, self._extremes, _NONE, no_parts, _NONE, np.empty(0)
+        self.record = Follow(*arrays, project=project)
 
     def begin(self, t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray) -> None:
         """Evaluate the quantities at the start, from the values of the kernel."""

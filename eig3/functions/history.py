@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from ..kernels.constraint_lanes import Straight
+
 
 class History(NamedTuple):
     """Two compiled functions of (t, u, v, p), which return a number and change what a run remembers, in its p.
@@ -23,7 +25,7 @@ class History(NamedTuple):
 
 
 class Constraints(NamedTuple):
-    """Two compiled functions that keep the constraints of a right-hand side, whose accelerations know them.
+    """Compiled functions that keep the constraints of a right-hand side, whose accelerations know them.
 
     Attributes
     ----------
@@ -31,10 +33,13 @@ class Constraints(NamedTuple):
         A function of (t, u, v, p), which returns a number and moves u and v to the nearest state that keeps them.
     leap : jitted function
         A step of EIG-3 by accelerations that do not know them: see `eig3.kernels.constraints.leap`.
+    straight : Straight or None
+        What keeps them in the lanes of an ensemble; None if there are many.
     """
 
     project: Any
     leap: Any
+    straight: Straight | None = None
 
 
 def constraints_of(rhs: Any) -> Constraints | None:

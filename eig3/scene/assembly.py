@@ -331,20 +331,32 @@ def assemble(
     if not (cloud.masses > 0).any():
         raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
     placements, events, states = numbered(cloud, placements)
+    cloud, whole = _without_idle_points(cloud, placements, swarms), cloud
     motions, moves = _motions(cloud, placements)
     bodies = _fused(_body_groups(cloud, placements))
     links = _fused(_link_groups(cloud, placements, moves))
     meshes, supports = _meshes(cloud, placements, moves)
     check_rest(swarms, placements)
     leaves_joined = any(swarm.leaves_joined for swarm in swarms)
-    joined = joined_pairs(placements, cloud.bodies.carried) if leaves_joined else joined_pairs((), {})
+    joined = joined_pairs(placements, whole.bodies.carried) if leaves_joined else joined_pairs((), {})
     given = bodies, links, meshes, supports, list(swarms), joined, motions, events, states
     assembly = Assembly(cloud, *given, held=None, follows_work=False)
     if any(isinstance(effect, Constraint) for effect, _, _ in placements):
         from .held import held  # it needs SciPy
 
-        assembly = replace(assembly, held=held(cloud, placements, assembly.degrees + 1))
+        assembly = replace(assembly, held=held(whole, placements, assembly.degrees + 1))
     return replace(assembly, follows_work=work and not assembly.is_conservative)
+
+
+def _without_idle_points(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm]) -> Cloud:
+    """Return the points without those of bodies on which no force acts, such as joints. The code does not need them."""
+    acting = [numbers for effect, numbers, _ in placements if not isinstance(effect, Constraint)]
+    used = [*(points for numbers in acting for points in numbers), *(x for s in swarms for x in (s.first, s.second))]
+    idle = cloud.bodies.carried.keys() - set(np.concatenate([*used, np.empty(0, dtype=np.int64)]).tolist())
+    masses, carried = cloud.masses.copy(), cloud.bodies.carried
+    masses[list(idle)] = 0.0
+    bodies = Bodies(cloud.bodies.vectors, {x: parts for x, parts in carried.items() if x not in idle})
+    return replace(cloud, masses=masses, bodies=bodies)
 
 
 def numbered(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Placement], list[str], list[str]]:

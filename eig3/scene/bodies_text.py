@@ -19,6 +19,7 @@ class BodiesText:
         self._d, self._own, self._count = assembly.dimension, assembly.own, assembly.n
         self._block, self._constraints = packing.carried, constraints
         self._follows_work, self._work = assembly.follows_work, assembly.size
+        self._is_straight = constraints.straight is not None
 
     @property
     def suffix(self) -> str:
@@ -27,13 +28,15 @@ class BodiesText:
 
     def forces(self) -> Iterator[str]:
         """Gather the accelerations of all points."""
+        yield from () if self._is_straight else self._tables()
         yield from self._spread("u", "v")
         yield self._array("acting", 2, "a")
         yield "forces_of_all(t, everywhere, speeds, p, acting)"
-        yield self._gather("acting", "a")
+        yield from self._gather("acting", "a")
 
     def value(self, call: str) -> Iterator[str]:
         """Return the value of a function of all points."""
+        yield from () if self._is_straight else self._tables()
         yield from self._spread("u", "v")
         yield f"return {call}"
 
@@ -41,6 +44,7 @@ class BodiesText:
         """Let an event change the velocities and the states, and the constraints take part in its impulse."""
         if self._follows_work:
             yield "energy_before = energy(t, u, v, p)"
+        yield from self._tables()
         yield from self._spread("u", "v")
         yield self._array("before", 2, "v")
         yield "for k in range(len(before)):"
@@ -48,7 +52,7 @@ class BodiesText:
         yield call
         yield from self._constraints.before_impulse()
         yield f"free = change(before, speeds, {self._own}, {self._count}, weights, {self._d})"
-        yield self._gather("speeds", "v")
+        yield from self._gather("speeds", "v")
         yield f"for k in range({self._d * self._own}):"
         yield "    v[k] += c.before[k]"
         yield f"for k in range(len(u) - {self._d * self._own}):"
@@ -59,6 +63,14 @@ class BodiesText:
             yield f"    v[{self._work}] += energy(t, u, v, p) - energy_before"
 
     def _spread(self, *arrays: str) -> Iterator[str]:
+        for k, (array, everything) in enumerate(zip(arrays, ("everywhere", "speeds"), strict=False)):
+            yield self._array(everything, k, array)
+            if self._is_straight:
+                yield from self._straight_spread(array, everything)
+            else:
+                yield f"spread({array}, {everything}, {self._own}, {self._count}, begins, parts, factors, {self._d})"
+
+    def _tables(self) -> Iterator[str]:
         block = self._block
         assert block
         yield "kept = memory(p)"
@@ -66,16 +78,50 @@ class BodiesText:
         yield f"parts = integers(kept, {block.parts}, {block.size})"
         yield f"factors = floats(kept, {block.factors}, {block.size})"
         yield f"weights = floats(kept, {block.weights}, {self._own})"
-        for k, (array, everything) in enumerate(zip(arrays, ("everywhere", "speeds"), strict=False)):
-            yield self._array(everything, k, array)
-            yield f"spread({array}, {everything}, {self._own}, {self._count}, begins, parts, factors, {self._d})"
 
-    def _gather(self, everything: str, x: str) -> str:
-        given = f"{everything}, {x}, {self._own}, {self._count}, begins, parts, factors, weights, {self._d}"
-        return f"gather({given})"
+    def _gather(self, everything: str, x: str) -> Iterator[str]:
+        if self._is_straight:
+            yield from self._straight_gather(everything, x)
+        else:
+            given = f"{everything}, {x}, {self._own}, {self._count}, begins, parts, factors, weights, {self._d}"
+            yield f"gather({given})"
 
     def _array(self, name: str, k: int, like: str) -> str:
-        block = self._block
+        block, more = self._block, self._d * (self._count - self._own)
         assert block
-        more = self._d * (self._count - self._own)
+        if self._is_straight:
+            return f"{name} = batch()[: len({like}) + {more}]"
         return f"{name} = floats(kept, {block.scratch + k * block.degrees}, len({like}) + {more})"
+
+    # The same as `eig3.kernels.bodies`, for few points
+
+    def _straight_spread(self, x: str, everything: str) -> Iterator[str]:
+        for axis in range(self._d):
+            for i in range(self._own):
+                yield f"{everything}[{axis * self._count + i}] = {x}[{axis * self._own + i}]"
+            for s, parts in enumerate(self._parts()):
+                total = " + ".join(f"p[{factor}] * {x}[{axis * self._own + i}]" for factor, i in parts)
+                yield f"{everything}[{axis * self._count + self._own + s}] = {total}"
+        yield f"for k in range(len({x}) - {self._d * self._own}):"
+        yield f"    {everything}[{self._d * self._count} + k] = {x}[{self._d * self._own} + k]"
+
+    def _straight_gather(self, everything: str, x: str) -> Iterator[str]:
+        assert self._block
+        for axis in range(self._d):
+            for i in range(self._own):
+                yield f"{x}[{axis * self._own + i}] = {everything}[{axis * self._count + i}]"
+            for s, parts in enumerate(self._parts()):
+                force = f"{everything}[{axis * self._count + self._own + s}]"
+                for factor, i in parts:
+                    weight = f"p[{self._block.weights + i}]"
+                    yield f"{x}[{axis * self._own + i}] += p[{factor}] * {weight} * {force}"
+        yield f"for k in range(len({x}) - {self._d * self._own}):"
+        yield f"    {x}[{self._d * self._own} + k] = {everything}[{self._d * self._count} + k]"
+
+    def _parts(self) -> Iterator[list[tuple[int, int]]]:
+        """The carriers of each point, each with the place of its factor in p."""
+        assert self._block
+        place = self._block.factors
+        for carriers in self._block.carriers:
+            yield list(enumerate(carriers, place))
+            place += len(carriers)

@@ -29,6 +29,7 @@ from ..functions.events import Event
 from ..functions.families import Family
 from ..functions.history import Constraints, History
 from ..kernels.compile.source import define
+from ..kernels.constraint_lanes import Straight
 from ..kernels.protocol import index
 from ..kernels.shared_forces import OWN
 from ..stepping.team import Shares
@@ -85,7 +86,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> Compiled:
     if packing.team is not None:
         functions["rhs"].py_func.shares = Shares(functions["share"], packing.team, assembly.n)
     if packing.held:
-        functions["rhs"].py_func.constraints = Constraints(functions["projection"], functions["constrained_step"])
+        keeping = functions["projection"], functions["constrained_step"]
+        functions["rhs"].py_func.constraints = Constraints(*keeping, source.straight(functions))
     if packing.grains:
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
     found: dict[str, Event] = {}
@@ -170,6 +172,14 @@ class _Source:
         return "\n".join(self._lines) + "\n"
 
     # The functions
+
+    def straight(self, functions: dict[str, Any]) -> Straight | None:
+        """Return a few constraints as lines for lanes, and let the reactions find their own function for lanes."""
+        text = self._constraints.straight
+        if text is None:
+            return None
+        functions["reactions"].py_func.in_lanes = functions["reactions_in_lanes"]
+        return text.straight(functions["forces"])
 
     def parts(self) -> None:
         """Write the functions that others call: the places of the corners of cells, and what threads share."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -50,6 +51,28 @@ class Row:
     slopes: tuple[int, ...] = ()
 
 
+class Packed(NamedTuple):
+    """The table at a place of p.
+
+    Attributes
+    ----------
+    values : ndarray
+        Its numbers.
+    order : ndarray of int
+        The order of its rows.
+    areas, begins : Areas
+        Its areas, and their places in p.
+    structure : (int, ndarray)
+        The place in p of the part that says which points belong to which row, and this part.
+    """
+
+    values: np.ndarray
+    order: np.ndarray
+    areas: Areas
+    begins: Areas
+    structure: tuple[int, np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class ConstraintTable:
     """The constraints between n masses.
@@ -77,8 +100,8 @@ class ConstraintTable:
     length: float
     degrees: int
 
-    def values(self, place: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the numbers of the table at a place of p, and the order of its rows."""
+    def packed(self, place: int) -> Packed:
+        """Return the table at a place of p."""
         entries = self.entries()
         order = _order(entries, len(self.rows), len(self.weights))
         areas = self._areas(entries, order)
@@ -87,7 +110,10 @@ class ConstraintTable:
         count = len(self.rows), len(self.weights), len(self.arms), len(self.arms) + self.own_arms, len(entries)
         head = [*count, self.length, 0.0, 0.0]
         table = np.column_stack([begins, [len(area) for area in areas]]).ravel()
-        return np.concatenate([head, table, *parts]), order
+        # 32-bit integers have no index in p
+        places = [int(begin) if k < FLOATS else None for k, begin in enumerate(begins)]
+        structure = int(begins[FLOATS]), np.concatenate(parts[FLOATS:])
+        return Packed(np.concatenate([head, table, *parts]), order, areas, Areas(*places), structure)
 
     def entries(self) -> np.ndarray:
         """Return a row (row, point, arm, factor) for each entry of the gradients."""

@@ -11,6 +11,7 @@ from .assembly import Assembly
 from .constraint import TINY
 from .lines import indented
 from .packing import HeldBlock, Packing, Symbols
+from .straight_text import StraightText
 
 
 class ConstraintText:
@@ -19,6 +20,8 @@ class ConstraintText:
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
         self._d, self._follows_work, self._work = assembly.dimension, assembly.follows_work, assembly.size
         self._n, self._block = assembly.own, packing.held
+        few = packing.held if packing.held and packing.held.is_few else None
+        self.straight = StraightText(few, assembly.dimension) if few else None
 
     def functions(self) -> Iterator[tuple[str, Iterable[str]]]:
         """The heads and the bodies of the functions, all but the accelerations that do not know the constraints."""
@@ -29,6 +32,8 @@ class ConstraintText:
             yield "projection(t, u, v, p)", self._project(self._block)
             yield "constrained_step(t, h, u, v, drift, p)", self._leap(self._block)
             yield "reactions(t, u, v, p, out)", self._reactions(self._block)
+        if self.straight:
+            yield "reactions_in_lanes(t, u, v, p, out)", self.straight.reactions()
 
     def _rhs(self, block: HeldBlock) -> Iterator[str]:
         yield "forces(t, u, v, p, a)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -19,11 +20,16 @@ from .swarm import Listing, Swarm, listed
 
 _CONTACTS = {2: 4, 3: 8}  # of a grain, by the dimension: hard ones have 3 and 6
 if TYPE_CHECKING:
+    from .constraint_table import Packed
     from .held import Held
 
 #: Near points, and cells, from which on threads share their forces. Links alone are not shared: to compute the force of
 #: one takes less time than another core needs to get its ends, which the thread of the run has just moved.
 _SHARED, _SHARED_CELLS = 2000, 5000
+
+#: Rows of constraints (and points of bodies), and degrees of freedom, up to which straight lines are written for them:
+#: with more, to compile these takes longer than most ensembles.
+_FEW, _FEW_DEGREES = 8, 24
 
 
 @dataclass(frozen=True)
@@ -259,12 +265,18 @@ class HeldBlock:
         The place in p of the number of each row, in the order in which they were added, among those of the table.
     own : list of (Symbols, int, int)
         The laws with functions of their own, the first of their rows, and the number of their members.
+    packed : Packed
+        The table.
+    is_few : bool
+        Whether there are so few that they are also written as straight lines, which run in lanes.
     """
 
     held: Held
     place: int
     order: int
     own: list[tuple[Symbols, int, int]]
+    packed: Packed
+    is_few: bool
 
 
 @dataclass(frozen=True)
@@ -275,6 +287,8 @@ class CarriedBlock:
     ----------
     count, size, degrees : int
         The number of carried points, of masses that carry them, and of degrees of freedom of all points at most.
+    carriers : list of list of int
+        The masses that carry each point.
     """
 
     begins: int
@@ -285,6 +299,7 @@ class CarriedBlock:
     count: int
     size: int
     degrees: int
+    carriers: list[list[int]]
 
 
 class Packing:
@@ -353,8 +368,9 @@ class Packing:
         self.swarms = [self._swarm(assembly, x) for x in assembly.swarms if not isinstance(x.effect, Rough)]
         self.grains = [self._grains(assembly, x) for x in assembly.swarms if isinstance(x.effect, Rough)]
         self.turn = self._column(inverse(assembly.cloud.in_order(assembly.cloud.inertia))) if assembly.angles else None
+        self._is_few = assembly.held is not None and _is_few(assembly, assembly.held)
         self.carried = self._carried(assembly) if assembly.n > assembly.own else None
-        self.held = self._held(assembly.held) if assembly.held else None
+        self.held = self._held(assembly, assembly.held) if assembly.held else None
         self.shares_cells = threads is not None and sum(block.size for block in self.meshes) >= _SHARED_CELLS
         near = [*self.swarms, *self.grains]
         is_large = threads is not None and any(block.listing.masses >= _SHARED for block in near)
@@ -382,6 +398,8 @@ class Packing:
     def _carried(self, assembly: Assembly) -> CarriedBlock:
         cloud, carried = assembly.cloud, assembly.cloud.bodies.carried
         points = [carried[point] for point in sorted(carried)]
+        if not self._is_few:  # where the points are in the source, it must not depend on their places
+            points = [(parts[factors != 0], factors[factors != 0]) for parts, factors in points]
         sizes, degrees = [len(parts) for parts, _ in points], assembly.degrees + 1
         parts = np.concatenate([cloud.free[parts] for parts, _ in points])
         factors = np.concatenate([factors for _, factors in points])
@@ -396,12 +414,13 @@ class Packing:
             len(points),
             len(parts),
             degrees,
+            [cloud.free[parts].tolist() for parts, _ in points],
         )
 
-    def _held(self, held: Held) -> HeldBlock:
+    def _held(self, assembly: Assembly, held: Held) -> HeldBlock:
         place = sum(part.size for part in self._parts)
-        values, order = held.table.values(place)
-        self._add(values)
+        packed = held.table.packed(place)
+        self._add(packed.values)
         own = [(self._symbols(Law(x.effect, x.columns)), int(x.rows[0]), len(x.rows)) for x in held.kinds]
         self.functions |= {"memory": neighbours.memory, "areas": constraints.areas}
         self.functions["strike"] = constraints.strike
@@ -411,7 +430,9 @@ class Packing:
         else:
             self.functions |= dict(zip(names, constraints.LIBRARY[held.table.dimension], strict=True))
             self.functions["own"] = constraints.nothing_of_its_own
-        return HeldBlock(held, place, self._add(np.argsort(order)), own)
+        if self._is_few:
+            self.functions |= {"batch": neighbours.batch, "nan": math.nan, "inf": math.inf}
+        return HeldBlock(held, place, self._add(np.argsort(packed.order)), own, packed, self._is_few)
 
     def _grains(self, assembly: Assembly, swarm: Swarm) -> GrainsBlock:
         block = self._swarm(assembly, swarm)
@@ -483,6 +504,14 @@ class Packing:
         has_events = any(law.events.size for law in laws)
         ends = [self._column(x) for x in (group.first, group.second) if has_events and x is not None]
         return Block(group, laws, anchor, moved, runs, place, ends)
+
+
+def _is_few(assembly: Assembly, held: Held) -> bool:
+    """Return whether the constraints of a scene are few."""
+    if held.kinds or assembly.swarms:
+        return False
+    is_small = assembly.size <= _FEW_DEGREES and assembly.n - assembly.own <= _FEW
+    return len(held.names) <= _FEW and is_small
 
 
 def inverse(values: np.ndarray) -> np.ndarray:

@@ -272,8 +272,7 @@ class Scene:
         position = (factors @ cloud.positions[parts]).reshape(shape)
         points = self._added(position, np.ones(shape[:-1]), (factors @ cloud.velocities[parts]).reshape(shape))
         for number, row in zip(points.numbers.ravel().tolist(), factors.reshape(-1, len(parts)), strict=True):
-            kept = np.flatnonzero(row)
-            self._bodies.carried[number] = parts[kept], row[kept]
+            self._bodies.carried[number] = parts, row
             self._bodies.vectors.extend([number] * is_vector)
         return points
 

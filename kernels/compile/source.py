@@ -11,6 +11,8 @@ import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+_WRITTEN = re.compile(r"<[a-z]+ [0-9a-f]{8}>")  # the name of a file that `define` gives
+
 
 def define(text: str, what: str, names: Mapping[str, Any]) -> dict[str, Any]:
     """Execute the source of some functions, and return their namespace.
@@ -28,6 +30,12 @@ def define(text: str, what: str, names: Mapping[str, Any]) -> dict[str, Any]:
     namespace = dict(names)
     exec(compile(text, filename, "exec"), namespace)
     return namespace
+
+
+def is_beside(code: Any, function: Any) -> bool:
+    """Return whether a function is defined in the same written source as some code."""
+    own = getattr(function, "__code__", None)
+    return own is not None and own.co_filename == code.co_filename and bool(_WRITTEN.fullmatch(own.co_filename))
 
 
 class Constants:

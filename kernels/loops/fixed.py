@@ -269,21 +269,22 @@ def inline_kernel(
 
 
 @functools.cache
-def wide_kernel(method: Formulas, looks: int) -> Any:
+def wide_kernel(method: Formulas, looks: int, second: str = "") -> Any:
     """Return the kernel of the vector form for a block of trajectories, see `eig3.kernels.lanes`.
 
     It is `kernel`, with `looks` 0 or `FOLLOWS`, but with the widest vectors that the processor has. The loops are in
     the elements of the method: these are compiled anew.
     """
     if looks == 0 and not has_wide_vectors():
-        return kernel(method, 0, VECTOR, 0, looks=0)
-    callbacks, shared = pointer_callbacks(VECTOR)
+        return kernel(method, 0, VECTOR, 0, looks=0, second=second)
+    callbacks, shared = pointer_callbacks(VECTOR, second)
     formulas = method.names(VECTOR)
     names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}, "N": 0, "STACKED": 0}
     names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing, "MAY_BE_ONLY": 0}
-    names |= {"ADVANCE_HISTORY": no_history, "PROJECT": no_projection}
+    names |= {"ADVANCE_HISTORY": no_history, "PROJECT": functions(VECTOR).project}
+    label = f"{method.label}_wide_{looks}{second}" if method.is_own else ""
     with wide_vectors():
-        return _compile(method, 0, VECTOR, callbacks, names, looks, f"{method.label}_wide_{looks}" * method.is_own)
+        return _compile(method, 0, VECTOR, callbacks, names, looks, label)
 
 
 def _compile(
