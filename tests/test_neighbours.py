@@ -1,6 +1,7 @@
 """Links between all near pairs of points: the lists of neighbours miss nothing, and runs do not depend on them."""
 
 import inspect
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -369,6 +370,17 @@ def test_a_scene_without_near_pairs_has_no_code_for_them():
     scene.add(effects.LinearSpring(1.0), points[0], points[1])
     source = inspect.getsource(scene.problem((0, 1)).rhs.py_func)
     assert not any(word in source for word in ("refresh", "mates", "rint", "side"))
+
+
+@pytest.mark.parametrize("reach", [0.5, 3.0])  # few mates, and many
+def test_the_forces_of_near_pairs_are_computed_in_vectors(reach):
+    """The roots of several distances are taken at once."""
+    x, v = cloud(3)
+    scene = Scene(3)
+    scene.add(contact(reach=reach, damping=0.0), scene.mass(1.0, x, v))
+    problem = scene.problem((0, 1))
+    acceleration(problem)
+    assert re.search(r"sqrtpd|fsqrt\s+v", next(iter(problem.rhs.inspect_asm().values())))
 
 
 def test_the_critical_step_is_that_of_all_pairs():
