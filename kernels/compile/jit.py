@@ -47,6 +47,10 @@ OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"
 # allocation does not compile, and a kernel must not return an array to code that counts references.
 KERNEL_OPTIONS: dict[str, Any] = {**WITHOUT_RUNTIME, **OPTIONS}
 
+# Numba adds functions that make the call from Python, and from C: each is compiled too.
+_FROM_PYTHON = {"no_cfunc_wrapper": True}
+_FROM_CODE = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+
 
 def element(function: Callable) -> Any:
     """Decorate a function that is inlined into a kernel or into a scene."""
@@ -89,13 +93,15 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
         contains a checksum of the files of this folder, so that a kernel is compiled again after a change, but Numba
         cannot detect a change of other files.
     """
-    return call_without_checks(_compiled(template, names, signature, label))
+    return call_without_checks(_compiled(template, names, signature, label, _FROM_PYTHON))
 
 
-def _compiled(template: Callable, names: dict[str, Any], signature: Any, label: str) -> Any:
+def _compiled(
+    template: Callable, names: dict[str, Any], signature: Any, label: str, wrappers: dict[str, bool] = _FROM_CODE
+) -> Any:
     function = bound(template, names)
     function.__qualname__ = f"{template.__name__}_{label}_{_fingerprint()}"
-    kernel = numba.njit(**KERNEL_OPTIONS)(function)
+    kernel = numba.njit(**KERNEL_OPTIONS, **wrappers)(function)
     what = f"the kernel {label}, which is kept on the disk" if label else "a kernel for this right-hand side"
     return compiled(keep_on_disk(kernel) if label else kernel, signature.args, what)
 
