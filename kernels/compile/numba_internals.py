@@ -9,6 +9,7 @@ methods of jitted functions, such as `recompile`.
 from __future__ import annotations
 
 import functools
+import gc
 import importlib
 import itertools
 import operator
@@ -49,8 +50,24 @@ compile_results = operator.attrgetter("overloads")
 
 def compile_for(function: Jitted, arguments: tuple) -> None:
     """Compile a jitted function for types of arguments, or load it from its cache."""
-    with _operators_remembered():
+    with _without_collections(), _operators_remembered():
         function.compile(arguments)
+
+
+@contextmanager
+def _without_collections() -> Iterator[None]:
+    """A block in which Python does not look for cycles of objects to free.
+
+    The compiler makes so many objects, most of which stay, that this search takes an eighth of its time.
+    """
+    with global_compiler_lock:
+        was_enabled = gc.isenabled()
+        gc.disable()
+        try:
+            yield
+        finally:
+            if was_enabled:
+                gc.enable()
 
 
 @contextmanager
