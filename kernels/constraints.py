@@ -402,11 +402,11 @@ def hold(task, own, t, h, u, v, x, p, place, d):
     """Do a task with the constraints; return success. It is one function, so that their matrix compiles once for all.
 
     - STAND has the gradients, and S factorised.
-    - CONSTRAIN adds the accelerations from the constraints to x. They are NaN where the constraints depend on each other.
+    - CONSTRAIN adds the accelerations from the constraints to x: NaN where the constraints depend on each other.
     - REACT finds the multipliers for accelerations x without them.
     - PROJECT moves u and v to the nearest state that keeps the constraints. Without one, u becomes NaN.
-    - LEAP takes a step of EIG-3, from the accelerations in `forces` that the constraints do not know. Here x is the drift
-      (u_n - u_{n-1}) / h. What u has after the coordinates is without constraints.
+    - LEAP takes a step of EIG-3, from the accelerations in `forces` that the constraints do not know. Here x is the
+      drift (u_n - u_{n-1}) / h. What u has after the coordinates is without constraints.
     """
     c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
     success = stand(own, t, u, p, place, c, n, rows, d)

@@ -21,7 +21,9 @@ from .cache import check_cache, keep_on_disk
 from .interrupt import DeferredInterrupt
 from .notice import announced
 from .numba_internals import (
+    WITHOUT_C_WRAPPER,
     WITHOUT_RUNTIME,
+    WITHOUT_WRAPPERS,
     CompiledFunction,
     address_of,
     address_of_symbol,
@@ -46,10 +48,6 @@ OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"
 # would leak every array to which the kernel holds a reference, such as a whole history. Without the runtime, an
 # allocation does not compile, and a kernel must not return an array to code that counts references.
 KERNEL_OPTIONS: dict[str, Any] = {**WITHOUT_RUNTIME, **OPTIONS}
-
-# Numba adds functions that make the call from Python, and from C: each is compiled too.
-_FROM_PYTHON = {"no_cfunc_wrapper": True}
-_FROM_CODE = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 
 
 def element(function: Callable) -> Any:
@@ -93,11 +91,11 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
         contains a checksum of the files of this folder, so that a kernel is compiled again after a change, but Numba
         cannot detect a change of other files.
     """
-    return call_without_checks(_compiled(template, names, signature, label, _FROM_PYTHON))
+    return call_without_checks(_compiled(template, names, signature, label, WITHOUT_C_WRAPPER))
 
 
 def _compiled(
-    template: Callable, names: dict[str, Any], signature: Any, label: str, wrappers: dict[str, bool] = _FROM_CODE
+    template: Callable, names: dict[str, Any], signature: Any, label: str, wrappers: dict[str, bool] = WITHOUT_WRAPPERS
 ) -> Any:
     function = bound(template, names)
     function.__qualname__ = f"{template.__name__}_{label}_{_fingerprint()}"

@@ -138,6 +138,11 @@ def optimised_code(result: Any) -> str:
 WITHOUT_RUNTIME = {"_nrt": False}
 
 
+#: Options of `numba.njit`: code without the functions that make calls from C, or from Python too. Each is compiled.
+WITHOUT_C_WRAPPER = {"no_cfunc_wrapper": True}
+WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, **WITHOUT_C_WRAPPER}
+
+
 class _Linked(JITCodeLibrary):
     """The code of a function that is only linked into the code of others.
 
@@ -170,9 +175,6 @@ class _LinkedCompiler(Compiler):
         super().__init__(typing, target, library, *others)
 
 
-_WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-
-
 class _NamedFunction(CPUDispatcher):
     """A jitted function of a module, which is pickled by its name, as Python's functions are.
 
@@ -195,7 +197,7 @@ class _LinkedFunction(_NamedFunction):
 
     @functools.cached_property
     def for_python(self) -> Jitted:
-        left_out = "nopython", *_WITHOUT_WRAPPERS
+        left_out = "nopython", *WITHOUT_WRAPPERS
         return numba.njit(**{k: value for k, value in self.targetoptions.items() if k not in left_out})(self.py_func)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
@@ -204,7 +206,7 @@ class _LinkedFunction(_NamedFunction):
 
 def linked_jit(function: Callable, **options: Any) -> Jitted:
     """Return a jitted function for compiled functions: it has machine code only in those that call it."""
-    jitted = numba.njit(pipeline_class=_LinkedCompiler, **_WITHOUT_WRAPPERS, **options)(function)
+    jitted = numba.njit(pipeline_class=_LinkedCompiler, **WITHOUT_WRAPPERS, **options)(function)
     jitted.__class__ = _LinkedFunction
     return jitted
 
@@ -338,7 +340,8 @@ class Cell(numba.types.Type):
 class Strip(numba.types.Type):
     """The type of the address of `count` neighbouring numbers, which is used as an array, with an index from zero on.
 
-    It compiles in less time, as a `Cell` does. A function that takes an array of floats gets one, if the count is known.
+    It compiles in less time, as a `Cell` does. A function that takes an array of floats gets one if the
+    count is known.
     """
 
     def __init__(self, count: int | None, dtype: Any = numba.types.float64) -> None:
