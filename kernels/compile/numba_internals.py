@@ -139,8 +139,8 @@ WITHOUT_RUNTIME = {"_nrt": False}
 
 
 #: Options of `numba.njit`: code without the functions that make calls from C, or from Python too. Each is compiled.
-WITHOUT_C_WRAPPER = {"no_cfunc_wrapper": True}
-WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, **WITHOUT_C_WRAPPER}
+WITHOUT_C_WRAPPER: dict[str, Any] = {"no_cfunc_wrapper": True}
+WITHOUT_WRAPPERS: dict[str, Any] = {"no_cpython_wrapper": True, **WITHOUT_C_WRAPPER}
 
 
 class _Linked(JITCodeLibrary):
