@@ -86,7 +86,7 @@ def rhs(t, u, v, p, a):
 
 
 def leap(t, h, u, v, drift, p):
-    """Take a step of EIG-3, as `constraints.leap` does."""
+    """Take a step of EIG-3, as the task LEAP of `constraints.hold` does."""
     x, room = ROWS_ON_STACK(), ROOM_ON_STACK()
     FORCES_AT(FORCES)(t, u, v, p, x)
     for j in range(SIZE):
@@ -101,7 +101,7 @@ def leap(t, h, u, v, drift, p):
 
 
 def project(t, u, v, p):
-    """Move u and v to the nearest state that keeps the constraints, as `constraints.project` does."""
+    """Move u and v to the nearest state that keeps the constraints, as its task PROJECT does."""
     x, room = ROWS_ON_STACK(), ROOM_ON_STACK()
     for j in range(SIZE):
         x[j] = 0.0

@@ -26,10 +26,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
-from numba.types import Array, boolean, float64, int32, int64, intp, none
+from numba.types import boolean, float64, int32, int64, intp, none
 
-from .compile.jit import element, of_library
-from .compile.numba_internals import array_over, parts_of
+from .compile.jit import compiled, element, function_at, of_library
+from .compile.numba_internals import Strip, address_of, address_of_this_process, array_over, jitted_of, parts_of
 from .neighbours import floats
 from .protocol import index, vector_type
 
@@ -37,7 +37,9 @@ from .protocol import index, vector_type
 #: gradients; the largest length of the scene; and whether S is factorised, with the time.
 ROWS, MASSES, SUMS, ARMS, ENTRIES, LENGTH, IS_FACTORED, FACTORED_AT = range(8)
 HEAD = 8
-#: What a function of constraints of one's own does: see `nothing_of_its_own`.
+#: What `hold` does.
+STAND, CONSTRAIN, REACT, PROJECT, LEAP = map(np.int64, range(5))
+#: What a function of constraints of one's own does: see `evaluate_own`.
 PLACE, SPEED = map(np.int64, range(2))
 
 MOST_ITERATIONS = 60
@@ -117,8 +119,16 @@ class Areas(NamedTuple):
 FLOATS = Areas._fields.index("begins")
 
 
-_floats, _integers = vector_type, Array(int32, 1, "C")
-_areas = types.NamedTuple([_floats if k < FLOATS else _integers for k in range(len(Areas._fields))], Areas)
+_floats = vector_type
+#: Areas that are used as arrays. The others are addresses: code with them compiles in less time.
+_ARRAYS = "scales", "profile", "before", "ways", "forces"
+_areas = types.NamedTuple(
+    [
+        _floats if name in _ARRAYS else Strip(None, float64 if k < FLOATS else int32)
+        for k, name in enumerate(Areas._fields)
+    ],
+    Areas,
+)
 
 
 @intrinsic
@@ -135,22 +145,40 @@ def areas(typingctx, p, place):  # type: ignore[no-untyped-def]
         def area(k):  # type: ignore[no-untyped-def]
             kind = _areas.types[k]
             begin = builder.bitcast(builder.gep(data, [number(2 * k)]), context.get_data_type(kind.dtype).as_pointer())
-            stride = context.get_constant(intp, kind.dtype.bitwidth // 8)
-            return array_over(context, builder, kind, begin, number(2 * k + 1), stride)
+            if isinstance(kind, Strip):
+                return begin
+            return array_over(context, builder, kind, begin, number(2 * k + 1), context.get_constant(intp, 8))
 
         return context.make_tuple(builder, _areas, [area(k) for k in range(len(_areas.types))])
 
     return _areas(p, int64), codegen
 
 
-@element
-def nothing_of_its_own(task, t, u, v, p):
-    """Do nothing: the scene has no constraint of its own, and no target that depends on the time.
+_OWN = none(int64, float64, _floats, _floats, _floats)
+_own_at = function_at(_OWN)
 
-    Other functions in this place write to areas of p. At the task PLACE, they write the targets, and the values and
-    the gradients of constraints of their own. At the task SPEED, they write the derivatives of the targets, and the
-    curvatures v . phi_uu . v of constraints of their own into the values.
+
+@intrinsic
+def own_address(typingctx, own):  # type: ignore[no-untyped-def]
+    """``own_address(own)`` is the address of the function of a scene that `evaluate_own` calls."""
+    result = compiled(jitted_of(own), _OWN.args, "constraints")
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        return address_of_this_process(context, builder, address_of(result))
+
+    return int64(own), codegen
+
+
+@element
+def evaluate_own(own, task, t, u, v, p):
+    """Call the function at the address `own`, or none at 0: no constraint has functions, and no target changes.
+
+    The function writes to areas of p. At the task PLACE, it writes the targets, and the values and the gradients of
+    constraints of their own. At the task SPEED, it writes the derivatives of the targets, and the curvatures
+    v . phi_uu . v of constraints of their own into the values.
     """
+    if own != 0:
+        _own_at(own)(task, t, u, v, p)
 
 
 @element
@@ -178,7 +206,7 @@ def product(x, first, y, second, d):
 def evaluate(own, t, u, p, place, c, n, rows, d):
     """Write phi, and what the gradients need; return the largest |phi|, or infinity if one is NaN."""
     sum_up(u, c, n, int(p[place + SUMS]), True, c.arms, d)
-    own(PLACE, t, u, u, p)
+    evaluate_own(own, PLACE, t, u, u, p)
     worst = 0.0
     for k in range(rows):
         if c.scales[k] != 0:
@@ -288,7 +316,7 @@ def stand(own, t, u, p, place, c, n, rows, d):
 def speeds(own, t, u, v, p, place, c, n, rows, d):
     """Write the rates of the arms and of the targets, and into the values phi'' without the accelerations."""
     sum_up(v, c, n, int(p[place + SUMS]), False, c.rates, d)
-    own(SPEED, t, u, v, p)
+    evaluate_own(own, SPEED, t, u, v, p)
     for k in range(rows):
         if c.scales[k] != 0:
             both = product(c.rates, index(c.first_arms[k]), c.rates, index(c.second_arms[k]), d)
@@ -296,30 +324,18 @@ def speeds(own, t, u, v, p, place, c, n, rows, d):
 
 
 @element
-def react(own, t, u, v, p, place, a, d):
-    """Find the multipliers l for accelerations a without them; return whether they exist."""
-    c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
-    success = stand(own, t, u, p, place, c, n, rows, d)
+def react(own, t, u, v, p, place, c, n, rows, a, d):
+    """Find the multipliers l for accelerations a without them, where S is factorised."""
     speeds(own, t, u, v, p, place, c, n, rows, d)
     for k in range(rows):
         c.multipliers[k] = -c.values[k] - along(c, k, n, a, d)
     solve(c, c.multipliers, rows)
-    return success
 
 
 @element
-def constrain(own, t, u, v, p, place, a, d):
-    """Add the accelerations from the constraints to a. They are NaN where the constraints depend on each other."""
-    c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
-    success = react(own, t, u, v, p, place, a, d)
-    push(c, 1.0 if success else math.nan, rows, n, a, d)
-
-
-@element
-def level(own, t, u, v, p, place, d):
+def level(own, t, u, v, p, c, n, rows, d):
     """Project the velocity at a place where S is factorised."""
-    c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
-    own(SPEED, t, u, v, p)
+    evaluate_own(own, SPEED, t, u, v, p)
     for k in range(rows):
         c.multipliers[k] = along(c, k, n, v, d) - c.target_rates[k]
     solve(c, c.multipliers, rows)
@@ -350,44 +366,11 @@ def approach(own, t, u, x, p, place, c, n, rows, d):
     return False
 
 
-@element
-def project(own, t, u, v, p, place, d):
-    """Move u and v to the nearest state that keeps the constraints. Without one, u becomes NaN."""
-    c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
-    success = stand(own, t, u, p, place, c, n, rows, d)
-    for j in range(d * n):
-        c.before[j] = 0.0
-    success &= approach(own, t, u, c.before, p, place, c, n, rows, d)
-    for j in range(d * n):
-        u[j] += c.before[j] if success else math.nan
-    success = success and stand(own, t, u, p, place, c, n, rows, d)
-    level(own, t, u, v, p, place, d)
-
-
-@element
-def leap(own, t, h, u, v, drift, p, place, d):
-    """Take a step of EIG-3, from the accelerations in `forces` that the constraints do not know.
-
-    `drift` is (u_n - u_{n-1}) / h. What u has after the coordinates is without constraints. If no state is found that
-    keeps the constraints, u becomes NaN.
-    """
-    c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
-    success = stand(own, t, u, p, place, c, n, rows, d)
-    for j in range(len(u)):
-        c.before[j] = h * (drift[j] + h * c.forces[j])
-    success &= approach(own, t + h, u, c.before, p, place, c, n, rows, d)
-    for j in range(len(u)):
-        u[j] += c.before[j] if success else math.nan
-        now = c.before[j] / h
-        v[j] = now + (now - drift[j]) / 2
-        drift[j] = now
-    success = success and stand(own, t + h, u, p, place, c, n, rows, d)
-    level(own, t + h, u, v, p, place, d)
-
-
-@element
-def strike(own, t, u, v, p, place, free, d):
+@of_library(none(boolean, _floats, float64, _floats, int64, int64))
+def strike(success, v, free, p, place, d):
     """Let the constraints take part in an impulse that has changed the velocity from `before` to v.
+
+    S is factorised, with `success`.
 
     The impulse itself, of free points, is what v shows. With the reactions, its part along itself must have the same
     effect: for a change x of the velocity of free points, with the projection y, the change is y (x . M x) / (x . M y).
@@ -395,7 +378,6 @@ def strike(own, t, u, v, p, place, free, d):
     x . M x, where points that bodies carry may take part; it is computed here if it is negative.
     """
     c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
-    success = stand(own, t, u, p, place, c, n, rows, d)
     for j in range(d * n):
         c.ways[j] = v[j] - c.before[j]
     for k in range(rows):
@@ -415,74 +397,56 @@ def strike(own, t, u, v, p, place, free, d):
         v[j] = c.before[j] + scale * c.ways[j]
 
 
-_STATE = float64, _floats, _floats, _floats, int64
-_ON_ACCELERATION, _REACT, _PROJECT = none(*_STATE, _floats), boolean(*_STATE, _floats), none(*_STATE)
-_LEAP = none(float64, float64, _floats, _floats, _floats, _floats, int64)
+@element
+def hold(task, own, t, h, u, v, x, p, place, d):
+    """Do a task with the constraints; return success. It is one function, so that their matrix compiles once for all.
+
+    - STAND has the gradients, and S factorised.
+    - CONSTRAIN adds the accelerations from the constraints to x: NaN where the constraints depend on each other.
+    - REACT finds the multipliers for accelerations x without them.
+    - PROJECT moves u and v to the nearest state that keeps the constraints. Without one, u becomes NaN.
+    - LEAP takes a step of EIG-3, from the accelerations in `forces` that the constraints do not know. Here x is the
+      drift (u_n - u_{n-1}) / h. What u has after the coordinates is without constraints.
+    """
+    c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
+    success = stand(own, t, u, p, place, c, n, rows, d)
+    if task <= REACT:
+        if task != STAND:
+            react(own, t, u, v, p, place, c, n, rows, x, d)
+        if task == CONSTRAIN:
+            push(c, 1.0 if success else math.nan, rows, n, x, d)
+        return success
+    for j in range(len(u)):
+        c.before[j] = h * (x[j] + h * c.forces[j]) if task == LEAP else 0.0
+    success &= approach(own, t + h, u, c.before, p, place, c, n, rows, d)
+    for j in range(len(u)):
+        u[j] += c.before[j] if success else math.nan
+        if task == LEAP:
+            now = c.before[j] / h
+            v[j] = now + (now - x[j]) / 2
+            x[j] = now
+    success = success and stand(own, t + h, u, p, place, c, n, rows, d)
+    level(own, t + h, u, v, p, c, n, rows, d)
+    return success
 
 
-@of_library(_ON_ACCELERATION)
-def constrain_1d(t, u, v, p, place, a):
-    constrain(nothing_of_its_own, t, u, v, p, place, a, 1)
+_HOLD = boolean(int64, int64, float64, float64, _floats, _floats, _floats, _floats, int64)
 
 
-@of_library(_ON_ACCELERATION)
-def constrain_2d(t, u, v, p, place, a):
-    constrain(nothing_of_its_own, t, u, v, p, place, a, 2)
+@of_library(_HOLD)
+def hold_1d(task, own, t, h, u, v, x, p, place):
+    return hold(task, own, t, h, u, v, x, p, place, 1)
 
 
-@of_library(_ON_ACCELERATION)
-def constrain_3d(t, u, v, p, place, a):
-    constrain(nothing_of_its_own, t, u, v, p, place, a, 3)
+@of_library(_HOLD)
+def hold_2d(task, own, t, h, u, v, x, p, place):
+    return hold(task, own, t, h, u, v, x, p, place, 2)
 
 
-@of_library(_REACT)
-def react_1d(t, u, v, p, place, a):
-    return react(nothing_of_its_own, t, u, v, p, place, a, 1)
+@of_library(_HOLD)
+def hold_3d(task, own, t, h, u, v, x, p, place):
+    return hold(task, own, t, h, u, v, x, p, place, 3)
 
 
-@of_library(_REACT)
-def react_2d(t, u, v, p, place, a):
-    return react(nothing_of_its_own, t, u, v, p, place, a, 2)
-
-
-@of_library(_REACT)
-def react_3d(t, u, v, p, place, a):
-    return react(nothing_of_its_own, t, u, v, p, place, a, 3)
-
-
-@of_library(_PROJECT)
-def project_1d(t, u, v, p, place):
-    project(nothing_of_its_own, t, u, v, p, place, 1)
-
-
-@of_library(_PROJECT)
-def project_2d(t, u, v, p, place):
-    project(nothing_of_its_own, t, u, v, p, place, 2)
-
-
-@of_library(_PROJECT)
-def project_3d(t, u, v, p, place):
-    project(nothing_of_its_own, t, u, v, p, place, 3)
-
-
-@of_library(_LEAP)
-def leap_1d(t, h, u, v, drift, p, place):
-    leap(nothing_of_its_own, t, h, u, v, drift, p, place, 1)
-
-
-@of_library(_LEAP)
-def leap_2d(t, h, u, v, drift, p, place):
-    leap(nothing_of_its_own, t, h, u, v, drift, p, place, 2)
-
-
-@of_library(_LEAP)
-def leap_3d(t, h, u, v, drift, p, place):
-    leap(nothing_of_its_own, t, h, u, v, drift, p, place, 3)
-
-
-#: The functions of scenes without constraints of their own, by the number of dimensions.
-LIBRARY = {
-    1: (constrain_1d, react_1d, project_1d, leap_1d),
-    2: (constrain_2d, react_2d, project_2d, leap_2d),
-    3: (constrain_3d, react_3d, project_3d, leap_3d),
-}
+#: `hold` by the number of dimensions.
+LIBRARY = {1: hold_1d, 2: hold_2d, 3: hold_3d}

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 import eig3
 from eig3 import effects
+from eig3.kernels.compile.numba_internals import compilations
 from eig3.planning import planner
 from eig3.scene import Scene
 
@@ -395,3 +396,25 @@ def test_a_plan_finds_a_method(monkeypatch):
     assert "eig3" in names
     assert "cd" not in names
     assert np.abs(plan.run().u[-1]).max() > 0.1
+
+
+def test_what_all_constraints_share_is_compiled_once():
+    """A scene with functions of its own compiles these, and nothing of the library that another scene has compiled."""
+
+    def compiled_for(*constraints):
+        scene = Scene(2)
+        bobs = scene.mass([1.0, 2.0], [(0.0, -1.0), (0.0, -2.0)])
+        for constraint, bob in zip(constraints, bobs, strict=True):
+            scene.add(constraint, scene.fixed((0.0, 0.0)), bob)
+        scene.add(effects.Gravity((0.0, -G)))
+        with compilations() as functions:
+            scene.problem((0, 1)).integrate(h=0.01, t_end=0.01)
+        return [f.__name__ for f in functions if f.__module__ == "eig3.kernels.constraints"]
+
+    compiled_for(effects.Rod(), effects.Rod())
+    assert compiled_for(effects.Rod(), effects.Actuator(growing)) == ["hold_2d"]  # a call of what is compiled
+
+
+@eig3.jit
+def growing(t):
+    return 2.0 + 0.5 * np.sin(t) ** 2, 0.5 * np.sin(2 * t), np.cos(2 * t)

@@ -6,6 +6,7 @@ The probes load one file of the library, and need nothing else of it. So where t
 
 import ast
 import ctypes
+import gc
 import operator
 import pickle
 import re
@@ -193,6 +194,21 @@ def test_types_of_operations_are_remembered():
         assert known[float64, int64].return_type == float64
 
 
+def test_cycles_are_not_looked_for_while_functions_compile():
+    found = []
+
+    @intrinsic
+    def note(typingctx):
+        found.append(gc.isenabled())
+        return int64(), lambda context, builder, signature, args: context.get_constant(int64, 1)
+
+    assert gc.isenabled()
+    internals.compile_for(numba.njit(lambda: note()), ())
+    assert not any(found)
+    assert found
+    assert gc.isenabled()
+
+
 def test_a_function_that_is_linked():
     with probe("A jitted function cannot have another class or another compiler, or is then not linked"):
         inner = internals.linked_jit(double, error_model="numpy")
@@ -213,6 +229,8 @@ def test_a_function_that_is_linked():
         assert "cfunc" in plain
         assert "cpython" not in bare
         assert "cfunc" not in bare
+        assert "cfunc" not in code_of(numba.njit(**internals.WITHOUT_C_WRAPPER)(double), float64)
+        assert "cpython" not in code_of(numba.njit(**internals.WITHOUT_WRAPPERS)(double), float64)
 
 
 def test_functions_that_are_pickled_by_name(monkeypatch):
@@ -402,6 +420,30 @@ def test_a_function_at_an_address_that_is_called_by_another_function():
         assert numba.njit(lambda address: function_at(address)(3.0, 0.5))(address_of(result)) == 6.5
 
 
+def test_an_address_of_this_process(memory):
+    """It is that of a jitted function, whose type says which. Code with it is not kept: the next process has others."""
+
+    @intrinsic
+    def address(typingctx, function):
+        place = address_of(result_of(internals.jitted_of(function), float64))
+
+        def codegen(context, builder, signature, args):
+            return internals.address_of_this_process(context, builder, place)
+
+        return int64(function), codegen
+
+    inner, double_at = numba.njit(double), at_an_address(internals.CompiledFunction(float64(float64)))
+
+    def outer(x):
+        return double_at(address(inner))(x)
+
+    outer = cached(outer)
+    with probe("`add_dynamic_addr` of the target context does not give an address, or its code is kept"):
+        with pytest.warns(numba.NumbaWarning, match="dynamic globals"):
+            assert outer(1.5) == 3.0
+        assert not memory.kept
+
+
 def test_cells():
     @intrinsic
     def cell(typingctx, value):
@@ -447,6 +489,24 @@ def test_strips():
     with probe("Numba does not take the cast of a type from `lower_cast`"):
         assert numba.njit(changed)(values, address_of(result)) == 42.0
     np.testing.assert_array_equal(values, [2.0, 4.0, 6.0, 4.0])
+
+
+def test_a_strip_of_integers():
+    @intrinsic
+    def strip(typingctx, array):
+        def codegen(context, builder, signature, args):
+            return internals.parts_of(context, builder, signature.args[0], args[0]).data
+
+        return internals.Strip(None, numba.types.int32)(array), codegen
+
+    def changed(array):
+        row = strip(array)
+        row[1] = row[0]
+        return row[2]
+
+    values = np.array([7, 8, 9], dtype=np.int32)
+    assert numba.njit(changed)(values) == 9
+    np.testing.assert_array_equal(values, [7, 7, 9])
 
 
 def test_what_intrinsics_ask_the_target_context():

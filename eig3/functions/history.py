@@ -32,7 +32,7 @@ class Constraints(NamedTuple):
     project : jitted function
         A function of (t, u, v, p), which returns a number and moves u and v to the nearest state that keeps them.
     leap : jitted function
-        A step of EIG-3 by accelerations that do not know them: see `eig3.kernels.constraints.leap`.
+        A step of EIG-3 by accelerations that do not know them: see `eig3.kernels.constraints.hold`.
     straight : Straight or None
         What keeps them in the lanes of an ensemble; None if there are many.
     """

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from .constraint import Constraint, Equation
 from .drive import Drive, DriveInSpace
+from .hinge_friction import HingeFriction, HingeFrictionInSpace
 from .weld import Weld
 
 if TYPE_CHECKING:
@@ -149,15 +150,48 @@ class RigidBody:
         axis : array_like, shape (3,), optional
             In space, the axis of the hinge, about which the angle is positive as a right-handed screw turns.
         """
+        vectors = self._about(other, axis, "drive")
+        self.scene.add((Drive if axis is None else DriveInSpace)(angle), *vectors)
+
+    def friction(
+        self,
+        other: RigidBody | None,
+        limit: float = 0.0,
+        axis: ArrayLike | None = None,
+        *,
+        damping: float = 0.0,
+        slip: float = 1e-2,
+    ) -> None:
+        """Add friction against turning the body against another one, or the ground.
+
+        The torque is -(limit / sqrt(rate^2 + slip^2) + damping) rate, with the rate at which the body turns.
+
+        Parameters
+        ----------
+        other : RigidBody or None
+        limit : float
+            The torque of Coulomb's friction, N m.
+        axis : array_like, shape (3,), optional
+            In space, the axis of the hinge.
+        damping : float
+            Of viscous friction, N m s.
+        slip : float
+            The rate at which Coulomb's friction reaches 0.71 of its limit, rad/s. At lower rates it acts as a stiff
+            damper: an explicit method then needs a short step, and the hinge creeps where it should stick.
+        """
+        vectors = self._about(other, axis, "friction")
+        kind = HingeFriction if axis is None else HingeFrictionInSpace
+        self.scene.add(kind(limit, damping, slip), *vectors)
+
+    def _about(self, other: RigidBody | None, axis: ArrayLike | None, what: str) -> tuple[Points, ...]:
+        """Return vectors across an axis, one of each body, and in space the axis as a vector of the other one."""
         if (axis is None) != (len(self.principal) == 2):
-            raise ValueError("axis of a drive is that of its hinge in space; in the plane there is none.")
+            raise ValueError(f"axis of a {what} is that of its hinge in space; in the plane there is none.")
         if axis is None:
             across = np.array([1.0, 0.0])
-            self.scene.add(Drive(angle), self._facing(across), self._of(other, across))
-        else:
-            ahead, across, _ = _frame(axis)
-            vectors = self._facing(across), self._of(other, across), self._of(other, ahead)
-            self.scene.add(DriveInSpace(angle), *vectors)
+            return self._facing(across), self._of(other, across)
+        ahead, across, _ = _frame(axis)
+        return self._facing(across), self._of(other, across), self._of(other, ahead)
 
     def rotation(self, values: ArrayLike) -> np.ndarray:
         """Return how the body is turned, from displacements such as ``solution.u`` of shape (..., degrees of freedom).

@@ -28,6 +28,7 @@ from ..functions.callbacks import cached_jit, jit
 from ..functions.events import Event
 from ..functions.families import Family
 from ..functions.history import Constraints, History
+from ..kernels.compile.numba_internals import WITHOUT_C_WRAPPER
 from ..kernels.compile.source import define
 from ..kernels.constraint_lanes import Straight
 from ..kernels.protocol import index
@@ -100,7 +101,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> Compiled:
 
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-    known = {"jit": jit, "sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index, "unchanged": unchanged}
+    known = {"sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index, "unchanged": unchanged}
+    known["jit"] = functools.partial(jit, **WITHOUT_C_WRAPPER)
     return define(text, "scene", {**known, **dict(names)})
 
 

@@ -36,8 +36,8 @@ class ConstraintText:
             yield "reactions_in_lanes(t, u, v, p, out)", self.straight.reactions()
 
     def _rhs(self, block: HeldBlock) -> Iterator[str]:
-        yield "forces(t, u, v, p, a)"
-        yield f"constrain({self._given(block, 'memory(u), memory(v)', 'memory(a)')})"
+        yield "forces(t, memory(u), memory(v), p, a)"
+        yield self._hold(block, "CONSTRAIN", "memory(u), memory(v), memory(a)")
         yield from self._effort(block, "a", ())
 
     def _effort(self, block: HeldBlock, a: str, react: Iterable[str]) -> Iterator[str]:
@@ -50,20 +50,19 @@ class ConstraintText:
             yield f"        {a}[{self._work}] += c.multipliers[row] * c.target_rates[row]"
 
     def _project(self, block: HeldBlock) -> Iterator[str]:
-        yield f"project({self._given(block, 'memory(u), memory(v)')})"
+        yield self._hold(block, "PROJECT", "memory(u), memory(v), memory(v)")
         yield "return 0.0"
 
     def _leap(self, block: HeldBlock) -> Iterator[str]:
         yield f"c = areas(memory(p), {block.place})"
         yield "forces(t, u, v, p, c.forces[:len(u)])"
-        react = f"react({self._given(block, 'memory(u), memory(v)', 'c.forces')})"
-        yield from self._effort(block, "c.forces", [react])
-        yield f"leap({self._given(block, 'h, u, v, drift')})"
+        yield from self._effort(block, "c.forces", [self._hold(block, "REACT", "u, v, c.forces")])
+        yield self._hold(block, "LEAP", "u, v, drift", "h")
 
     def _reactions(self, block: HeldBlock) -> Iterator[str]:
         yield f"c = areas(memory(p), {block.place})"
-        yield "forces(t, u, v, p, c.forces[:len(u)])"
-        yield f"react({self._given(block, 'memory(u), memory(v)', 'c.forces')})"
+        yield "forces(t, memory(u), memory(v), p, c.forces[:len(u)])"
+        yield self._hold(block, "REACT", "memory(u), memory(v), c.forces")
         yield "for row in range(len(out)):"
         yield f"    out[row] = c.multipliers[index(p[{block.order} + row])]"
 
@@ -77,12 +76,13 @@ class ConstraintText:
     def after_impulse(self, free: str = "-1.0") -> Iterator[str]:
         """Let the constraints take part in the impulse of an event."""
         if self._block:
-            yield f"strike(own, t, memory(u), v, memory(p), {self._block.place}, {free}, {self._d})"
+            yield f"success = {self._hold(self._block, 'STAND', 'memory(u), v, v')}"
+            yield f"strike(success, v, {free}, memory(p), {self._block.place}, {self._d})"
 
-    def _given(self, block: HeldBlock, state: str, *more: str) -> str:
-        """The arguments of a function of the library, or of one that takes the constraints of their own."""
-        given = ["t", state, "memory(p)", str(block.place), *more]
-        return ", ".join(["own", *given, str(self._d)] if block.own else given)
+    def _hold(self, block: HeldBlock, task: str, arrays: str, number: str = "0.0") -> str:
+        """The call of the library that does a task with the constraints."""
+        own = "own_address(own)" if block.own else "0"
+        return f"hold({task}, {own}, t, {number}, {arrays}, memory(p), {block.place})"
 
     def _own(self, block: HeldBlock) -> Iterator[str]:
         """Write what the table does not know: targets that depend on the time, and constraints of their own."""

@@ -423,13 +423,11 @@ class Packing:
         self._add(packed.values)
         own = [(self._symbols(Law(x.effect, x.columns)), int(x.rows[0]), len(x.rows)) for x in held.kinds]
         self.functions |= {"memory": neighbours.memory, "areas": constraints.areas}
-        self.functions["strike"] = constraints.strike
-        names = "constrain", "react", "project", "leap"
+        tasks = "STAND", "CONSTRAIN", "REACT", "PROJECT", "LEAP"
+        self.functions |= {name: getattr(constraints, name) for name in (*tasks, "strike")}
+        self.functions["hold"] = constraints.LIBRARY[held.table.dimension]
         if own:
-            self.functions |= {name: getattr(constraints, name) for name in (*names, "PLACE", "sum_up")}
-        else:
-            self.functions |= dict(zip(names, constraints.LIBRARY[held.table.dimension], strict=True))
-            self.functions["own"] = constraints.nothing_of_its_own
+            self.functions |= {name: getattr(constraints, name) for name in ("own_address", "PLACE", "sum_up")}
         if self._is_few:
             self.functions |= {"batch": neighbours.batch, "nan": math.nan, "inf": math.inf}
         return HeldBlock(held, place, self._add(np.argsort(packed.order)), own, packed, self._is_few)

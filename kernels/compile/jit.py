@@ -21,7 +21,9 @@ from .cache import check_cache, keep_on_disk
 from .interrupt import DeferredInterrupt
 from .notice import announced
 from .numba_internals import (
+    WITHOUT_C_WRAPPER,
     WITHOUT_RUNTIME,
+    WITHOUT_WRAPPERS,
     CompiledFunction,
     address_of,
     address_of_symbol,
@@ -89,13 +91,15 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
         contains a checksum of the files of this folder, so that a kernel is compiled again after a change, but Numba
         cannot detect a change of other files.
     """
-    return call_without_checks(_compiled(template, names, signature, label))
+    return call_without_checks(_compiled(template, names, signature, label, WITHOUT_C_WRAPPER))
 
 
-def _compiled(template: Callable, names: dict[str, Any], signature: Any, label: str) -> Any:
+def _compiled(
+    template: Callable, names: dict[str, Any], signature: Any, label: str, wrappers: dict[str, bool] = WITHOUT_WRAPPERS
+) -> Any:
     function = bound(template, names)
     function.__qualname__ = f"{template.__name__}_{label}_{_fingerprint()}"
-    kernel = numba.njit(**KERNEL_OPTIONS)(function)
+    kernel = numba.njit(**KERNEL_OPTIONS, **wrappers)(function)
     what = f"the kernel {label}, which is kept on the disk" if label else "a kernel for this right-hand side"
     return compiled(keep_on_disk(kernel) if label else kernel, signature.args, what)
 

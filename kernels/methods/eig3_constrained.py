@@ -3,7 +3,7 @@
     u_{n+1} = u_n + h w_{n+1}        w_{n+1} = w_n + h (f_n + W G_n^T l)        with  phi(t_{n+1}, u_{n+1}) = 0
     v_{n+1} = w_{n+1} + (w_{n+1} - w_n) / 2, projected, so that it keeps the constraints too
 
-`eig3.kernels.constraints.leap` takes the step, with the accelerations and the gradients of the scene. Without
+`eig3.kernels.constraints.hold` takes the step, with the accelerations and the gradients of the scene. Without
 constraints these are the formulas of `eig3`. With them, and without a force that depends on the velocity, u is that of
 SHAKE, which is symplectic: the energy of a conservative scene stays bounded.
 """

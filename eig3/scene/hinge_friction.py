@@ -1,0 +1,44 @@
+"""Friction in the hinge between two bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from ..kernels.friction import friction_in_plane, friction_in_space
+from .cell import Cell
+
+
+@dataclass(frozen=True, eq=False)
+class HingeFriction(Cell):
+    """A torque against the relative spin of two bodies, of which the vectors x0 and x1 in the plane are parts.
+
+    Raises
+    ------
+    ValueError
+        For a limit or damping below 0, or a slip that is not positive.
+    """
+
+    limit: ArrayLike
+    damping: ArrayLike
+    slip: ArrayLike
+
+    takes = (2,)
+    dimensions = (2,)
+    nonnegative = ("limit", "damping")
+    source = "Coulomb (1785), smoothed, and viscous friction"
+    forces = staticmethod(friction_in_plane)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require(self._reals("slip") > 0, "slip must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class HingeFrictionInSpace(HingeFriction):
+    """The same about the unit vector x2 of the second body, to which x0 and x1 are at right angles."""
+
+    takes = (3,)
+    dimensions = (3,)
+    forces = staticmethod(friction_in_space)

@@ -1,0 +1,33 @@
+"""The torque of friction in a hinge, as forces on unit vectors across its axis, one in each of two bodies."""
+
+import math
+
+from .compile.jit import element
+from .turning import product
+
+
+@element
+def torque_of_friction(rate, limit, damping, slip):
+    return -(limit / math.sqrt(rate * rate + slip * slip) + damping) * rate
+
+
+@element
+def friction_in_plane(x, v, limit, damping, slip):
+    (e, g), (e_rate, g_rate) = x, v
+    rate = e[0] * e_rate[1] - e[1] * e_rate[0] - g[0] * g_rate[1] + g[1] * g_rate[0]
+    torque = torque_of_friction(rate, limit, damping, slip)
+    return (-torque * e[1], torque * e[0]), (torque * g[1], -torque * g[0])
+
+
+@element
+def friction_in_space(x, v, limit, damping, slip):
+    e, g, axis = x
+    mine, theirs = product(e, v[0]), product(g, v[1])
+    rate = axis[0] * (mine[0] - theirs[0]) + axis[1] * (mine[1] - theirs[1]) + axis[2] * (mine[2] - theirs[2])
+    torque = torque_of_friction(rate, limit, damping, slip)
+    a, b = product(axis, e), product(axis, g)
+    return (
+        (torque * a[0], torque * a[1], torque * a[2]),
+        (-torque * b[0], -torque * b[1], -torque * b[2]),
+        (0.0, 0.0, 0.0),
+    )
