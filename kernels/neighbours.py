@@ -54,7 +54,11 @@ HEAD = _SOME + _SAMPLES
 _NUMBERS, _LOWS, _SCALES, _STEPS = _GRID, _GRID + 3, _GRID + 6, _GRID + 9
 
 #: The areas, in the order of `Areas`.
-X, BUILT, SORTED, FIRST, ABOVE, STOP, MATES, OWNERS, NUMBER, GROUP, APART, APART_MATES, ORDER, BUCKET, START = range(15)
+#: They are no literals, for each of which Numba would compile `area` once more; and so are the axes, for `cell`.
+X, BUILT, SORTED, FIRST, ABOVE, STOP, MATES, OWNERS, NUMBER, GROUP, APART, APART_MATES, ORDER, BUCKET, START = map(
+    np.int64, range(15)
+)
+_X, _Y, _Z = map(np.int64, range(3))
 
 IS_LIST = 0.1  # the mark, which a conversion to single precision changes as it does the integers of a list
 _PART = 12  # a part of 1/12 of the points may lie beyond the region at each end, which is then
@@ -351,9 +355,9 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
         first[i] = high
         if bucket[i] < 0:
             continue
-        cx = cell(x, p, place, 0, i, d)
-        cy = cell(x, p, place, 1, i, d)
-        cz = cell(x, p, place, 2, i, d)
+        cx = cell(x, p, place, _X, i, d)
+        cy = cell(x, p, place, _Y, i, d)
+        cz = cell(x, p, place, _Z, i, d)
         x_here, y_here, z_here = x[d * i], x[d * i + 1] if d > 1 else 0.0, x[d * i + 2] if d > 2 else 0.0
         for oz in range(low_z, high_z):
             for oy in range(low_y, high_y):
@@ -486,8 +490,8 @@ def sort_by_cells(x, p, place, size, d):
         for k in range(d):
             sum_of_all += abs(x[d * i + k])
         if sum_of_all < math.inf:  # a point without a place is near to none
-            row = int(across) * cell(x, p, place, 1, i, d) + int(over) * cell(x, p, place, 2, i, d)
-            c = (row + cell(x, p, place, 0, i, d)) & (buckets - 1)
+            row = int(across) * cell(x, p, place, _Y, i, d) + int(over) * cell(x, p, place, _Z, i, d)
+            c = (row + cell(x, p, place, _X, i, d)) & (buckets - 1)
             bucket[i] = c
             start[c] += 1
     end = 0

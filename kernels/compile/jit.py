@@ -56,8 +56,11 @@ def element(function: Callable) -> Any:
 
 
 def outlined(function: Callable) -> Any:
-    """Decorate a function of a kernel that is called rarely, and is not inlined: the kernel compiles in less time."""
-    return linked_jit(function, **KERNEL_OPTIONS)
+    """Decorate a function of a kernel that is called rarely, and is not inlined: the kernel compiles in less time.
+
+    That it is not inlined must be said: otherwise Numba takes the option of the function that calls it first.
+    """
+    return linked_jit(function, forceinline=False, **KERNEL_OPTIONS)
 
 
 def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
