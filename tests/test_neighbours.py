@@ -133,6 +133,17 @@ def test_a_pair_has_the_same_bits_at_each_place_of_a_batch(are_fixed):
         np.testing.assert_array_equal(points.of(acceleration(problem, u, v))[first:], whole[first:])
 
 
+@pytest.mark.parametrize("thickness", [0.0, 1e-9, 0.1, 1.0])
+def test_points_in_order_stay_in_order(thickness):
+    """Those of a thin layer too: a thickness below their distance does not count."""
+    rng, rows = np.random.default_rng(0), np.indices((30, 40)).reshape(2, -1).T
+    layer = np.column_stack([rows, thickness * rng.uniform(size=len(rows))])
+    for x in (layer, layer[:40], layer[:1], np.concatenate([layer, layer + 1e6])):
+        assert not swarm._jumps(x)
+    for x in (layer, layer[:40]):
+        assert swarm._jumps(rng.permutation(x))
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
