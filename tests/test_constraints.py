@@ -375,7 +375,7 @@ def test_a_target_of_ones_own_depends_on_the_time():
 
 
 def test_the_frequencies_are_those_in_the_tangent_space():
-    """Of a hanging chain: M_ij = n - max(i, j), and K_ii = (n - i) g / l for the angles, from 0. Differences to 1e-8."""
+    """Of a hanging chain: M_ij = n - max(i, j), and K_ii = (n - i) g / l, for the angles. Differences to 1e-8."""
     n = 5
     i, j = np.indices((n, n))
     omega = np.sqrt(np.linalg.eigvals(np.linalg.inv(n - np.maximum(i, j)) @ np.diag((n - i[:, 0]) * G * n)).real.max())
