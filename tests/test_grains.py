@@ -1,6 +1,8 @@
 """Grains: spin, friction, and the springs between surfaces that touch, which are a part of the state of a run."""
 
+import ast
 import copy
+import inspect
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,6 +115,26 @@ def test_a_spring_that_sticks_oscillates():
     for e in errors:
         assert 3.5 < e[0] / e[1] < 4.6
         assert 3.5 < e[1] / e[2] < 4.6
+
+
+def test_names_in_ones_own_contact_do_not_clash_with_those_of_the_code():
+    @dataclass(frozen=True, eq=False)
+    class Within(Block):
+        limit: float = 2.0
+
+        @staticmethod
+        @eig3.jit
+        def shear_damping(loss, limit):
+            return loss * limit
+
+    scene = Scene(2)
+    scene.add(Within(1e3, 50.0, 2 * R, 0.4), scene.mass(M, [(0.0, 0.0), (0.15, 0.1)]))
+    share = scene.problem((0, 1)).rhs.py_func.__globals__["share"]
+    nodes = list(ast.walk(ast.parse(inspect.getsource(share.py_func))))
+    written = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    called = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+    assert "within_limit" in called
+    assert not written & called
 
 
 @pytest.mark.parametrize("method", ["eig3", "rk4", "rk2"])

@@ -104,6 +104,47 @@ def test_points_with_many_mates_have_the_forces_of_all_pairs(kind):
     assert energy == pytest.approx(expected_energy, rel=1e-12)
 
 
+@dataclass(frozen=True, eq=False)
+class Damped(effects.Link):
+    stiffness: float
+    damping: float
+    reach: float
+
+    cutoff = "reach"
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, rate, stiffness, damping, reach):
+        return -stiffness * (reach - r) + damping * rate
+
+
+@pytest.mark.parametrize("are_fixed", [False, True])
+def test_a_pair_has_the_same_bits_at_each_place_of_a_batch(are_fixed):
+    """Where it is, in a vector or in the rest, depends on when the list was built, and on the threads."""
+    rng, n = np.random.default_rng(0), 45
+    x = np.column_stack([10.0 * np.arange(n), np.zeros(n)])
+    scene = Scene(2)
+    points, mates = scene.mass(1.0, x), x + 0.3
+    scene.add(Damped(50.0, 0.3, 1.0), points, near=scene.fixed(mates) if are_fixed else scene.mass(1.0, mates))
+    problem = scene.problem((0, 1))
+    u, v = problem.u0 + 0.05 * rng.normal(size=problem.u0.size), rng.normal(size=problem.u0.size)
+    whole = points.of(acceleration(problem, u, v))
+    for first in range(1, n):  # the pairs before it move out of reach, one by one
+        u.reshape(2, -1)[1, first - 1] += 5.0
+        np.testing.assert_array_equal(points.of(acceleration(problem, u, v))[first:], whole[first:])
+
+
+@pytest.mark.parametrize("thickness", [0.0, 1e-9, 0.1, 1.0])
+def test_points_in_order_stay_in_order(thickness):
+    """Those of a thin layer too: a thickness below their distance does not count."""
+    rng, rows = np.random.default_rng(0), np.indices((30, 40)).reshape(2, -1).T
+    layer = np.column_stack([rows, thickness * rng.uniform(size=len(rows))])
+    for x in (layer, layer[:40], layer[:1], np.concatenate([layer, layer + 1e6])):
+        assert not swarm._jumps(x)
+    for x in (layer, layer[:40]):
+        assert swarm._jumps(rng.permutation(x))
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10**6),

@@ -351,6 +351,7 @@ class Packing:
         self._names |= {f"{side}_{name}" for side in ("held", "next") for name in ("firsts", "ends", "mates", "values")}
         self._names |= {"near_radius", "arm_of_mate", "h_end", "held_count", "held_end", "near_points", "near_mates"}
         self._names |= {"low_pair", "high_pair", "low_of_batch", "goes_up", "end_of_list"}
+        self._names |= {"set_forces", "add_forces", "advance_springs", "out_of_line", *grains.FUNCTIONS}
         self.functions: dict[str, Any] = {}
         self._first_state = assembly.coordinates
         self.weight = self._column(1 / assembly.cloud.in_order(assembly.cloud.masses))

@@ -90,10 +90,12 @@ class Members:
 
 
 def _spacing(x: np.ndarray) -> float:
-    """Return a distance of points beside each other if they filled the region of most of them, or 0."""
-    low, high = np.quantile(x, [0.05, 0.95], axis=0)
-    sides = (high - low)[high > low]
-    return float((sides.prod() / len(x)) ** (1 / sides.size)) if sides.size else 0.0
+    """Return a distance of points beside each other if they filled the region of most of them, or 0.
+
+    A region that is thinner than this distance is filled by a line or a layer of points.
+    """
+    sides = np.sort(np.ptp(np.quantile(x, [0.05, 0.95], axis=0), axis=0))[::-1]
+    return float(np.max((np.cumprod(sides) / len(x)) ** (1 / np.arange(1, sides.size + 1))))
 
 
 def _jumps(x: np.ndarray) -> bool:

@@ -243,10 +243,13 @@ class SwarmText:
         lines = ["r = sqrt(tiny + square)", "inverse = 1 / r"]
         if reads_rate:
             lines.append(f"i = {self._mass(block, 'point')}")
-            lines += [f"e{axis} = -{self._at('v', k, 'i')}" for k, axis in enumerate(self._axes)]
             of_mate = [f"j = {self._mass(block, 'mate')}"]
-            of_mate += [f"e{axis} += {self._at('v', k, 'j')}" for k, axis in enumerate(self._axes)]
-            lines += [*only_if(self._if_mass(block), of_mate), *self._box.rate()]
+            of_mate += [f"e{axis} = {self._at('v', k, 'j')}" for k, axis in enumerate(self._axes)]
+            lines.append(f"{' = '.join(f'e{axis}' for axis in self._axes)} = 0.0")
+            lines += only_if(self._if_mass(block), of_mate)
+            # if the point's came first, with its sign, it would be rounded in one way in vectors and in another alone
+            lines += [f"e{axis} -= {self._at('v', k, 'i')}" for k, axis in enumerate(self._axes)]
+            lines += self._box.rate()
             lines.append(f"rate = ({' + '.join(f'd{axis} * e{axis}' for axis in self._axes)}) * inverse")
         return lines
 
