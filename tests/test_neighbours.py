@@ -104,28 +104,41 @@ def test_points_with_many_mates_have_the_forces_of_all_pairs(kind):
     assert energy == pytest.approx(expected_energy, rel=1e-12)
 
 
-@dataclass(frozen=True, eq=False)
-class Damped(effects.Link):
-    stiffness: float
-    damping: float
-    reach: float
-
-    cutoff = "reach"
-
-    @staticmethod
-    @eig3.jit
-    def tension(r, rate, stiffness, damping, reach):
-        return -stiffness * (reach - r) + damping * rate
+@eig3.jit
+def one_way(r, rate, stiffness, damping, reach):
+    return -stiffness * (reach - r) + damping * rate
 
 
-@pytest.mark.parametrize("are_fixed", [False, True])
-def test_a_pair_has_the_same_bits_at_each_place_of_a_batch(are_fixed):
+@eig3.jit
+def two_ways(r, rate, stiffness, damping, reach):
+    if rate > 0.0:
+        return one_way(r, rate, stiffness, damping, reach)
+    return -2.0 * stiffness * (reach - r) - damping * rate * r
+
+
+@eig3.jit
+def two_ways_inside(r, rate, stiffness, damping, reach):
+    return 1.1 * two_ways(r, rate, stiffness, damping, reach)
+
+
+@pytest.mark.parametrize("law", [one_way, two_ways, two_ways_inside])
+def test_a_pair_has_the_same_bits_at_each_place_of_a_batch(law):
     """Where it is, in a vector or in the rest, depends on when the list was built, and on the threads."""
+
+    @dataclass(frozen=True, eq=False)
+    class Damped(effects.Link):
+        stiffness: float
+        damping: float
+        reach: np.ndarray
+
+        cutoff, mixed = "reach", ("reach",)
+        tension = staticmethod(law)
+
     rng, n = np.random.default_rng(0), 45
     x = np.column_stack([10.0 * np.arange(n), np.zeros(n)])
     scene = Scene(2)
-    points, mates = scene.mass(1.0, x), x + 0.3
-    scene.add(Damped(50.0, 0.3, 1.0), points, near=scene.fixed(mates) if are_fixed else scene.mass(1.0, mates))
+    points = scene.mass(1.0, x)
+    scene.add(Damped(50.0, 30.0, np.linspace(0.9, 1.1, n)), points, near=scene.fixed(x + 0.3))
     problem = scene.problem((0, 1))
     u, v = problem.u0 + 0.05 * rng.normal(size=problem.u0.size), rng.normal(size=problem.u0.size)
     whole = points.of(acceleration(problem, u, v))

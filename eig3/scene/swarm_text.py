@@ -20,6 +20,7 @@ from .lines import indented, only_if
 from .packing import Packing, SwarmBlock, entry
 
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
+_VECTOR = 32  # pairs: a multiple of those whose forces are computed together, and a divisor of BATCH
 _ALL_ABOVE = "above[begin], stops[stop - 1]"  # those of several points
 
 
@@ -209,12 +210,26 @@ class SwarmText:
         yield from (f"        {line}" for line in [*self._pair(block), *self._way(block)])
         yield from (f"        {batch}[near] = {value}" for batch, value in kept.items())
         yield f"        near += {self._is_near(block)}"
-        for loop in loops:
-            yield "    for q in range(near):"
+        for number, loop in enumerate(loops):
+            head = "    for q in range(near):"
+            if number < len(loops) - 1:
+                yield from self._padded([*kept])
+                head = "    for q in range(filled):"
+            yield head
             yield from ("        point = index(near_points[q])" for _ in range(has_points))
             yield "        mate, square = index(near_mates[q]), squares[q]"
             yield from (f"        {value} = {batch}[q]" for value, batch in self._ways.items())
             yield from (f"        {line}" for line in loop)
+
+    def _padded(self, batches: Sequence[str]) -> Iterator[str]:
+        """Repeat the last pair until whole vectors are filled.
+
+        Otherwise the rest would be computed by other code, which may round in another way: the bits of a force would
+        depend on where its pair is in a batch.
+        """
+        yield f"    filled = (near + {_VECTOR - 1}) & {-_VECTOR}"
+        yield "    for q in range(near, filled):"
+        yield from (f"        {batch}[q] = {batch}[near - 1]" for batch in batches)
 
     def _pair(self, block: SwarmBlock) -> Iterator[str]:
         """Read a pair of the list, the smaller number first unless one loops over the points."""
