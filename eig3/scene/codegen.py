@@ -155,7 +155,7 @@ class _Source:
         self._motions, self._blocks = packing.motions, packing.bodies + packing.links
         self._bodies = _acting(packing.bodies, _BODY)
         self._links = _acting(packing.links, _LINK)
-        self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing)
+        self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing, packing.swarms)
         self._grains, self._constraints = GrainsText(assembly, packing), ConstraintText(assembly, packing)
         self._bodies_text = BodiesText(assembly, packing, self._constraints)
         self._team, self._shares_cells = packing.team, packing.shares_cells

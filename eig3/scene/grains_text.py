@@ -13,21 +13,19 @@ from ..kernels import grains
 from ..kernels.shared_forces import ACTING, ADVANCING, LISTS, STAGES
 from .assembly import Assembly
 from .lines import indented, only_if
-from .packing import GrainsBlock, Packing, SwarmBlock, entry
+from .packing import GrainsBlock, Packing, entry
 from .swarm_text import SwarmText
 
 _NEXT = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the axes that follow
 
 
-class GrainsText(SwarmText):
+class GrainsText(SwarmText[GrainsBlock]):
     """The grains of one scene in the source. Each method returns lines, with their indentation."""
 
     _functions = ("tension", "shear_stiffness", "shear_damping")
 
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
-        super().__init__(assembly, packing)
-        self._blocks: Sequence[GrainsBlock] = packing.grains
-        self._first = len(packing.swarms)
+        super().__init__(assembly, packing, packing.grains, len(packing.swarms))
         self._dimension, self._turn = assembly.dimension, packing.turn
         self._spins = "xyz"[3 - assembly.angles :] if assembly.angles else ""  # the axes about which points spin
 
@@ -156,10 +154,10 @@ class GrainsText(SwarmText):
         yield f"{name}_mates = integers(kept, side + {table.mates}, {block.room})"
         yield f"{name}_values = floats(kept, side + {table.values}, {grains.VALUES * block.room})"
 
-    def _reads_rate(self, block: SwarmBlock) -> bool:
+    def _reads_rate(self, block: GrainsBlock) -> bool:
         return True
 
-    def _is_dense(self, block: SwarmBlock) -> bool:
+    def _is_dense(self, block: GrainsBlock) -> bool:
         """Whether one loops over the points: the springs are found for each pair."""
         return False
 
@@ -220,7 +218,7 @@ class GrainsText(SwarmText):
         terms = [f"{b}_spin * n{c}"] * (b in self._spins) + [f"- {c}_spin * n{b}"] * (c in self._spins)
         return " ".join(terms)
 
-    def _offered(self, block: SwarmBlock) -> dict[str, str]:
+    def _offered(self, block: GrainsBlock) -> dict[str, str]:
         return super()._offered(block) | {"radius": "radius", "mass": "mass"}
 
     def _spin(self, array: str, c: int, i: str) -> str:

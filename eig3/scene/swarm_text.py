@@ -11,6 +11,7 @@ In a large scene, threads share the points: then the forces are in a function of
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Generic, TypeVar
 
 from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
@@ -24,16 +25,18 @@ _VECTOR = 32  # pairs: a multiple of those whose forces are computed together, a
 _ALL_ABOVE = "above[begin], stops[stop - 1]"  # those of several points
 
 
-class SwarmText:
+B = TypeVar("B", bound=SwarmBlock)
+
+
+class SwarmText(Generic[B]):
     """The swarms of one scene in the source. Each method returns lines, with their indentation."""
 
     _functions: tuple[str, ...] = ("tension", "density")  # of the forces
 
-    def __init__(self, assembly: Assembly, packing: Packing) -> None:
+    def __init__(self, assembly: Assembly, packing: Packing, blocks: Sequence[B], first: int = 0) -> None:
         self._n, self._axes, self._weight = assembly.n, "xyz"[: assembly.dimension], packing.weight
         self._box, self._team = BoxText(packing), packing.team
-        self._blocks: Sequence[SwarmBlock] = packing.swarms
-        self._first = 0  # the number of the first list among all of the scene
+        self._blocks, self._first = blocks, first  # the latter is the number of the first list among all of the scene
         self._in_part = False  # whether the lines are for a part of the points
 
     def forces(self) -> Iterator[str]:
@@ -64,18 +67,18 @@ class SwarmText:
             yield from self._acting(block, first)
         self._in_part = False
 
-    def _acting(self, block: SwarmBlock, first: int) -> Iterator[str]:
+    def _acting(self, block: B, first: int) -> Iterator[str]:
         """Add the forces on the points of a part."""
         yield f"if stage == {first + ACTING}:"
         yield from indented([*self._of_part(block), *self._part(block, "parts == 1")])
 
-    def _of_part(self, block: SwarmBlock) -> Iterator[str]:
+    def _of_part(self, block: B) -> Iterator[str]:
         """Read where the list is, and which points are those of the part."""
         yield f"kept, place = p, index({block.listing.place})"
         yield f"low, end = bounds({block.listing.masses}, part, parts)"
         yield from self._views(block, *self._functions)
 
-    def _part(self, block: SwarmBlock, only_up: str) -> Iterator[str]:
+    def _part(self, block: B, only_up: str) -> Iterator[str]:
         """Add the forces on the points of a part: those from points before the part, and then those from points above.
 
         One loop does both. In two loops, the compiler could round in two ways. `only_up` is the condition that only the
@@ -96,7 +99,7 @@ class SwarmText:
         yield f"for goes_up in range(int({only_up}), 2):"
         yield from indented(self._act(block, act, where))
 
-    def _act(self, block: SwarmBlock, act: Sequence[str], where: str = "") -> Iterator[str]:
+    def _act(self, block: B, act: Sequence[str], where: str = "") -> Iterator[str]:
         """Compute the forces between near points in one loop, and add them in another one."""
         pull = [*self._length(block, self._reads_rate(block)), f"pulls[q] = ({self._tension(block)}) * inverse"]
         add = ["pull = pulls[q]", *(f"f{axis} = pull * d{axis}" for axis in self._axes), *act]
@@ -109,14 +112,14 @@ class SwarmText:
         after = [f"{self._at('a', k, 'i')} += {total} * {self._w('i')}" for k, total in enumerate(sums)]
         yield from self._near(block, [pull, add], where, before, after)
 
-    def _on_point(self, block: SwarmBlock) -> list[str]:
+    def _on_point(self, block: B) -> list[str]:
         """Add a force to the point, or to its sum if points have many mates."""
         if self._is_dense(block):
             return [f"{axis}_sum += f{axis}" for axis in self._axes]
         lines = [f"{self._at('a', k, 'i')} += f{axis} * {self._w('i')}" for k, axis in enumerate(self._axes)]
         return [f"i = {self._mass(block, 'point')}", *lines]
 
-    def _on_mate(self, block: SwarmBlock) -> list[str]:
+    def _on_mate(self, block: B) -> list[str]:
         """Add a force to the mate."""
         lines = [f"{self._at('a', k, 'j')} -= f{axis} * {self._w('j')}" for k, axis in enumerate(self._axes)]
         return [f"j = {self._mass(block, 'mate')}", *lines]
@@ -141,13 +144,13 @@ class SwarmText:
                 add += ["fx = force * inverse * dx", *self._box.power()] if self._box.shears else []
                 yield from self._near(block, [add])
 
-    def _refreshed(self, block: SwarmBlock, *functions: str) -> Iterator[str]:
+    def _refreshed(self, block: B, *functions: str) -> Iterator[str]:
         """Refresh the list, and read what all pairs share."""
         yield f"kept, place = memory(p), index({block.listing.place})"
         yield f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)"
         yield from self._views(block, *functions)
 
-    def _views(self, block: SwarmBlock, *functions: str) -> Iterator[str]:
+    def _views(self, block: B, *functions: str) -> Iterator[str]:
         """Read where the list is, and what all pairs share."""
         listing, areas = block.listing, block.listing.areas
         yield f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})"
@@ -174,7 +177,7 @@ class SwarmText:
 
     def _near(
         self,
-        block: SwarmBlock,
+        block: B,
         loops: Sequence[Sequence[str]],
         where: str = "",
         before: Sequence[str] = (),
@@ -198,7 +201,7 @@ class SwarmText:
         yield "    for point in range(begin, stop):"
         yield from (f"        {line}" for line in inside)
 
-    def _batches(self, block: SwarmBlock, loops: Sequence[Sequence[str]], where: str) -> Iterator[str]:
+    def _batches(self, block: B, loops: Sequence[Sequence[str]], where: str) -> Iterator[str]:
         """Collect the pairs within the cutoff that are somewhere in the list, and do loops over them."""
         has_points = not self._is_dense(block)
         kept = {"near_mates": "mate", "squares": "square"} | {batch: value for value, batch in self._ways.items()}
@@ -231,7 +234,7 @@ class SwarmText:
         yield "    for q in range(near, filled):"
         yield from (f"        {batch}[q] = {batch}[near - 1]" for batch in batches)
 
-    def _pair(self, block: SwarmBlock) -> Iterator[str]:
+    def _pair(self, block: B) -> Iterator[str]:
         """Read a pair of the list, the smaller number first unless one loops over the points."""
         yield "mate = index(mates[e])"
         if not self._is_dense(block):
@@ -240,20 +243,20 @@ class SwarmText:
                 yield "point, mate = min(point, mate), max(point, mate)"
             yield from (f"{axis}_here = {self._place('point', k)}" for k, axis in enumerate(self._axes))
 
-    def _way(self, block: SwarmBlock) -> Iterator[str]:
+    def _way(self, block: B) -> Iterator[str]:
         """Compute the way from a point to its mate, and the square of its length."""
         for k, axis in enumerate(self._axes):
             yield f"d{axis} = {self._place('mate', k)} - {axis}_here"
         yield from self._box.nearest()
         yield f"square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}"
 
-    def _is_near(self, block: SwarmBlock) -> str:
+    def _is_near(self, block: B) -> str:
         """The condition that two points are within the cutoff."""
         law = block.law
         cutoff = law.value(law.cutoff, "") if law.cutoff in law.columns else self._own(block, law.cutoff)
         return f"square < {cutoff} * {cutoff}"
 
-    def _length(self, block: SwarmBlock, reads_rate: bool) -> list[str]:
+    def _length(self, block: B, reads_rate: bool) -> list[str]:
         """Compute the distance of two points, and the rate at which it grows."""
         lines = ["r = sqrt(tiny + square)", "inverse = 1 / r"]
         if reads_rate:
@@ -268,36 +271,36 @@ class SwarmText:
             lines.append(f"rate = ({' + '.join(f'd{axis} * e{axis}' for axis in self._axes)}) * inverse")
         return lines
 
-    def _if_mass(self, block: SwarmBlock) -> str:
+    def _if_mass(self, block: B) -> str:
         """The condition that the mate is a mass, if the swarm has fixed points."""
         listing = block.listing
         return "" if listing.points == listing.masses else f"mate < {listing.masses}"
 
-    def _is_dense(self, block: SwarmBlock) -> bool:
+    def _is_dense(self, block: B) -> bool:
         """Whether one loops over the points, and for each over its mates, because these are many."""
         return block.listing.is_dense
 
-    def _tension(self, block: SwarmBlock) -> str:
+    def _tension(self, block: B) -> str:
         law, offered = block.law, self._offered(block)
         terms = [law.call("tension", "", offered)] if "tension" in law.functions else []
         terms += [f"{law.call('density', '', offered)} * r"] if "density" in law.functions else []
         return " + ".join(terms)
 
-    def _reads_rate(self, block: SwarmBlock) -> bool:
+    def _reads_rate(self, block: B) -> bool:
         return block.law.reads("rate", "tension", "density")
 
-    def _offered(self, block: SwarmBlock) -> dict[str, str]:
+    def _offered(self, block: B) -> dict[str, str]:
         offered = {"t": "t", "r": "r", "rate": "rate"}
         return offered | {name: self._own(block, name) for name in block.listing.own}
 
-    def _own(self, block: SwarmBlock, name: str) -> str:
+    def _own(self, block: B, name: str) -> str:
         place = block.listing.own[name]
         return f"({entry('p', place, 'point')} + {entry('p', place, 'mate')})"
 
     def _place(self, point: str, k: int) -> str:
         return entry("places", k, point if len(self._axes) == 1 else f"{len(self._axes)} * {point}")
 
-    def _mass(self, block: SwarmBlock, place: str) -> str:
+    def _mass(self, block: B, place: str) -> str:
         begin = block.listing.begin
         return f"{begin} + {place}" if begin > 0 else place if begin == 0 else f"index(indices[{place}])"
 
