@@ -143,7 +143,7 @@ def _heyoka_batches(threads: int, case: Case, m: int) -> Callable[[float], Run]:
 
     def at(tolerance: float) -> Run:
         recommended = heyoka.recommended_simd_size()
-        sizes = [size for size in (recommended, 2 * recommended) if size <= m]
+        sizes = sorted({min(recommended, m), min(2 * recommended, m)})
         runs = {size: with_width(tolerance, size) for size in sizes}
         trial = min(_TRIAL, m)
         best = min(sizes, key=lambda size: seconds_of(partial(runs[size], trial // size)))
@@ -155,7 +155,7 @@ def _heyoka_batches(threads: int, case: Case, m: int) -> Callable[[float], Run]:
 def _heyoka_ensemble_of_batches(case: Case, m: int) -> Callable[[float], Run]:
     import heyoka
 
-    width = heyoka.recommended_simd_size()
+    width = min(heyoka.recommended_simd_size(), m)
     n = np.size(case.problem.u0)
 
     def at(tolerance: float) -> Run:

@@ -1,6 +1,6 @@
 """`eig3 bench ensemble`: every contestant solves the same ensemble; the tables say who is ahead and who is absent."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -66,13 +66,13 @@ def test_the_reference_is_accurate(name):
 
 @pytest.mark.parametrize("name", [name for name in CASES if not HEYOKA[0].cannot(CASES[name])])
 def test_heyoka_solves_the_same_ensembles(name):
-    """Five members do not fill two batches of four."""
-    pytest.importorskip("heyoka")
+    """The members do not fill two batches of the size that heyoka recommends, or not one."""
+    heyoka = pytest.importorskip("heyoka")
     chosen = HEYOKA if name == "duffing" else HEYOKA[:1]
-    for rival in chosen:
-        ends = rival.prepare(CASES[name], 5)(1e-9)()
-        assert ends.shape == (5, np.size(CASES[name].problem.u0))
-        assert Reference(CASES[name], 5).error(ends) < 1e-7  # some hundred steps with the tolerance
+    for rival, m in product(chosen, (heyoka.recommended_simd_size() + 1, 1)):
+        ends = rival.prepare(CASES[name], m)(1e-9)()
+        assert ends.shape == (m, np.size(CASES[name].problem.u0))
+        assert Reference(CASES[name], m).error(ends) < 1e-7  # some hundred steps with the tolerance
 
 
 @pytest.mark.parametrize("rival", DIFFRAX, ids=lambda rival: rival.label)
