@@ -44,21 +44,16 @@ def update(share, lists, number, board, t, u, v, p, a, place):
 
 
 @element
-def do_all(share, stage, board, parts, t, u, v, p, a):
-    """Do all parts of a stage."""
+def add_forces(share, lists, number, t, u, v, p, a, place, team):
+    """Bring a list up to date, and add the forces of its pairs to a."""
+    board = board_of(p, team)
+    parts = update(share, lists, number, board, t, u, v, p, a, place)
+    stage = LISTS + number * STAGES + ACTING
     if board == 0:
         for part in range(parts):
             share(stage, part, parts, t, u, v, p, a)
     else:
         together(share, board, stage, parts, t, u, v, p, a)
-
-
-@element
-def add_forces(share, lists, number, t, u, v, p, a, place, team):
-    """Bring a list up to date, and add the forces of its pairs to a."""
-    board = board_of(p, team)
-    parts = update(share, lists, number, board, t, u, v, p, a, place)
-    do_all(share, LISTS + number * STAGES + ACTING, board, parts, t, u, v, p, a)
 
 
 @element
@@ -68,7 +63,7 @@ def advance_springs(share, lists, number, t, u, v, p, place, springs, team):
     parts = update(share, lists, number, board, t, u, v, p, u, place)
     p[springs + IN_TURN] = p[springs + IS_FULL] = 0.0
     if board != 0:
-        do_all(share, stage, board, parts, t, u, v, p, u)
+        together(share, board, stage, parts, t, u, v, p, u)
     if board == 0 or p[springs + IS_FULL] == 1:
         write_in_turn(p, springs)
         for part in range(parts):
