@@ -337,90 +337,76 @@ class CentralDifference(Method):
         return float(self.tol), float(self.max_iterations)
 
 
+class _NamedAsClass(Method):
+    """Base class of the records whose name, label and kernel have the name of the class."""
+
+    def __init_subclass__(cls) -> None:
+        if not hasattr(cls, "kernel"):  # a subclass of RK4 keeps what it inherits
+            cls.name, cls.label = cls.__name__.lower(), cls.__name__
+            cls.kernel = f"eig3.kernels.methods.{cls.name}"
+        super().__init_subclass__()
+
+
 @dataclass(frozen=True)
-class RK2(Method):
+class RK2(_NamedAsClass):
     """RK2, Heun's method, which the article uses: two evaluations per step; unstable at every step without damping."""
 
-    name: ClassVar[str] = "rk2"
-    label: ClassVar[str] = "RK2"
-    kernel: ClassVar[str] = "eig3.kernels.methods.rk2"
     order: ClassVar[int] = 2
     evaluations: ClassVar[int] = 2
 
 
 @dataclass(frozen=True)
-class RK3(Method):
+class RK3(_NamedAsClass):
     """RK3, Kutta's third-order method: three evaluations per step; stable up to omega h = sqrt 3 without damping."""
 
-    name: ClassVar[str] = "rk3"
-    label: ClassVar[str] = "RK3"
-    kernel: ClassVar[str] = "eig3.kernels.methods.rk3"
     order: ClassVar[int] = 3
     evaluations: ClassVar[int] = 3
 
 
 @dataclass(frozen=True)
-class RK4(Method):
+class RK4(_NamedAsClass):
     """RK4, the classical Runge-Kutta method: four evaluations per step; stable up to omega h = 2 sqrt 2 undamped."""
 
-    name: ClassVar[str] = "rk4"
-    label: ClassVar[str] = "RK4"
-    kernel: ClassVar[str] = "eig3.kernels.methods.rk4"
     order: ClassVar[int] = 4
     evaluations: ClassVar[int] = 4
 
 
 @dataclass(frozen=True)
-class AB2(Method):
+class AB2(_NamedAsClass):
     """AB2, Adams-Bashforth of second order: one evaluation per step; unstable at every step without damping."""
 
-    name: ClassVar[str] = "ab2"
-    label: ClassVar[str] = "AB2"
-    kernel: ClassVar[str] = "eig3.kernels.methods.ab2"
     order: ClassVar[int] = 2
 
 
 @dataclass(frozen=True)
-class AB3(Method):
+class AB3(_NamedAsClass):
     """AB3, Adams-Bashforth of third order: one evaluation per step; stable up to omega h = 0.7236 without damping."""
 
-    name: ClassVar[str] = "ab3"
-    label: ClassVar[str] = "AB3"
-    kernel: ClassVar[str] = "eig3.kernels.methods.ab3"
     order: ClassVar[int] = 3
 
 
 @dataclass(frozen=True)
-class RK5(Method):
+class RK5(_NamedAsClass):
     """RK5, the fifth-order formula of Tsitouras' pair 5(4), with six evaluations per step."""
 
-    name: ClassVar[str] = "rk5"
-    label: ClassVar[str] = "RK5"
-    kernel: ClassVar[str] = "eig3.kernels.methods.rk5"
     variable: ClassVar[str] = "rk5"
     order: ClassVar[int] = 5
     evaluations: ClassVar[int] = 6
 
 
 @dataclass(frozen=True)
-class RK8(Method):
+class RK8(_NamedAsClass):
     """RK8, the eighth-order formula of Dormand and Prince's DOP853, with twelve evaluations per step."""
 
-    name: ClassVar[str] = "rk8"
-    label: ClassVar[str] = "RK8"
-    kernel: ClassVar[str] = "eig3.kernels.methods.rk8"
     variable: ClassVar[str] = "rk8"
     order: ClassVar[int] = 8
     evaluations: ClassVar[int] = 12
 
 
 @dataclass(frozen=True)
-class RKN12(Method):
+class RKN12(_NamedAsClass):
     """RKN12, Dormand, El-Mikkawy and Prince's method of order 12, with 17 evaluations per step, for f(t, u)."""
 
-    name: ClassVar[str] = "rkn12"
-    label: ClassVar[str] = "RKN12"
-    kernel: ClassVar[str] = "eig3.kernels.methods.rkn12"
     variable: ClassVar[str] = "rkn12"
     order: ClassVar[int] = 12
     evaluations: ClassVar[int] = 17
@@ -428,12 +414,9 @@ class RKN12(Method):
 
 
 @dataclass(frozen=True)
-class BM6(Method):
+class BM6(_NamedAsClass):
     """BM6, Blanes and Moan's symplectic method of order 6, with eleven evaluations per step, for f(t, u)."""
 
-    name: ClassVar[str] = "bm6"
-    label: ClassVar[str] = "BM6"
-    kernel: ClassVar[str] = "eig3.kernels.methods.bm6"
     order: ClassVar[int] = 6
     evaluations: ClassVar[int] = 11
     ignores_velocity: ClassVar[bool] = True

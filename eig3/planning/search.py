@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..methods import EIG3, RK8, Method
 from .pilots import CONVERGING, FEWEST, History, Pilots, Run
@@ -143,7 +143,7 @@ def _may_run(search: Search, n_steps: int, until: float, work: float) -> bool:
 
 
 class Timed(Protocol):
-    """A search whose cost is known: the evaluations and seconds of a step, and the seconds of the whole run."""
+    """What is known of a search: the evaluations and seconds of a step, the steps, and the run that reaches the aim."""
 
     evaluations: int
 
@@ -151,10 +151,23 @@ class Timed(Protocol):
     def pace(self) -> float: ...
 
     @property
-    def seconds(self) -> float: ...
+    def steps(self) -> int: ...
+
+    @property
+    def _good(self) -> Any: ...
+
+    @property
+    def seconds(self) -> float:
+        """The predicted time; infinite if unknown."""
+        return self.steps * self.pace if self.steps else math.inf
+
+    @property
+    def reaches(self) -> bool:
+        """Whether a run has reached the aim."""
+        return self._good is not None
 
 
-class Search:
+class Search(Timed):
     """The search for the longest step with which a method reaches the aim."""
 
     rtol = None
@@ -293,16 +306,6 @@ class Search:
             # No number of steps between them may be possible. An interpolated one might not reach the aim.
             return min(good.n_steps, _SAME * self._between(bad, good))
         return good.n_steps
-
-    @property
-    def seconds(self) -> float:
-        """The predicted time; infinite if unknown."""
-        return self.steps * self.pace if self.steps else math.inf
-
-    @property
-    def reaches(self) -> bool:
-        """Whether a run has reached the aim."""
-        return self._good is not None
 
     @property
     def error(self) -> float:

@@ -20,7 +20,7 @@ _USUAL_SLOPE = 1.0  # and usually with this
 _WORK = 2**24  # work that a run may do in any case
 
 
-class ToleranceSearch:
+class ToleranceSearch(Timed):
     """The search for the largest rtol with which a method reaches the aim.
 
     Attributes
@@ -34,13 +34,13 @@ class ToleranceSearch:
     """
 
     is_limited = False
+    pace = math.inf
 
     def __init__(self, pilots: Pilots, method: Method) -> None:
         self.pilots, self.method, self.evaluations = pilots, method, pilots.evaluations(method)
         self.label = f"{method.label} with tolerances"
         self.runs: list[tuple[float, Run]] = []
         self.failure = ""
-        self.pace = math.inf
 
     def run(self, other: Timed, *, longest: float, enough: float = math.inf) -> None:
         """Run until rtol is known. A run takes at most `longest` seconds, or does a small amount of work.
@@ -110,16 +110,6 @@ class ToleranceSearch:
     def steps(self) -> int:
         """The steps over the whole span; 0 if unknown."""
         return math.ceil(self._good[1].n_steps / self.pilots.part) if self._good else 0
-
-    @property
-    def seconds(self) -> float:
-        """The predicted time; infinite if unknown."""
-        return self.steps * self.pace if self.steps else math.inf
-
-    @property
-    def reaches(self) -> bool:
-        """Whether a run has reached the aim."""
-        return self._good is not None
 
     @property
     def error(self) -> float:
