@@ -53,17 +53,18 @@ def argon(
         source="the liquid of A. Rahman, Physical Review 136 (1964) A405, with a shifted force",
         h=4e-15,
         draw=draw,
-        view=view(problem),
+        view=view(problem, SIZE / 2 * 1e9),
     )
 
 
-def view(problem):
-    """Show the atoms as balls that touch at the distance at which their potential is 0, in nm."""
+def view(problem, radius):
+    """Show the atoms as balls of a radius, in nm, without walls."""
     start = np.zeros((problem.u0.size // 3, 3))
     return replace(
         problem.view,
         places=Magnified(problem.view.places, 1e9, start),
-        radii=np.full(len(start), SIZE / 2 * 1e9),
+        planes=(),
+        radii=np.full(len(start), radius),
         labels=("x (nm)", "y (nm)", "z (nm)"),
     )
 

@@ -6,12 +6,13 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
-from eig3.animation import Magnified
 from eig3.effects import HarmonicAngle, LennardJones, LinearSpring, PlaneContact, RyckaertBellemans
 from eig3.problem import Problem
 from eig3.scene import Scene
 
-U, K, MOL = 1.66053907e-27, 1.380649e-23, 6.02214076e23  # kg, J/K, 1/mol
+from .argon import K, view
+
+U, MOL = 1.66053907e-27, 6.02214076e23  # kg, 1/mol
 GROUPS = np.array([15.035, 14.027, 14.027, 15.035]) * U  # CH3, CH2, CH2 and CH3, each as one atom
 BOND, ANGLE = 1.53e-10, np.radians(109.47)  # m, rad
 TORSION = 1e3 / MOL * np.array([9.28, 12.16, -13.12, -3.06, 26.24, -31.5])  # J
@@ -65,7 +66,7 @@ def butane(
         source="atoms of Ryckaert and Bellemans (1975), with bonds of OPLS (Jorgensen et al., 1984)",
         h=1e-15,
         draw=partial(draw, n=n),
-        view=view(problem),
+        view=view(problem, 0.08),
     )
 
 
@@ -84,18 +85,6 @@ def dihedrals(u: np.ndarray) -> np.ndarray:
     a, b = np.cross(f, g), np.cross(g, h)
     sine = np.sum(np.cross(a, b) * g, axis=-1) / np.linalg.norm(g, axis=-1)
     return np.arctan2(sine, np.sum(a * b, axis=-1)) % (2 * np.pi)
-
-
-def view(problem):
-    """Show the atoms as small balls, in nm, without the walls."""
-    start = np.zeros((problem.u0.size // 3, 3))
-    return replace(
-        problem.view,
-        places=Magnified(problem.view.places, 1e9, start),
-        planes=(),
-        radii=np.full(len(start), 0.08),
-        labels=("x (nm)", "y (nm)", "z (nm)"),
-    )
 
 
 def draw(figure, solution, n):

@@ -74,15 +74,9 @@ def duffing(
     if not delta >= 0:
         raise ValueError(f"delta must not be negative, not {delta}.")
     is_damped, is_forced = delta != 0, gamma != 0
-    right_hand_sides = {
-        (False, False): undamped,
-        (True, False): damped,
-        (False, True): forced,
-        (True, True): damped_forced,
-    }
     return Problem(
         name="duffing",
-        rhs=right_hand_sides[is_damped, is_forced],
+        rhs=((undamped, forced), (damped, damped_forced))[is_damped][is_forced],
         u0=u0,
         v0=v0,
         params=(a, b, delta, gamma, omega),

@@ -70,15 +70,9 @@ def single_dof(
     if not omega > 0:
         raise ValueError(f"omega must be positive, not {omega}.")
     is_damped, is_forced = xi != 0, force != 0
-    right_hand_sides = {
-        (False, False): undamped,
-        (True, False): damped,
-        (False, True): forced,
-        (True, True): damped_forced,
-    }
     return Problem(
         name="single_dof",
-        rhs=right_hand_sides[is_damped, is_forced],
+        rhs=((undamped, forced), (damped, damped_forced))[is_damped][is_forced],
         u0=u0,
         v0=v0,
         params=(omega, xi, force, force_omega),

@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 
 def _single_dof(symbols, u, v, p):
     return [-p[0] * p[0] * u[0]]
@@ -90,7 +93,7 @@ def _second_differences(u):
     return [(u[j - 1] if j else 0.0) - 2.0 * u[j] + (u[j + 1] if j < len(u) - 1 else 0.0) for j in range(len(u))]
 
 
-def _attractions(symbols, u, masses, dimension):
+def _attractions(symbols, u, v, masses, dimension):
     """The accelerations of bodies that attract each other; each pair is computed once."""
     parts = [[] for _ in u]
     for i in range(len(masses)):
@@ -102,14 +105,6 @@ def _attractions(symbols, u, masses, dimension):
                 parts[first].append(masses[k] * (pull * way))
                 parts[second].append(-masses[i] * (pull * way))
     return [symbols.sum(part) for part in parts]
-
-
-def _figure_eight(symbols, u, v, p):
-    return _attractions(symbols, u, p, 2)
-
-
-def _outer_solar_system(symbols, u, v, p):
-    return _attractions(symbols, u, p, 3)
 
 
 def _elastic_bar(symbols, u, v, p):
@@ -128,7 +123,7 @@ def _hardening_chain(symbols, u, v, p):
 
 
 #: ``(symbols, u, v, params) -> accelerations``, by the name of the problem.
-EXPRESSIONS = {
+EXPRESSIONS: dict[str, Callable] = {
     "single_dof": _single_dof,
     "hardening_spring": _hardening_spring,
     "softening_spring": _softening_spring,
@@ -145,6 +140,6 @@ EXPRESSIONS = {
     "elastic_bar": _elastic_bar,
     "damped_bar": _damped_bar,
     "hardening_chain": _hardening_chain,
-    "figure_eight": _figure_eight,
-    "outer_solar_system": _outer_solar_system,
+    "figure_eight": partial(_attractions, dimension=2),
+    "outer_solar_system": partial(_attractions, dimension=3),
 }

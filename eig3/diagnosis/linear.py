@@ -203,6 +203,7 @@ def _combination(k: float, c: float, K: np.ndarray, C: np.ndarray) -> np.ndarray
 def _krylov_space(apply: Callable, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return an orthonormal basis of a Krylov space by Arnoldi's iteration, and the operator in this basis.
 
+    `scipy.sparse.linalg.eigs` returns no such basis, and `critical_step` and `explain` do not need SciPy.
     If there is memory for few vectors only, the iteration restarts from the best vector found.
     """
     most = max(8, min(_DIRECTIONS, _VALUES // (3 * n)))

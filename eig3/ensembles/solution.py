@@ -307,14 +307,12 @@ class EnsembleSolution:
         for values in (self.outputs, self.integrals):
             values.update({name: widened(x, rows) for name, x in values.items()})
 
-    def _params_of(self, i: int) -> np.ndarray:
-        return guarded(self.params[i] if self.params.ndim == 2 else self.params)
-
     def _accelerations_of(self, i: int) -> Any:
         """Return the function of the accelerations of member i, if one is known."""
         if self._rhs is None or history_of(self._rhs):
             return None
-        return partial(self._accelerations, self._rhs, self._params_of(i))
+        params = guarded(self.params[i] if self.params.ndim == 2 else self.params)
+        return partial(self._accelerations, self._rhs, params)
 
     @staticmethod
     def _accelerations(rhs: Any, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Checks that the arrays of a run fit in memory or on the disk, before anything runs.
 
 Linux grants more memory than there is, and kills the process when the memory is used. These checks raise an error
-instead.
+instead. The package psutil knows the memory of the machine only, not the limit of a container.
 """
 
 import errno

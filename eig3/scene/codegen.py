@@ -680,7 +680,7 @@ class _Source:
         """
         with self._members(block, *functions) as (s, i, j):
             self._separation(block, s, i, j)
-            cutoffs = [law.cutoff_of(s) for law in block.laws if law.cutoff]
+            cutoffs = [law.value(law.cutoff, s) for law in block.laws if law.cutoff]
             if self._is_signed or len(cutoffs) < len(block.laws):
                 yield s, i, j
                 return

@@ -150,20 +150,12 @@ class Symbols:
 
     def call(self, function: str, member: str, offered: dict[str, str]) -> str:
         """Return the source of a call for one member; `offered` has the source of arguments that are not parameters."""
-        values = (self._value(name, member, offered) for name in arguments(self.functions[function]))
+        needed = arguments(self.functions[function])
+        values = (self.value(name, member) if name in self.columns else offered[name] for name in needed)
         return f"{self.names[function]}({', '.join(values)})"
 
     def value(self, name: str, member: str) -> str:
         """Return the source of one member's parameter."""
-        return self._value(name, member, {})
-
-    def cutoff_of(self, member: str) -> str:
-        """Return the source of one member's cutoff."""
-        return self._value(self.cutoff, member, {})
-
-    def _value(self, name: str, member: str, offered: dict[str, str]) -> str:
-        if name not in self.columns:
-            return offered[name]
         column = self.columns[name]
         return self.names[name] if column.is_uniform else column.of(member)
 

@@ -145,7 +145,7 @@ def _radii(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm
 
     If the contacts leave a choice, as between two balls, it is the one with the least sum of squares: equal radii. The
     method of conjugate gradients finds the least squares solution of ``r[i] + r[j] = reach`` with the least norm, and
-    needs no matrix.
+    needs no matrix. Every scene has radii, also without SciPy: so this is not its `lsqr`.
     """
     given = [
         (*numbers, columns["reach"])

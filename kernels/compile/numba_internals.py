@@ -609,7 +609,8 @@ def has_numbas_cache(function: Jitted) -> bool:
     return type(function._cache) is FunctionCache
 
 
-#: Like the functions of the module pickle, for functions of the main module and of other functions too.
+#: Like the functions of the module pickle, for functions of the main module and of other functions too. They come with
+#: Numba, while only the extra dask brings the package cloudpickle, which executors of processes would need too.
 pickled, unpickled = cloudpickle.dumps, cloudpickle.loads
 
 
