@@ -50,7 +50,7 @@ class Place(NamedTuple):
         """Return the value."""
         return float(self.array(problem)[self.entry])
 
-    def index(self, problem: Problem) -> int:
+    def offset(self, problem: Problem) -> int:
         """Return the place in the flat array u0, v0 or p of the kernels."""
         begin = problem.params.layout.places(problem.params._asdict())[self.key].start if self.key else 0
         return begin + (int(np.ravel_multi_index(self.entry, self.array(problem).shape)) if self.entry else 0)
@@ -96,7 +96,8 @@ def sizes(
         run = motion()
         states = {"u0": run.u, "v0": run.v}
         for i in resting:
-            found[i] = np.abs(states[places[i].field][(slice(None), *places[i].entry)]).max()
+            each: tuple[Any, ...] = (slice(None), *places[i].entry)
+            found[i] = np.abs(states[places[i].field][each]).max()
     return np.where(found < _LEAST, of_zeros, found)
 
 
