@@ -365,6 +365,12 @@ def test_the_ready_frame_moves_as_its_modes():
     assert problem.units[:3] == ("m", "m", "rad")
     shear = eig3.structures.base_shear(problem)
     drifts = eig3.structures.storey_drifts(problem, [f"{k}A.ux" for k in range(1, 11)])
+    with pytest.raises(ValueError, match=r"^the problem has no 1A\.xu: did you mean 1A\.uy or 1A\.ux or 10A\.uy\?$"):
+        eig3.structures.storey_drifts(problem, ["1A.xu"])
+    with pytest.raises(ValueError, match=r"^the problem has no attic: did you mean (\S+ or ){8}one of \d+ others\?$"):
+        eig3.structures.storey_drifts(problem, ["attic"])
+    with pytest.raises(ValueError, match=r"^floors must be numbers from 0 to 1, or names, not 'roof'\.$"):
+        eig3.structures.storey_drifts(eig3.linear([1.0, 1.0], t_span=(0, 1)), ["roof"])
     outputs = problem.integrate(h=problem.h, t_end=2.0, outputs={"shear": shear, "drifts": drifts}).outputs
     assert np.abs(outputs["shear"]).max() > 1e3
     assert outputs["drifts"].shape[1] == 10

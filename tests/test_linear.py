@@ -1,5 +1,7 @@
 """Structures by their matrices: closed forms, conserved quantities, every kind of mass and damping, and errors."""
 
+import pickle
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -345,3 +347,30 @@ def test_base_shear_drifts_and_absolute_motion():
     assert moved[1] - moved[0] == pytest.approx(0.5 * speed[0], rel=1e-13)
     np.testing.assert_allclose(u[-1] - run.u[-1], moved[1], rtol=1e-12)
     np.testing.assert_allclose(np.gradient(u[:, 0], run.t)[500], v[500, 0], rtol=1e-4)
+
+
+@pytest.mark.parametrize("options", [{"h": 1e-2, "save_every": 1}, {"rtol": 1e-6, "save_every": 1}])
+def test_the_absolute_motion_of_members_has_the_ground_of_each(options):
+    """A structure that is at rest before its record moves in proportion to the record."""
+    problem = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1.5), ground=GROUND)
+    scales = [0.5, 1.0, 2.0]
+    runs = problem.ensemble(params={"ground_scale": scales}, **options)
+    together = eig3.structures.absolute_motion(problem, runs)
+    assert together[0].shape == runs.u.shape
+    for i, scale in enumerate(scales):
+        changed = problem.with_(params=problem.params._replace(ground_scale=scale))
+        expected = eig3.structures.absolute_motion(changed, changed.integrate(**options))
+        alone = eig3.structures.absolute_motion(problem, runs[i])
+        for x, y, z in zip(expected, alone, together, strict=True):
+            np.testing.assert_allclose(y, x, rtol=0, atol=1e-12)
+            np.testing.assert_array_equal(z[i, : len(y)], y)
+            assert np.isnan(z[i, len(y) :]).all()
+    longer = problem.params._asdict() | {"ground_times": 2 * GROUND[0][:5], "ground": GROUND[1][:5]}
+    other = problem.with_(params=eig3.Parameters(longer))
+    run = problem.prepare(h=1e-2)(params=longer)
+    np.testing.assert_array_equal(
+        eig3.structures.absolute_motion(problem, run), eig3.structures.absolute_motion(other, run)
+    )
+    copied = pickle.loads(pickle.dumps(runs))
+    with pytest.raises(ValueError, match=r"^solution must have its right-hand side, for the accelerations"):
+        eig3.structures.absolute_motion(problem, copied)

@@ -247,6 +247,26 @@ def test_arrays_and_sparse_matrices_of_members():
     np.testing.assert_allclose(runs.u[2, -1], alone.u[-1], rtol=0, atol=1e-12)
 
 
+@eig3.jit
+def rows_of_entries(t, u, v, p, a):
+    for i in range(u.size):
+        a[i] = 0.0
+        for k in range(p.K.indptr[i], p.K.indptr[i + 1]):
+            a[i] -= p.scale * p.K.data[k] * u[p.K.indices[k]]
+
+
+@pytest.mark.parametrize("steps", [{"h": 0.01}, {"rtol": 1e-6}])
+def test_members_with_a_sparse_matrix_and_parameters_of_their_own_run_one_at_a_time(steps):
+    """The columns of the matrix are pairs of whole numbers in one real one, which a lane cannot read."""
+    K, scales = chain_parameters(4)["K"], np.linspace(1, 2, 16)
+    problem = eig3.Problem("rows", rows_of_entries, np.ones(4), np.zeros(4), {"K": K, "scale": 1.0}, (0, 1))
+    runs = problem.ensemble(params={"scale": scales}, **steps)
+    assert "because params have a sparse matrix and differ between members" in runs.notes[0]
+    alone = problem.with_(params=problem.params._replace(scale=scales[7])).integrate(**steps)
+    np.testing.assert_array_equal(runs.u[7, -1], alone.u[-1])
+    assert not any("sparse" in note for note in problem.ensemble(u0=np.ones((16, 4)), **steps).notes)
+
+
 def test_an_ensemble_of_a_problem_changes_some_parameters():
     problem = make_problem().with_(events={})
     runs = problem.ensemble(params={"c": [0.1, 0.2, 0.3]}, **H)

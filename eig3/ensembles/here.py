@@ -18,6 +18,7 @@ from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
 from ..functions.history import constraints_of
+from ..functions.layout import bound_layout
 from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
@@ -33,7 +34,7 @@ from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
 from .alone import Alone, Singles
 from .block import Block
 from .histories import Histories
-from .lanewise import ROWS_FOLLOWED, constrained_of, keeping_of, lanes_of, layout_of
+from .lanewise import MOST_DEGREES, ROWS_FOLLOWED, constrained_of, keeping_of, lanes_of, layout_of
 from .members import Members
 from .options import Options
 from .shared import Shared, SignOf
@@ -65,6 +66,10 @@ _MANY_CONSTRAINTS = (
 _OTHER_CONSTRAINTS = (
     "The members run one at a time, because params are those of scenes whose constraints join other points than those "
     "of this problem; make a problem of each such scene."
+)
+_SPARSE = (
+    "The members run one at a time, because params have a sparse matrix and differ between members; lanes read "
+    "a sparse matrix only from params that all members share."
 )
 _FOLLOWED = (
     "The members run one at a time, because runs with tolerances in lanes have no save_every, no invariants and no "
@@ -264,6 +269,9 @@ class Run:
 
 def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
     """Return the constraints of a scene for lanes, if there are any, or why the members run one at a time."""
+    layout = bound_layout(rhs)
+    if layout and members.has_own_params and members.n <= MOST_DEGREES and any(kind.ndim < 0 for kind in layout.kinds):
+        return None, _SPARSE
     constraints = constraints_of(rhs)
     if constraints is None:
         return None, ""

@@ -118,6 +118,20 @@ class EnsembleSolution:
         """A mask of shape (m,): which members did what they should: their status is COMPLETED or TERMINATED."""
         return (self.status == Status.COMPLETED) | (self.status == Status.TERMINATED)
 
+    @property
+    def a(self) -> np.ndarray | None:
+        """The accelerations f(t, u, v) at the saved states, in an array of the shape of u.
+
+        They are evaluated at each access. None if no right-hand side is known, as in a copy.
+        """
+        if self._accelerations_of(0) is None:
+            return None
+        found = np.full(self.u.shape, np.nan)
+        for i, values in enumerate(found):
+            rows = slice(self._count(i))
+            values[rows] = self._accelerations_of(i)(self.t[i, rows], self.u[i, rows], self.v[i, rows])
+        return found
+
     def __len__(self) -> int:
         return len(self.u)
 
@@ -131,8 +145,7 @@ class EnsembleSolution:
         if not -len(self) <= i < len(self):
             raise IndexError(f"the ensemble has {len(self)} members, numbered from 0: there is no member {i}.")
         i = int(i) % len(self)
-        finite = np.isfinite(self.u[i]) & np.isfinite(self.v[i])
-        count = int(np.sum(finite if finite.ndim == 1 else finite.all(axis=1)))
+        count = self._count(i)
         histories = self.t, self.u, self.v, *self.outputs.values(), *self.integrals.values()
         rows = [values[i, :count] for values in histories]
         if i in self._last:  # the last finite state is not one of the states to save
@@ -306,6 +319,11 @@ class EnsembleSolution:
         self.steps = None if self.steps is None else widened(self.steps, rows)
         for values in (self.outputs, self.integrals):
             values.update({name: widened(x, rows) for name, x in values.items()})
+
+    def _count(self, i: int) -> int:
+        """Return the number of saved states of member i, which are finite."""
+        finite = np.isfinite(self.u[i]) & np.isfinite(self.v[i])
+        return int(np.sum(finite if finite.ndim == 1 else finite.all(axis=1)))
 
     def _accelerations_of(self, i: int) -> Any:
         """Return the function of the accelerations of member i, if one is known."""

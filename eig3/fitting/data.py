@@ -11,7 +11,7 @@ import numpy as np
 from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..problem import Problem
-from .history import History
+from ..result.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,9 +22,9 @@ class Series:
     ----------
     name : str
     t, values, sigma : ndarray, shape (m,)
-        Times, measured values and standard deviations of their noise.
+        Times, measured values, of which NaN stands for a missing one, and standard deviations of their noise.
     group, key : str
-        Where the quantity is in a `History`: "u" or "v", or the name among the outputs or the integrals.
+        Where the quantity is in a `Solution`: "u" or "v", or the name among the outputs or the integrals.
     column : int or None
         Its column there; None if there is one quantity only.
     """
@@ -37,9 +37,9 @@ class Series:
     key: str = ""
     column: int | None = None
 
-    def of(self, history: History) -> np.ndarray:
-        """Return the quantity from histories, with the axis of time as the last one."""
-        values = getattr(history, self.group)
+    def of(self, solution: Solution) -> np.ndarray:
+        """Return the quantity at the saved times of a run."""
+        values = getattr(solution, self.group)
         values = values[self.key] if self.key else values
         return values if self.column is None else values[..., self.column]
 
@@ -53,6 +53,7 @@ def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any], sigma: A
         If data or sigma is not as `eig3.fit` describes it, or a name is not one of the problem.
     """
     known = _quantities(problem, outputs)
+    data = _of_pandas(data)
     if not isinstance(data, Mapping):
         return _series("u", data, "data", {"group": "u"}, np.shape(problem.u0), sigma)
     if not data:
@@ -71,8 +72,18 @@ def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any], sigma: A
     return found
 
 
+def _of_pandas(data: Any) -> Any:
+    """Return the pair or the dictionary of pairs of a table of pandas, which need not be installed; or what it is."""
+    if not hasattr(data, "to_numpy") or not hasattr(data, "index"):
+        return data
+    if hasattr(data, "columns"):
+        return {name: (data.index.to_numpy(), data[name].to_numpy()) for name in data.columns}
+    pair = data.index.to_numpy(), data.to_numpy()
+    return pair if data.name is None else {data.name: pair}
+
+
 def _quantities(problem: Problem, outputs: Mapping[str, Any]) -> dict[str, tuple[dict[str, Any], tuple[int, ...]]]:
-    """Return the place in a `History` and the shape of each quantity, by name; outputs come first."""
+    """Return the place in a `Solution` and the shape of each quantity, by name; outputs come first."""
     n, is_number = np.size(problem.u0), np.ndim(problem.u0) == 0
     known: dict[str, tuple[dict[str, Any], tuple[int, ...]]] = {}
     for letter in "uv":
@@ -100,6 +111,8 @@ def _series(
     name: str, pair: Any, argument: str, place: dict[str, Any], shape: tuple[int, ...], sigma: Any
 ) -> list[Series]:
     """Return a series, or one for each column of the values, after a check of their shapes."""
+    if hasattr(pair, "to_numpy") and hasattr(pair, "index"):  # a series of pandas, by its own name or another
+        pair = pair.index.to_numpy(), pair.to_numpy()
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise TypeError(f"{argument} must be a pair (times, values), not {shown(pair)}.")
     t, values = (reals(x, f"the {what} of {argument}") for what, x in zip(("times", "values"), pair, strict=True))
@@ -109,8 +122,8 @@ def _series(
             f"{argument} must have m times of shape (m,) and values of shape {needed}, not {t.shape} and "
             f"{values.shape}."
         )
-    if not (np.isfinite(t).all() and np.isfinite(values).all()):
-        raise ValueError(f"{argument} must be finite: leave out the times whose values are missing.")
+    if not np.isfinite(t).all() or np.isinf(values).any() or np.isnan(values).all():
+        raise ValueError(f"{argument} must have finite times and values; only missing values may be NaN.")
     weights = np.ones(values.shape) if sigma is None else _checked_sigma(sigma, values, name)
     if not shape:
         return [Series(name, t, values, weights, **place)]
@@ -127,6 +140,7 @@ def _checked_sigma(sigma: Any, values: np.ndarray, name: str) -> np.ndarray:
         raise ValueError(
             f"sigma of {name} must be a number or have the shape {values.shape} of the values, not {given.shape}."
         ) from None
-    if not (np.isfinite(weights).all() and (weights > 0).all()):
+    present = weights[~np.isnan(values)]
+    if not (np.isfinite(present).all() and (present > 0).all()):
         raise ValueError(f"sigma of {name} must be positive and finite.")
     return weights

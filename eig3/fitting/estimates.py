@@ -6,8 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+_DOUBTFUL = 1e-3  # from here on, the error of one-sided differences might make values look determined
 _DEPENDENT = 1e-7  # a singular value below this part of the largest one is that of values the data do not tell apart
 _INVOLVED = 1e-2  # least part of a value in such a combination
+
+
+def is_doubtful(jacobian: np.ndarray) -> bool:
+    """Return whether derivatives must be more exact, because their smallest singular value is small."""
+    s = np.linalg.svd(jacobian, compute_uv=False)
+    return bool(s[-1] <= _DOUBTFUL * s[0])
 
 
 def covariance(

@@ -9,20 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..functions.checks import check_h, reals, shown
+from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..functions.quantities import check_functions
 from ..methods import Method
 from ..problem import Problem
 from .data import Series, check_data
-from .estimates import correlation, covariance, loose_note
+from .estimates import correlation, covariance, is_doubtful, loose_note
 from .model import Model
 from .picture import save
-from .places import Place, changed, check_places
-from .runs import Runs
+from .places import Place, changed, check_places, sizes
 
-_TOLERANCE = 1e-12  # of the sum of squares, and of the parameters by their sizes
+_TOLERANCE = 1e-10  # of the sum of squares, and of the parameters by their sizes
 _NO_GRADIENT = float(np.finfo(np.float64).eps)  # SciPy divides by zero where the gradient is zero from the first
 _DIGITS = 16  # most digits of a value in texts
 _AT_BOUND = 1e-6  # largest distance from a bound of a parameter that the data push towards it, by its size
@@ -47,12 +47,12 @@ class Fit:
     covariance, correlation : ndarray, shape (p, p)
         Of the parameters, in the order of `values`.
     residuals : dict of str to ndarray
-        Data less model, for each series of the data.
+        Data less model, for each series of the data; NaN where a value is missing.
     scatter : float
         The standard deviation of the residuals: in the unit of the data without sigma, and in multiples of sigma with
         it. It is then near 1 if sigma and the model are right.
     at_bound : tuple of str
-        The parameters that ended at a bound.
+        The parameters that ended at a bound, and those with equal bounds.
     problem : Problem
         The problem with the parameters found.
     success : bool
@@ -77,7 +77,7 @@ class Fit:
     message: str
     n_runs: int
     _series: list[Series]
-    _curves: tuple[np.ndarray, list[np.ndarray]]
+    _options: dict[str, Any]
 
     def plot(self, path: str | PathLike[str], *, units: Mapping[str, str] | None = None) -> Path:
         """Write a picture of the data, the fitted motion and the residuals.
@@ -101,10 +101,11 @@ class Fit:
         """
         title = ", ".join(_with_error(name, value, self.errors[name]) for name, value in self.values.items())
         given = {each.name: _unit(self.problem, each) for each in self._series} | dict(units or {})
-        return save(Path(path), title, self._series, self.residuals, self._curves, given)
+        run = self.problem.integrate(t_end=max(each.t.max() for each in self._series), **self._options)
+        return save(Path(path), title, self._series, self.residuals, run, given)
 
     def __repr__(self) -> str:
-        n_data = sum(map(len, self.residuals.values()))
+        n_data = sum(np.count_nonzero(~np.isnan(x)) for x in self.residuals.values())
         lines = [f"Fit of {len(self.values)} parameters to {n_data} values, with {self.n_runs} runs:"]
         lines += [f"  {_with_error(name, value, self.errors[name])}" for name, value in self.values.items()]
         return "\n".join([*lines, f"  scatter of the residuals: {self.scatter:.4g}", f"  {self.message}"])
@@ -116,30 +117,33 @@ def fit(
     parameters: str | Iterable[str] | Mapping[str, float],
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
     *,
-    h: float,
-    method: str | Method = "eig3",
+    h: float | None = None,
+    rtol: float | None = None,
+    atol: ArrayLike | None = None,
+    method: str | Method | None = None,
     outputs: Mapping[str, Any] | None = None,
     sigma: Any = None,
 ) -> Fit:
     """Find parameters and starts of a problem from data, by least squares.
 
     SciPy's ``least_squares`` (a trust region that is reflected at bounds) minimises the sum of
-    ``((data - model) / sigma)**2``, with the derivatives of `eig3.sensitivities`. The model's u and v at the times of
-    the data are those of `Solution.at`: Hermite polynomials through u, v and a at the ends of each step. Outputs and
-    integrals follow from polynomials through six steps. The page eig3/fitting/README.md has an example.
+    ``((data - model) / sigma)**2`` over prepared runs. The states at the times of the data are those of ``t_eval``. The
+    page eig3/fitting/README.md has an example.
 
     Parameters
     ----------
     problem : Problem
-        Without events. The runs end at the last time of the data.
-    data : (times, values); or dict of str to (times, values)
+        The runs end at the last time of the data.
+    data : (times, values); or dict of str to (times, values); or pandas.Series or pandas.DataFrame
         Values of u, of shape (m,), or (m, n) for n degrees of freedom. Or series by name, each with its own times: "u"
-        or "v" with one degree of freedom, "u0", "v1" or the problem's names with several, outputs and integrals.
+        or "v" with one degree of freedom, "u0", "v1" or the problem's names with several, outputs and integrals. Of
+        tables of pandas, the index has the times, and the columns have these names. NaN stands for a missing value.
     parameters : str or sequence of str; or dict of str to float
         Names as for `eig3.sensitivities`. The first values are those of the problem, or of the dictionary.
     bounds : dict of str to (low, high)
-        Bounds by name; None or infinite for no bound on a side. No run has values beyond them.
-    h, method, outputs
+        Bounds by name; None or infinite for no bound on a side. No run has values beyond them. Two equal bounds hold a
+        parameter.
+    h, rtol, atol, method, outputs
         As for `Problem.integrate`.
     sigma : float or array_like; or dict of str to float or array_like
         Standard deviation of the noise in the data, of all values or of each. Without it, the standard errors follow
@@ -152,75 +156,94 @@ def fit(
     Raises
     ------
     TypeError, ValueError
-        An argument is not valid. These errors are raised before anything runs.
+        An argument is not valid. These errors are raised before anything runs. Or the motion or the acceleration with
+        the first values is not finite.
     ImportError
         SciPy is not installed.
     IntegrationError
-        The run with the first values, or one for the derivatives, diverges.
+        The run with the first values, or one for the derivatives, diverges. The error names the values and, where one
+        was found, a step h with which the run does not diverge.
     """
     places = check_places(problem, parameters)
     series = check_data(problem, data, check_functions(None, outputs).outputs, sigma)
     problem = _first(problem, places, parameters)
     low, high = _check_bounds(problem, places, bounds or {})
-    n_data = sum(len(each.t) for each in series)
-    if n_data < len(places) + (sigma is None):
-        least = f"at least {len(places) + (sigma is None)} values for {len(places)} parameters"
-        raise ValueError(f"data must hold {least}{' and their scatter' * (sigma is None)}, not {n_data}.")
-    options: dict[str, Any] = {"h": check_h(h), "method": method, "outputs": outputs}
-    runs = Runs(problem, places, t_end=_end(problem, series), save_every=1, **options)
-    spans = high - low
-    sizes = runs.sizes(np.where(np.isfinite(spans), spans, 1.0))
-    model = Model(runs, series, low, high, sizes)
-    return _found(model, problem, places, has_sigma=sigma is not None)
+    _check_times(problem, series)
+    options: dict[str, Any] = {"h": h, "rtol": rtol, "atol": atol, "method": method, "outputs": outputs}
+    model = Model(problem, places, series, options)
+    n_free = np.count_nonzero(low < high)
+    if len(model) < n_free + (sigma is None):
+        least = f"at least {n_free + (sigma is None)} values for {n_free} parameters"
+        raise ValueError(f"data must hold {least}{' and their scatter' * (sigma is None)}, not {len(model)}.")
+    return _found(model, problem, (low, high), options, has_sigma=sigma is not None)
 
 
-def _minimise(model: Model) -> Any:
-    """Return SciPy's result, with x in the units of the parameters, and J by the parameters as parts of their sizes."""
-    least_squares, sizes, (low, high) = _least_squares(), model.sizes, model.bounds
+def _minimise(model: Model, first: np.ndarray, lengths: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> Any:
+    """Return SciPy's result, with all parameters in x, and J by those that are free, as parts of their sizes."""
+    least_squares, (low, high) = _least_squares(), bounds
+    free = low < high
+    ends = low[free] / lengths[free], high[free] / lengths[free]
 
     def values(q: np.ndarray) -> np.ndarray:
-        return np.clip(q * sizes, low, high)  # a product may be beyond a bound by its last bit
+        x = first.copy()
+        x[free] = np.clip(q * lengths[free], low[free], high[free])  # a product may be beyond a bound by its last bit
+        return x
 
-    result = least_squares(
-        lambda q: model.residuals(values(q)) / model.size,  # q and the residuals have the size 1
-        model.runs.first / sizes,
-        jac=lambda q: model.jacobian(values(q)) * sizes / model.size,
-        bounds=(low / sizes, high / sizes),
-        ftol=_TOLERANCE,
-        xtol=_TOLERANCE,
-        gtol=_NO_GRADIENT,
-    )
-    result.x, result.jac = values(result.x), result.jac * model.size
+    def residuals(q: np.ndarray) -> np.ndarray:
+        return model.residuals(values(q)) / model.size  # q and the residuals have the size 1
+
+    try:
+        with np.errstate(invalid="ignore"):  # from infinite residuals
+            result = least_squares(
+                residuals, first[free] / lengths[free], bounds=ends, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_NO_GRADIENT
+            )
+            if is_doubtful(result.jac):
+                result.jac = least_squares(residuals, result.x, jac="3-point", bounds=ends, max_nfev=1).jac
+    except ValueError:  # of infinite residuals beside a point
+        model.raise_failure()
+        raise
+    result.x, result.fun, result.jac = values(result.x), result.fun * model.size, result.jac * model.size
     return result
 
 
-def _found(model: Model, problem: Problem, places: Sequence[Place], *, has_sigma: bool) -> Fit:
-    model.check(model.runs.first)
-    result = _minimise(model)
-    x, is_bound = _at_bounds(result.x, result.jac.T @ result.fun, model)
-    curves, residuals = model.curves(x), model.residuals(x)
+def _found(
+    model: Model,
+    problem: Problem,
+    bounds: tuple[np.ndarray, np.ndarray],
+    options: dict[str, Any],
+    *,
+    has_sigma: bool,
+) -> Fit:
+    first, (low, high) = np.array([place.value(problem) for place in model.places]), bounds
+    if not np.isfinite(model.residuals(first)).all():
+        model.raise_failure()
+    spans = np.where(np.isfinite(high - low) & (low < high), high - low, 1.0)
+    lengths = sizes(problem, model.places, lambda: model.run(first), spans)
+    result = _minimise(model, first, lengths, bounds)
+    is_free = low < high
+    jacobian = np.zeros((len(model), len(first)))
+    jacobian[:, is_free] = result.jac
+    x, is_bound = _at_bounds(result.x, jacobian.T @ result.fun, lengths, bounds)
+    residuals = result.fun if (x == result.x).all() else model.residuals(x)
     freedom = len(residuals) - np.count_nonzero(~is_bound)
     scatter = float(np.sqrt(residuals @ residuals / freedom)) if freedom else np.nan
-    matrix, is_loose = covariance(result.jac, model.sizes, ~is_bound, 1.0 if has_sigma else scatter**2)
-    names = [place.name for place in places]
-    errors = np.sqrt(np.diag(matrix)).tolist()
-    ends = np.cumsum([len(each.t) for each in model.series])[:-1]
-    parts = zip(model.series, np.split(residuals, ends), strict=True)
+    matrix, is_loose = covariance(jacobian, lengths, ~is_bound, 1.0 if has_sigma else scatter**2)
+    names = [place.name for place in model.places]
     return Fit(
         values=dict(zip(names, x.tolist(), strict=True)),
-        errors=dict(zip(names, errors, strict=True)),
+        errors=dict(zip(names, np.sqrt(np.diag(matrix)).tolist(), strict=True)),
         covariance=matrix,
         correlation=correlation(matrix),
-        residuals={each.name: -part * each.sigma for each, part in parts},
+        residuals=model.by_series(residuals),
         scatter=scatter,
         at_bound=tuple(name for name, each in zip(names, is_bound, strict=True) if each),
-        problem=changed(problem, places, x),
+        problem=changed(problem, model.places, x),
         success=bool(result.success),
         status=int(result.status),
         message=_ENDS[result.status] + loose_note(names, is_loose),
-        n_runs=model.runs.count,
+        n_runs=model.n_runs,
         _series=list(model.series),
-        _curves=curves,
+        _options=options,
     )
 
 
@@ -232,11 +255,13 @@ def _least_squares() -> Any:
     return least_squares
 
 
-def _at_bounds(x: np.ndarray, gradient: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
+def _at_bounds(
+    x: np.ndarray, gradient: np.ndarray, lengths: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the parameters and which of them are at a bound; these have the value of the bound itself."""
-    low, high = model.bounds
-    is_low = (x - low <= _AT_BOUND * model.sizes) & (gradient > 0)
-    is_high = (high - x <= _AT_BOUND * model.sizes) & (gradient < 0)
+    low, high = bounds
+    is_low = ((x - low <= _AT_BOUND * lengths) & (gradient > 0)) | (low == high)
+    is_high = (high - x <= _AT_BOUND * lengths) & (gradient < 0)
     return np.where(is_low, low, np.where(is_high, high, x)), is_low | is_high
 
 
@@ -266,13 +291,15 @@ def _check_bounds(problem: Problem, places: Sequence[Place], bounds: Any) -> tup
         ends = zip(pair, (-np.inf, np.inf), strict=True)
         low[i], high[i] = reals([free if end is None else end for end, free in ends], f"bounds[{name!r}]")
         value = places[i].value(problem)
-        if not low[i] < high[i]:
-            raise ValueError(f"bounds[{name!r}] must be (low, high) with low < high, not {shown(pair)}.")
+        if not low[i] <= high[i]:
+            raise ValueError(f"bounds[{name!r}] must be (low, high) with low <= high, not {shown(pair)}.")
         if not low[i] <= value <= high[i]:
             raise ValueError(
                 f"bounds[{name!r}] = ({low[i]:g}, {high[i]:g}) must contain the first value {value:g}: give another, "
                 f"such as parameters={{{name!r}: {_inside(low[i], high[i]):g}, ...}}."
             )
+    if (low == high).all():
+        raise ValueError("bounds must leave one parameter free, but the two bounds of each are equal.")
     return low, high
 
 
@@ -282,8 +309,8 @@ def _inside(low: float, high: float) -> float:
     return low + abs(low) + 1 if np.isfinite(low) else high - abs(high) - 1
 
 
-def _end(problem: Problem, series: Sequence[Series]) -> float:
-    """Return the last time of the data, which must be within the span of the problem."""
+def _check_times(problem: Problem, series: Sequence[Series]) -> None:
+    """Refuse data that are not within the span of the problem."""
     begin, end = problem.t_span
     first, last = min(each.t.min() for each in series), max(each.t.max() for each in series)
     if first < begin or last > end:
@@ -293,7 +320,6 @@ def _end(problem: Problem, series: Sequence[Series]) -> float:
         )
     if last == begin:
         raise ValueError(f"data must have a time after the start of the run at t = {begin:g}.")
-    return float(last)
 
 
 def _unit(problem: Problem, series: Series) -> str:

@@ -1,17 +1,21 @@
-"""The weighted residuals of a fit and their derivatives, as functions of the parameters."""
+"""The weighted residuals of a fit, as functions of the values at some places of a problem."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from ..functions.checks import check_params
+from ..functions.guard import NotFiniteAtStartError
+from ..problem import Problem
+from ..result.solution import Solution
+from ..run.run import IntegrationError
 from .data import Series
-from .history import History
-from .runs import Runs, history
-from .stencils import differences, usual_steps
-
-_PART = 2.0**-8  # the steps of differences do not fall below those of this part of a parameter's size
+from .places import Place, said
 
 
 class Model:
@@ -19,52 +23,90 @@ class Model:
 
     Parameters
     ----------
-    runs : Runs
+    problem : Problem
+    places : sequence of Place
     series : sequence of Series
-    low, high : ndarray, shape (p,)
-        Bounds, beyond which no run goes.
-    sizes : ndarray, shape (p,)
-        Sizes of the parameters.
+    options : dict
+        h or rtol, method and others, as for `Problem.prepare`.
+
+    Attributes
+    ----------
+    size : float
+        The size of all weighted values together.
+    n_runs : int
     """
 
     def __init__(
-        self, runs: Runs, series: Sequence[Series], low: np.ndarray, high: np.ndarray, sizes: np.ndarray
+        self, problem: Problem, places: Sequence[Place], series: Sequence[Series], options: dict[str, Any]
     ) -> None:
-        self.runs, self.series, self.bounds, self.sizes = runs, series, (low, high), sizes
-        self._times = np.unique(np.concatenate([each.t for each in series]))
-        self._rows = [np.searchsorted(self._times, each.t) for each in series]
-        self._values = np.concatenate([each.values for each in series])
-        self._sigma = np.concatenate([each.sigma for each in series])
-        self.size = float(np.linalg.norm(self._values / self._sigma)) or 1.0  # of all weighted values
+        self.places, self.series, self.n_runs = places, series, 0
+        times = np.unique(np.concatenate([each.t for each in series]))
+        self._run = problem.prepare(invariants={}, t_eval=times, **options)
+        self._span, self._n_times = (problem.t_span[0], float(times[-1])), len(times)
+        self._start = {"u0": np.array(problem.u0), "v0": np.array(problem.v0)}
+        self._start["params"] = np.array(check_params(problem.params))
+        self._entries = [(self._start[place.field], place.offset(problem)) for place in places]
+        self._rows = [np.searchsorted(times, each.t) for each in series]
+        values = np.concatenate([each.values for each in series])
+        self._has_value = ~np.isnan(values)
+        self._values = values[self._has_value]
+        self._sigma = np.concatenate([each.sigma for each in series])[self._has_value]
+        with np.errstate(over="ignore"):
+            self.size = float(np.linalg.norm(self._values / self._sigma)) or 1.0
+        if not np.isfinite(self.size):
+            raise ValueError("data must have squares with a finite sum: take a larger unit for data and problem.")
+        self._failure: Callable[[], Exception] | None = None
+
+    def __len__(self) -> int:
+        """The number of residuals: missing values have none."""
+        return len(self._values)
+
+    def run(self, x: np.ndarray) -> Solution:
+        """Run with the values x, shape (p,), up to the last time of the data."""
+        self.n_runs += 1
+        for (array, index), value in zip(self._entries, x.tolist(), strict=True):
+            array.flat[index] = value
+        u0, v0 = (array if array.ndim else float(array) for array in (self._start["u0"], self._start["v0"]))
+        return self._run.member(self._span, u0, v0, self._start["params"], None)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Return (model - data) / sigma; infinite if the run fails, which SciPy answers by a shorter step."""
-        members = self.runs(x[None])
-        if not members.success[0]:
-            return np.full(len(self._values), np.inf)
-        return (self._quantities(history(members, self._times))[0] - self._values) / self._sigma
+        try:
+            solution = self.run(x)
+        except NotFiniteAtStartError as error:
+            return self._failed(partial(ValueError, f"The run with {said(self.places, x)} fails: {error}"))
+        if len(solution.t) < self._n_times:
+            return self._failed(partial(self._ended, x.copy(), solution))
+        found = [each.of(solution)[rows] for each, rows in zip(self.series, self._rows, strict=True)]
+        with np.errstate(over="ignore", invalid="ignore"):
+            residuals = (np.concatenate(found)[self._has_value] - self._values) / self._sigma
+            if not np.isfinite(residuals @ residuals):
+                return self._failed(partial(self._not_finite, x.copy(), found))
+        return residuals
 
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the residuals, shape (number of data, p)."""
-        steps = usual_steps(np.maximum(np.abs(x), _PART * self.sizes))
-        chosen = differences(x, steps, *self.bounds)
-        members = self.runs(chosen.rows)
-        self.runs.check(members, chosen.rows)
-        derivatives = chosen.derivatives(history(members, self._times))
-        return (self._quantities(derivatives) / self._sigma).T
+    def raise_failure(self) -> None:
+        """Raise the error of the last run that failed, if one did."""
+        if self._failure:
+            raise self._failure() from None
 
-    def check(self, x: np.ndarray) -> None:
-        """Raise an error if the run with these values fails."""
-        self.runs.check(self.runs(x[None]), x[None])
+    def by_series(self, residuals: np.ndarray) -> dict[str, np.ndarray]:
+        """Return data less model for each series, with NaN for missing values."""
+        found = np.full(len(self._has_value), np.nan)
+        found[self._has_value] = -residuals * self._sigma
+        ends = np.cumsum([len(each.t) for each in self.series])[:-1]
+        return {each.name: part for each, part in zip(self.series, np.split(found, ends), strict=True)}
 
-    def curves(self, x: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the saved times of the run with these values, and each quantity there."""
-        members = self.runs(x[None])
-        self.runs.check(members, x[None])
-        found = history(members, None)
-        return np.array(members.t[0]), [each.of(found)[0] for each in self.series]
+    def _failed(self, failure: Callable[[], Exception]) -> np.ndarray:
+        self._failure = failure
+        return np.full(len(self), np.inf)
 
-    def _quantities(self, values: History) -> np.ndarray:
-        """Return the quantities at the times of their data, one series after the other, along the last axis."""
-        pairs = zip(self.series, self._rows, strict=True)
-        return np.concatenate([each.of(values)[:, rows] for each, rows in pairs], axis=1)
+    def _ended(self, x: np.ndarray, solution: Solution) -> Exception:
+        """Return the error of a run that ended before the last time of the data; `explain` names a shorter step."""
+        message = f"The run with {said(self.places, x)} fails: {solution.explain()}"
+        return IntegrationError(dataclasses.replace(solution, message=message))
+
+    def _not_finite(self, x: np.ndarray, found: Sequence[np.ndarray]) -> Exception:
+        for each, values in zip(self.series, found, strict=True):
+            if not np.isfinite(values).all():
+                return ValueError(f"{each.name} must be finite, but is not with {said(self.places, x)}.")
+        return ValueError(f"The run with {said(self.places, x)} is too far from the data: give other first values.")

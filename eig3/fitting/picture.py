@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..result.solution import Solution
 from .data import Series
 
 _WIDTH = 90  # characters of a line of the title
@@ -19,7 +20,7 @@ def save(
     title: str,
     series: Sequence[Series],
     residuals: Mapping[str, np.ndarray],
-    curves: tuple[np.ndarray, Sequence[np.ndarray]],
+    run: Solution,
     units: Mapping[str, str],
 ) -> Path:
     """Write the picture of a fit.
@@ -31,8 +32,8 @@ def save(
         The parameters found.
     series : sequence of Series
     residuals : mapping of str to ndarray
-    curves : ndarray, shape (s,), and sequence of ndarray, shape (s,)
-        The times of the fitted motion, and each quantity there.
+    run : Solution
+        The fitted motion.
     units : mapping of str to str
         The unit of each series; empty if it is not known.
     """
@@ -44,9 +45,8 @@ def save(
     panels = figure.subplots(
         2 * len(series), sharex=True, squeeze=False, gridspec_kw={"height_ratios": [2.2, 1] * len(series)}
     )[:, 0]
-    t, values = curves
-    for i, (each, curve) in enumerate(zip(series, values, strict=True)):
-        _motion(panels[2 * i], each, t, curve, units[each.name])
+    for i, each in enumerate(series):
+        _motion(panels[2 * i], each, run.t, each.of(run), units[each.name])
         _residuals(panels[2 * i + 1], each, residuals[each.name], units[each.name])
     panels[-1].set_xlabel("t (s)")
     figure.align_ylabels()
@@ -67,6 +67,6 @@ def _motion(axes: Any, series: Series, t: np.ndarray, curve: np.ndarray, unit: s
 def _residuals(axes: Any, series: Series, residuals: np.ndarray, unit: str) -> None:
     axes.axhline(0, color="C0", linewidth=1)
     axes.plot(series.t, residuals, ".", color="0.35", markersize=3)
-    most = 1.15 * np.abs(residuals).max() or 1.0
+    most = 1.15 * np.nanmax(np.abs(residuals)) or 1.0
     axes.set(ylabel=f"data - fit ({unit})" if unit else "data - fit", ylim=(-most, most))
     axes.grid(alpha=0.35)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,9 @@ import numpy as np
 from ..functions.checks import check_params, shown
 from ..functions.layout import unknown_name
 from ..problem import Problem
+from ..result.solution import Solution
 
+_LEAST = 1e-200  # a smaller size counts as zero
 _NAME = re.compile(r"(\w+)(?:\[(\d+)(?:, ?(\d+))?\])?")
 _FLAT = "p"  # the name of parameters without names, as functions call them
 
@@ -48,6 +50,11 @@ class Place(NamedTuple):
         """Return the value."""
         return float(self.array(problem)[self.entry])
 
+    def offset(self, problem: Problem) -> int:
+        """Return the place in the flat array u0, v0 or p of the kernels."""
+        begin = problem.params.layout.places(problem.params._asdict())[self.key].start if self.key else 0
+        return begin + (int(np.ravel_multi_index(self.entry, self.array(problem).shape)) if self.entry else 0)
+
     def size(self, problem: Problem) -> float:
         """Return the size of the value, or that of the largest value in its named array if it is zero."""
         return abs(self.value(problem)) or (float(np.abs(self.array(problem)).max()) if self.key else 0.0)
@@ -73,6 +80,30 @@ def check_places(problem: Problem, names: str | Iterable[str]) -> list[Place]:
         if any(place[1:] == other[1:] for other in places[:i]):
             raise ValueError(f"parameters must name each value once, but {place.name} is there twice.")
     return places
+
+
+def sizes(
+    problem: Problem, places: Sequence[Place], motion: Callable[[], Solution], of_zeros: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """Return the sizes of the values, shape (p,).
+
+    Each is that of the value itself; or of the largest value in its named array; or for a start that of the motion; or
+    else `of_zeros`.
+    """
+    found = np.array([place.size(problem) for place in places])
+    resting = [i for i, place in enumerate(places) if found[i] < _LEAST and place.field != "params"]
+    if resting:
+        run = motion()
+        states = {"u0": run.u, "v0": run.v}
+        for i in resting:
+            each: tuple[Any, ...] = (slice(None), *places[i].entry)
+            found[i] = np.abs(states[places[i].field][each]).max()
+    return np.where(found < _LEAST, of_zeros, found)
+
+
+def said(places: Sequence[Place], values: np.ndarray) -> str:
+    """Return the values with their names, for an error."""
+    return ", ".join(f"{place.name} = {value:.10g}" for place, value in zip(places, values, strict=True))
 
 
 def varied(problem: Problem, places: Sequence[Place], rows: np.ndarray) -> dict[str, Any]:

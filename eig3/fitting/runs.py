@@ -12,12 +12,11 @@ from ..ensembles.solution import EnsembleSolution
 from ..methods import Method
 from ..problem import Problem
 from ..result.interpolation import Knots
+from ..result.solution import Solution
 from ..run.run import IntegrationError
 from .history import History
-from .places import Place, varied
+from .places import Place, said, varied
 from .resampling import resampled
-
-_LEAST = 1e-200  # a smaller size counts as zero
 
 
 class Runs:
@@ -50,11 +49,9 @@ class Runs:
             "save_every": save_every,
             "outputs": outputs,
         }
-        self.count = 0  # members up to now
 
     def __call__(self, rows: np.ndarray) -> EnsembleSolution:
         """Run members with these values, shape (m, p)."""
-        self.count += len(rows)
         return self.problem.ensemble(**varied(self.problem, self.places, rows), invariants={}, **self._options)
 
     @property
@@ -62,23 +59,12 @@ class Runs:
         """The values of the problem itself, shape (p,)."""
         return np.array([place.value(self.problem) for place in self.places])
 
-    def sizes(self, of_zeros: np.ndarray | float = 1.0) -> np.ndarray:
-        """Return the sizes of the values, shape (p,).
-
-        Each is that of the value itself; or of the largest value in its named array; or for a start of the motion; or
-        else `of_zeros`.
-        """
-        sizes = np.array([place.size(self.problem) for place in self.places])
-        resting = [i for i, place in enumerate(self.places) if sizes[i] < _LEAST and place.field != "params"]
-        if resting:
-            rows = self.first[None]
-            members = self(rows)
-            self.check(members, rows)
-            motion = {"u0": members.u[0], "v0": members.v[0]}
-            for i in resting:
-                place = self.places[i]
-                sizes[i] = np.abs(motion[place.field][(slice(None), *place.entry)]).max()
-        return np.where(sizes < _LEAST, of_zeros, sizes)
+    def motion(self) -> Solution:
+        """Return the run itself, after a check."""
+        rows = self.first[None]
+        members = self(rows)
+        self.check(members, rows)
+        return members[0]
 
     def check(self, members: EnsembleSolution, rows: np.ndarray) -> None:
         """Raise an error that names the values of the first member that did not complete, or has no finite output.
@@ -90,15 +76,15 @@ class Runs:
         failed = np.flatnonzero(~members.success)
         if failed.size:
             i = int(failed[0])
-            message = f"The run with {self._said(rows[i])} fails: {members.message[i]}"
-            raise IntegrationError(dataclasses.replace(members[i], message=message))
+            member = members[i]
+            message = f"The run with {said(self.places, rows[i])} fails: {member.explain()}"
+            raise IntegrationError(dataclasses.replace(member, message=message))
         for name, values in members.outputs.items():
             bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(1, values.ndim))))
             if bad.size:
-                raise ValueError(f"outputs[{name!r}] must be finite, but is not with {self._said(rows[bad[0]])}.")
-
-    def _said(self, row: np.ndarray) -> str:
-        return ", ".join(f"{place.name} = {value:.10g}" for place, value in zip(self.places, row, strict=True))
+                raise ValueError(
+                    f"outputs[{name!r}] must be finite, but is not with {said(self.places, rows[bad[0]])}."
+                )
 
 
 def history(members: EnsembleSolution, times: np.ndarray | None) -> History:

@@ -14,7 +14,7 @@ from ..functions.layout import unknown_name
 from ..methods import Method
 from ..problem import Problem
 from .history import History
-from .places import Place, check_places
+from .places import Place, check_places, sizes
 from .runs import Runs, history
 from .stencils import differences, usual_steps
 
@@ -56,8 +56,10 @@ class Sensitivities:
         lines = [f"Sensitivities at {len(self.t)} times:"]
         for i, (name, value) in enumerate(self.values.items()):
             most, error = (np.abs(x.u[i]).max(initial=0.0) for x in (self.derivatives, self.errors))
-            lines.append(f"  {name} = {value:.6g}: |du/d{name}| is at most {most:.4g}, with an error of {error:.1g}")
-        return "\n".join(lines)
+            lines.append(
+                f"  {name} = {value:.6g}: |du/d{name}| is at most {most:.4g}; error of differences {error:.1g}"
+            )
+        return "\n".join([*lines, "  The error of the steps is not in these: compare with the derivatives for h / 2."])
 
 
 def sensitivities(
@@ -111,9 +113,9 @@ def sensitivities(
     options: dict[str, Any] = {"h": check_h(h), "method": method, "t_end": t_end, "outputs": outputs}
     runs = Runs(problem, places, save_every=save_every, **options)
     values = runs.first
-    lengths = [own.get(place.name, step) for place, step in zip(places, usual_steps(runs.sizes()), strict=True)]
-    open_end = np.full(len(places), np.inf)
-    chosen = differences(values, np.array(lengths), -open_end, open_end)
+    usual = usual_steps(sizes(problem, places, runs.motion))
+    lengths = [own.get(place.name, step) for place, step in zip(places, usual, strict=True)]
+    chosen = differences(values, np.array(lengths))
     members = runs(chosen.rows)
     runs.check(members, chosen.rows)
     found = history(members, times)

@@ -13,28 +13,11 @@ _RELATIVE = 2.0**-12  # step of a difference, as a part of the value: a run of 1
 _UNIT = float(np.finfo(np.float64).eps)
 
 
-class Stencil(NamedTuple):
-    """Places of four values about a middle, as multiples of the step d, and the weights of their differences from it.
-
-    Attributes
-    ----------
-    offsets : tuple of float
-    weights : tuple of float
-        Of the derivative times d, to the order 4.
-    spread : tuple of float
-        Of the difference between two derivatives of the order 2, times d.
-    """
-
-    offsets: tuple[float, ...]
-    weights: tuple[float, ...]
-    spread: tuple[float, ...]
-
-
-#: Central differences D(d) and D(2 d): by Richardson's rule (4 D(d) - D(2 d)) / 3 has the order 4.
-CENTRAL = Stencil((-2, -1, 1, 2), (1 / 12, -8 / 12, 8 / 12, -1 / 12), (1 / 4, -1 / 2, 1 / 2, -1 / 4))
-#: Differences to one side, of the order 4 (Fornberg, Math. Comp. 51 (1988) 699, table 3), and of the order 2.
-FORWARD = Stencil((1, 2, 3, 4), (4, -3, 4 / 3, -1 / 4), (2, -5 / 2, 4 / 3, -1 / 4))
-BACKWARD = Stencil(*(tuple(-x for x in row) for row in FORWARD))
+# Central differences D(d) and D(2 d) from values at these multiples of d: by Richardson's rule (4 D(d) - D(2 d)) / 3
+# has the order 4. The weights are those of the differences from the value in the middle.
+_OFFSETS = -2, -1, 1, 2
+_WEIGHTS = 1 / 12, -8 / 12, 8 / 12, -1 / 12
+_SPREAD = 1 / 4, -1 / 2, 1 / 2, -1 / 4  # of the difference between D(d) and D(2 d)
 
 
 class Differences(NamedTuple):
@@ -45,16 +28,14 @@ class Differences(NamedTuple):
     rows : ndarray, shape (1 + 4 p, p)
         The values of the parameters in each member. The first one is the run itself.
     steps : ndarray, shape (p,)
-    stencils : list of Stencil
     """
 
     rows: np.ndarray
     steps: np.ndarray
-    stencils: list[Stencil]
 
     def derivatives(self, members: History) -> History:
         """Return the derivatives, with a first axis of parameters, from the histories of all members."""
-        return members.map(lambda x: self._weighted(x, [each.weights for each in self.stencils]))
+        return members.map(lambda x: self._weighted(x, _WEIGHTS))
 
     def errors(self, members: History, n_steps: int) -> History:
         """Return estimates of the errors of the derivatives.
@@ -66,30 +47,27 @@ class Differences(NamedTuple):
         return members.map(lambda x: self._errors(x, n_steps))
 
     def _errors(self, values: np.ndarray, n_steps: int) -> np.ndarray:
-        spread = np.abs(self._weighted(values, [each.spread for each in self.stencils]))
+        spread = np.abs(self._weighted(values, _SPREAD))
         round_off = _UNIT * math.sqrt(n_steps) * np.abs(values[0]) / self._steps_beside(values)
         return np.maximum.accumulate(spread + round_off, axis=1)
 
-    def _weighted(self, values: np.ndarray, weights: list[tuple[float, ...]]) -> np.ndarray:
+    def _weighted(self, values: np.ndarray, weights: tuple[float, ...]) -> np.ndarray:
         beside = (values[1:] - values[0]).reshape(len(self.steps), 4, *values.shape[1:])
-        return np.einsum("ij,ij...->i...", np.array(weights), beside) / self._steps_beside(values)
+        return np.einsum("j,ij...->i...", np.array(weights), beside) / self._steps_beside(values)
 
     def _steps_beside(self, values: np.ndarray) -> np.ndarray:
         return self.steps.reshape(-1, *[1] * (values.ndim - 1))
 
 
-def differences(values: np.ndarray, steps: np.ndarray, low: np.ndarray, high: np.ndarray) -> Differences:
-    """Choose the members for the derivatives at some values, within bounds; all arrays have the shape (p,)."""
-    steps = np.minimum(steps, (high - low) / 8)  # room for one side at each place between the bounds
+def differences(values: np.ndarray, steps: np.ndarray) -> Differences:
+    """Choose the members for the derivatives at some values; both arrays have the shape (p,)."""
     steps = 2.0 ** np.floor(np.log2(steps))  # so that a value and a step have an exact sum
-    below, above = values - 2 * steps < low, values + 2 * steps > high
-    stencils = [FORWARD if b else BACKWARD if a else CENTRAL for b, a in zip(below, above, strict=True)]
     rows = [values]
-    for i, stencil in enumerate(stencils):
-        for offset in stencil.offsets:
+    for i, step in enumerate(steps):
+        for offset in _OFFSETS:
             rows.append(values.copy())
-            rows[-1][i] += offset * steps[i]
-    return Differences(np.array(rows), steps, stencils)
+            rows[-1][i] += offset * step
+    return Differences(np.array(rows), steps)
 
 
 def usual_steps(sizes: np.ndarray) -> np.ndarray:

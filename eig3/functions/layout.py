@@ -27,6 +27,7 @@ from .quantities import EnergyLessWork
 from .sparse import Sparse
 
 _PLACE = 3  # of p among the arguments of a function
+_MOST_NAMES = 8  # in an error
 
 
 class Kind(NamedTuple):
@@ -124,6 +125,11 @@ class Layout:
                 parts.append(_bits(value.ravel()) if is_array else np.atleast_1d(value).ravel())
         return np.concatenate([np.array(sizes, dtype=np.float64), *parts], dtype=np.float64)
 
+    def read(self, p: np.ndarray) -> Any:
+        """Return the parameters in an array p of the kernels as functions get them, as a named tuple."""
+        text = "\n    ".join(["def read(p):", *self._views("p"), f"return {self._tuple}", ""])
+        return define(text, "named", self._names)["read"](p)
+
     def bind(self, function: Any) -> Any:
         """Return a jitted function of the array p that calls `function` with the named parameters.
 
@@ -167,14 +173,23 @@ class Layout:
             if name not in self.names:
                 raise unknown_name(f"{function.__name__} reads {p}.{name}, but params has", name, self.names)
         lines = [f"def {function.__name__}({', '.join(arguments)}):", *self._views(p)]
-        values = ", ".join(f"value_{k}" for k in range(len(self.names)))
-        given = [*arguments[:_PLACE], f"Named({values})", *arguments[_PLACE + 1 :]]
+        given = [*arguments[:_PLACE], self._tuple, *arguments[_PLACE + 1 :]]
         text = "\n    ".join([*lines, f"return function_of_names({', '.join(given)})", ""])
-        names = {"np": np, "Named": _tuple_of(self.names), "Sparse": Sparse, "function_of_names": function}
-        defined = define(text, "named", {**names, "__name__": function.py_func.__module__})[function.__name__]
+        names = {**self._names, "function_of_names": function, "__name__": function.py_func.__module__}
+        defined = define(text, "named", names)[function.__name__]
         defined.__wrapped__ = function.py_func  # so that checks and errors are about the user's arguments
         defined.named, defined.layout = function, self  # these travel with the Python function to other processes
         return jit(defined)
+
+    @property
+    def _tuple(self) -> str:
+        """The text of the named tuple of the values."""
+        return f"Named({', '.join(f'value_{k}' for k in range(len(self.names)))})"
+
+    @property
+    def _names(self) -> dict[str, Any]:
+        """The globals of the lines that take each parameter out of p."""
+        return {"np": np, "Named": _tuple_of(self.names), "Sparse": Sparse}
 
     def _views(self, p: str) -> list[str]:
         """Return the lines that take each parameter out of p, as value_k: they read its sizes, and find its place."""
@@ -222,9 +237,10 @@ def bound_layout(function: Any) -> Layout | None:
 def unknown_name(
     said: str, name: str, names: Sequence[str], error: Callable[[str], Exception] = TypeError
 ) -> Exception:
-    """Return the error of a name that is not among the names, with those that are like it."""
+    """Return the error of a name that is not among the names, with those that are like it, or else the first ones."""
     near = get_close_matches(name, names, cutoff=0.5) or [*names]
-    return error(f"{said} no {name}: did you mean {' or '.join(near)}?")
+    others = [f"one of {len(near) - _MOST_NAMES} others"] * (len(near) > _MOST_NAMES)
+    return error(f"{said} no {name}: did you mean {' or '.join([*near[:_MOST_NAMES], *others])}?")
 
 
 @functools.cache

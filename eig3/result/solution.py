@@ -23,7 +23,7 @@ from ..methods import Method
 from . import frames
 from .interpolation import Knots
 from .labels import Labels
-from .resolution import Evaluate, Resolution
+from .resolution import Resolution
 
 _TOO_FAR = 1e-2  # the relative error from which on states are too far apart to be interpolated
 
@@ -146,7 +146,7 @@ class Solution:
     steps: np.ndarray | None = None
     labels: Labels | None = None
     reason: Reason | None = None
-    _accelerations: Evaluate | None = None
+    _accelerations: functools.partial[np.ndarray] | None = None  # of the right-hand side and its parameters
     _extend: Callable[..., Solution] | None = None
     _between: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     _explanation: str = ""
@@ -213,6 +213,11 @@ class Solution:
         if self._a is None and self._accelerations is not None:
             self._a, self._a_jumps = np.split(self._accelerations(*self._states()), [len(self.t)])
         return self._a
+
+    @property
+    def _params(self) -> np.ndarray | None:
+        """The parameters of the run, in the array that kernels get; None if no right-hand side is known."""
+        return None if self._accelerations is None else self._accelerations.args[1]
 
     def at(self, t: ArrayLike) -> tuple[Any, Any]:
         """Interpolate between the saved states, to the order of the method or better.

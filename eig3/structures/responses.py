@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
+from ..ensembles.solution import EnsembleSolution
 from ..functions.callbacks import jit
 from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
@@ -106,12 +107,7 @@ def ground_motion(problem: Problem, t: ArrayLike) -> tuple[np.ndarray, np.ndarra
     TypeError, ValueError
         If the problem has no ground motion, or t is not made of numbers.
     """
-    p, t = _params(problem, "ground"), reals(t, "t")
-    record = make_interp_spline(p.ground_times, p.ground_scale * p.ground, k=1)
-    inside = np.clip(t, p.ground_times[0], p.ground_times[-1])
-    velocity = record.antiderivative(1)(inside)
-    displacement = record.antiderivative(2)(inside) + velocity * (t - inside)
-    return displacement, velocity, np.where(t == inside, record(inside), 0.0)
+    return _ground(_params(problem, "ground"), reals(t, "t"))
 
 
 def absolute_motion(problem: Problem, solution: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -121,23 +117,48 @@ def absolute_motion(problem: Problem, solution: Any) -> tuple[np.ndarray, np.nda
     ----------
     problem : Problem
         One of `eig3.linear` with a ground motion.
-    solution : Solution
-        A run of it.
+    solution : Solution or EnsembleSolution
+        A run of it, a member of its ensemble, or a whole ensemble. The ground is that of the run's own parameters; a
+        copied `Solution` no longer has them, and gets the ground of the problem.
 
     Returns
     -------
     u, v, a : ndarray, shape (s, n)
+        With a first axis of members for an ensemble, and NaN after the end of a member.
 
     Raises
     ------
     TypeError, ValueError
-        If the problem has no ground motion.
+        If the problem has no ground motion, or the solution no accelerations.
     """
-    influence = _params(problem, "ground").influence
-    ground = ground_motion(problem, solution.t)
-    relative = solution.u, solution.v, solution.a
-    u, v, a = (x + np.outer(g, influence) for x, g in zip(relative, ground, strict=True))
-    return u, v, a
+    known, accelerations = _params(problem, "ground"), solution.a
+    if accelerations is None:
+        raise ValueError(
+            "solution must have its right-hand side, for the accelerations: take the one that the run returned, and no "
+            "copy, or load it with problem.load(path)."
+        )
+    relative = solution.u, solution.v, accelerations
+    read = known.layout.read
+    if isinstance(solution, EnsembleSolution):
+        all_params = np.broadcast_to(solution.params, (len(solution), solution.params.shape[-1]))
+        each = zip(all_params, solution.t, *relative, strict=True)
+        u, v, a = (np.array(x) for x in zip(*(_absolute(read(p), *rows) for p, *rows in each), strict=True))
+        return u, v, a
+    return _absolute(known if solution._params is None else read(solution._params), solution.t, *relative)
+
+
+def _absolute(p: Any, t: np.ndarray, *relative: np.ndarray) -> Any:
+    """Add the motion of the ground with the parameters p to u, v and a, shape (s, n)."""
+    return tuple(x + np.outer(g, p.influence) for x, g in zip(relative, _ground(p, t), strict=True))
+
+
+def _ground(p: Any, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the displacement, velocity and acceleration of the ground with the parameters p."""
+    record = make_interp_spline(p.ground_times, p.ground_scale * p.ground, k=1)
+    inside = np.clip(t, p.ground_times[0], p.ground_times[-1])
+    velocity = record.antiderivative(1)(inside)
+    displacement = record.antiderivative(2)(inside) + velocity * (t - inside)
+    return displacement, velocity, np.where(t == inside, record(inside), 0.0)
 
 
 def _params(problem: Any, *names: str) -> Any:
@@ -154,9 +175,9 @@ def _params(problem: Any, *names: str) -> Any:
 def _place(problem: Problem, floor: Any) -> int:
     """Return the number of a degree of freedom."""
     n = np.size(problem.u0)
-    if isinstance(floor, str):
+    if isinstance(floor, str) and problem.names:
         if floor not in problem.names:
-            raise unknown_name("the problem has", floor, problem.names or ("numbers",), ValueError)
+            raise unknown_name("the problem has", floor, problem.names, ValueError)
         return list(problem.names).index(floor)
     if not isinstance(floor, int | np.integer) or isinstance(floor, bool) or not 0 <= floor < n:
         raise ValueError(f"floors must be numbers from 0 to {n - 1}, or names, not {shown(floor)}.")
