@@ -9,7 +9,8 @@ import numpy as np
 from ..stepping.march import March
 
 _BEYOND = 10.0  # least drift that is noted, relative to the terms at the start
-_SHOWN = 0.5  # and relative to those at the end: near an unstable position, the terms at the start are small
+_SHOWN = 0.05  # and relative to those at the end: near an unstable position, the terms at the start are small
+_STEPS = 10  # more steps whose velocities count at the end: the errors of a method of order 2 are smaller
 
 
 def excess(march: March, k: int, h: float) -> float:
@@ -17,7 +18,7 @@ def excess(march: March, k: int, h: float) -> float:
 
     The terms are the value without velocities and the change by them. Velocities count without their signs, with some
     weights, so that the terms of a momentum do not cancel. The work belongs to the terms of an energy less the work. At
-    the end, the velocities of one more step count too: the motion may be where it turns back.
+    the end, the velocities of some more steps count too: the motion may be where it turns back.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def excess(march: March, k: int, h: float) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
         try:
             at_start = terms(march.t0, *march.start, 0.0)
-            at_end = terms(t, u, v, h * march.acceleration(t, u, v))
+            at_end = terms(t, u, v, _STEPS * h * march.acceleration(t, u, v))
         except Exception:  # a function may fail at other velocities, and where it ended the run
             return 0.0
     return drift / at_start if at_start > 0 and drift > max(_BEYOND * at_start, _SHOWN * at_end) else 0.0
