@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from ..stepping.march import March
+from ..stepping.stepper import Stepper
+from ..stepping.variable_stepper import VariableStepper
 
 _BEYOND = 10.0  # least drift that is noted, relative to the terms at the start
 _SHOWN = 0.05  # and relative to those at the end: near an unstable position, the terms at the start are small
 _STEPS = 10  # more steps whose velocities count at the end: the errors of a method of order 2 are smaller
 
 
-def excess(march: March, k: int, h: float) -> float:
+def excess(march: Stepper | VariableStepper, k: int, h: float) -> float:
     """Return the drift of an invariant relative to its terms at the start; 0.0 if that is not beyond all reason.
 
     The terms are the value without velocities and the change by them. Velocities count without their signs, with some
@@ -22,7 +23,7 @@ def excess(march: March, k: int, h: float) -> float:
 
     Parameters
     ----------
-    march : March
+    march : Stepper or VariableStepper
         It stands at the end of the run.
     k : int
         The number of the invariant.

@@ -62,7 +62,7 @@ class _Meeting:
     turning: float = 0.0
 
     def hardest(self) -> Iterator[tuple[float, float]]:
-        """Return the squared frequency and the rate of damping of the two where they are closest.
+        """Return the squared frequency and the rate of damping of the two where they are stiffest on their way.
 
         Raises
         ------
@@ -80,9 +80,8 @@ class _Meeting:
             closest = way
         else:
             end = int(far[0])
-            part = (energy - work[end - 1]) / steps[end] if end and math.isfinite(steps[end]) else 0.0
-            closest = way[: end + 1].copy()
-            closest[end] = way[end - 1] + part * (way[end] - way[end - 1]) if end else way[0]
+            part = (energy - work[end - 1]) / steps[end]
+            closest = np.append(way[:end], way[end - 1] + part * (way[end] - way[end - 1]))
         found = [(*self._slopes(float(r)), float(r)) for r in closest]
         stiffness, damping, r = max(found)
         yield stiffness * self.inverse, damping * self.inverse
@@ -93,8 +92,6 @@ class _Meeting:
     def _slopes(self, r: float) -> tuple[float, float]:
         """Return the stiffness and the damping at a distance."""
         step, rate = _DIFFERENCE * abs(r), _DIFFERENCE * (self.speed or 1.0)
-        if not step < math.inf:
-            return 0.0, 0.0
         stiffness = (self.push(r - step, 0.0) - self.push(r + step, 0.0)) / (2 * step)
         return stiffness, (self.push(r, rate) - self.push(r, -rate)) / (2 * rate)
 
