@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from .animation import Curves
 from .animation.animate import View, animate
-from .diagnosis.critical import CriticalStep, critical_step
+from .diagnosis.critical import CriticalStep, critical_step, of_encounters, with_encounters
 from .ensembles.named_members import of_members
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
-from .functions.checks import check_names, check_params, check_span, check_state, reals
+from .functions.checks import check_method, check_names, check_params, check_span, check_state, reals
 from .functions.events import Event
 from .functions.guard import guarded
 from .functions.layout import Layout
@@ -90,6 +90,10 @@ class Problem:
     outputs : dict
         Outputs that a run can follow, such as the reactions of constraints: give them, or some of them, to `integrate`
         as its `outputs`.
+    encounters : callable, optional
+        For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and the rates of damping that
+        may occur in the motion from a state on, or None if they cannot be known. The problem of a scene with contacts
+        or pair potentials has it.
     """
 
     name: str
@@ -112,6 +116,7 @@ class Problem:
     events: Mapping[str, Event] = field(default_factory=dict)
     view: View | None = None
     outputs: Mapping[str, Any] = field(default_factory=dict)
+    encounters: Callable | None = None
 
     def __post_init__(self) -> None:
         check_names(self.integrals, "integrals")
@@ -139,8 +144,8 @@ class Problem:
         -------
         Problem
             Without `exact` and `continuum` if u0, v0, params or the start of t_span change, because these hold for one
-            start and one set of parameters; without `draw` and `view` if params change, because a picture may contain
-            constants of the problem. What is given in `changes` is kept.
+            start and one set of parameters; without `draw`, `view` and `encounters` if params change, because these may
+            contain constants of the problem. What is given in `changes` is kept.
 
         Raises
         ------
@@ -157,7 +162,7 @@ class Problem:
         changed = {name for name in _START if name in new and not np.array_equal(new[name], getattr(self, name))}
         if "t_span" in new and new["t_span"][0] != self.t_span[0]:
             changed.add("t_span")
-        dropped = ["exact", "continuum"] * bool(changed) + ["draw", "view"] * ("params" in changed)
+        dropped = ["exact", "continuum"] * bool(changed) + ["draw", "view", "encounters"] * ("params" in changed)
         return replace(self, **{**dict.fromkeys(dropped), **new})
 
     def integrate(
@@ -331,10 +336,26 @@ class Problem:
     def critical_step(
         self, *, method: str | Method = "eig3", t: float | None = None, safety: float = 0.9
     ) -> CriticalStep:
-        """Return the longest stable step for small motions about the start, as `eig3.critical_step` finds it."""
+        """Return the longest stable step, as `eig3.critical_step` finds it.
+
+        It is that of small motions about the start. In a scene with contacts or pair potentials, it is also short
+        enough for the closest approach that the energy at the start allows: `CriticalStep.holds` says which of the two
+        it is.
+        """
         time = self.t_span[0] if t is None else t
-        options: dict[str, Any] = {"method": method, "t": time, "safety": safety}
-        return critical_step(self.rhs, self.u0, self.v0, self.params, **options)
+
+        def find() -> CriticalStep:
+            options: dict[str, Any] = {"method": method, "t": time, "safety": safety}
+            return critical_step(self.rhs, self.u0, self.v0, self.params, **options)
+
+        ahead = self.ahead(time)
+        if ahead is None:
+            return find()
+        return with_encounters(find, lambda: of_encounters(ahead, check_method(method), safety))
+
+    def ahead(self, t: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return what `encounters` does from the start on, at the time t; None if nothing is known."""
+        return self.encounters and self.encounters(t, self.u0, self.v0, self.t_span[1] - t)
 
     def energy_of(self, u: ArrayLike, v: ArrayLike, t: ArrayLike | None = None) -> Any:
         """Return the energy of a state, or of each state of a history.

@@ -121,3 +121,9 @@ def test_runs_with_the_step_of_the_problem(name):
     h = problem.h or 1e-4 * (problem.t_span[1] - problem.t_span[0])
     for n_steps in (5, 3000):
         assert not coarse(problem.integrate(h=h, t_end=problem.t_span[0] + n_steps * h, invariants={})), n_steps
+
+
+def test_the_springs_at_the_end_of_a_run_are_not_those_at_its_start():
+    """They made the acceleration at the start seem to change by 170 km/s^2, and radians seem to be metres."""
+    hopper = problems.hopper(60)
+    assert not coarse(hopper.integrate(h=hopper.h, t_end=200 * hopper.h, save_every=None))

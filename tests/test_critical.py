@@ -12,7 +12,11 @@ import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
 from eig3.diagnosis.linear import Linearised
+from eig3.effects import Coulomb, Gravity, LennardJones, MassContact, PlaneContact
 from eig3.kernels.methods import eig
+from eig3.planning.pilots import Pilots, Run
+from eig3.planning.search import Search
+from eig3.scene import Scene
 from eig3.stability import alternating_limit, limit, practical_limit
 
 from .conftest import gyroscope, hardening, oscillator, oscillator_vector, structure
@@ -771,3 +775,99 @@ def test_an_equilibrium_of_large_forces_has_the_step_of_the_states_beside_it(met
     C = np.array([[1200.0, -1200.0], [-1200.0, 1200.0]]) / [[40.0], [300.0]]
     matrices = critical_step(structure, np.ones(2), np.ones(2), np.concatenate([K.ravel(), C.ravel()]), method=method)
     assert at_rest == pytest.approx(matrices.limit, rel=1e-6)
+
+
+# The motion that follows ---------------------------------------------------------------------------------------------
+
+
+def atoms(distance, speed=0.0):
+    """Two atoms of 1 kg with the units of the force between them, which approach each other at twice the speed."""
+    scene = Scene(dimension=3)
+    pair = scene.mass(1.0, [[0.0, 0.0, 0.0], [distance, 0.0, 0.0]], [[speed, 0.0, 0.0], [-speed, 0.0, 0.0]])
+    scene.add(LennardJones(1.0, 1.0, reach=2.5), pair)
+    return scene.problem((0.0, 10.0))
+
+
+def of_atoms(r):
+    """The critical step of EIG-3 and central difference at a distance, at which the shifted force matters little."""
+    return 2 / math.sqrt(2 * 24 * (26 / r**14 - 7 / r**8))
+
+
+@pytest.mark.parametrize("speed", [0.0, 3.0])
+def test_two_atoms_have_the_step_of_their_closest_approach(speed):
+    """Its energy is that of the two at the start, with that of the fall from the reach: 4 (s^12 - s^6) = speed^2."""
+    problem = atoms(1.5, speed)
+    s6 = (1 + math.sqrt(1 + speed**2)) / 2
+    for method in ("eig3", "cd"):
+        found = problem.critical_step(method=method)
+        assert found.limit == pytest.approx(of_atoms(s6 ** (-1 / 6)), rel=0.05)
+        assert found.h == 0.9 * found.limit
+        assert found.holds.startswith("in the motion, by an estimate")
+        run = problem.integrate(h=found.h, method=method)
+        assert np.abs(run.v[-1]).max() < 2 + speed
+    alone = critical_step(problem.rhs, problem.u0, problem.v0, problem.params, method="rk4", t=0.0)
+    assert alone.holds.startswith("at this state")
+    assert problem.integrate(h=2.2 * found.limit).drift["energy"] > 10
+
+
+def test_what_is_pressed_at_the_start_counts():
+    found = atoms(0.3).critical_step()
+    assert found.limit == pytest.approx(of_atoms(0.3), rel=0.05)
+
+
+def test_argon_has_the_step_of_its_collisions():
+    """At the lattice the limit is 5e-13 s, a quarter of which diverges."""
+    argon = problems.argon(4)
+    found = argon.critical_step()
+    at_start = critical_step(argon.rhs, argon.u0, argon.v0, argon.params)
+    assert argon.h < found.h < 0.1 * at_start.h
+    assert argon.integrate(h=found.h, t_end=1e-12, save_every=None).drift["energy"] < 0.01 * abs(
+        argon.energy_of(argon.u0, argon.v0)
+    )
+    assert not argon.integrate(h=at_start.h / 4, t_end=4e-12, save_every=None).success
+
+
+def test_grains_have_the_step_of_their_hardest_contact():
+    """Two spheres of 1 kg with Hertz's contact: m v^2 = 2/5 k d^(5/2), and a stiffness of 3/2 k sqrt(d)."""
+    scene = Scene(dimension=2)
+    scene.add(MassContact(stiffness=1e6, reach=0.1), scene.mass(1.0, [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0], [-1.0, 0]]))
+    depth = (2.5 / 1e6) ** 0.4
+    found = scene.problem((0.0, 2.0)).critical_step(method="cd")
+    assert found.limit == pytest.approx(2 / math.sqrt(2 * 1.5e6 * math.sqrt(depth)), rel=0.02)
+
+
+def test_a_plane_counts_with_the_speed_of_a_fall():
+    """Over the span of 1 s, gravity can give a mass of 2 kg 9.81 m/s: 2/5 k d^(5/2) = 9.81^2."""
+    scene = Scene(dimension=2)
+    ball = scene.mass(2.0, (0.0, 1.0))
+    scene.add(PlaneContact(1e6, (0, 1)), ball)
+    scene.add(Gravity((0, -9.81)))
+    depth = (2.5 * 9.81**2 / 1e6) ** 0.4
+    found = scene.problem((0.0, 1.0)).critical_step()
+    assert found.limit == pytest.approx(2 / math.sqrt(1.5e6 * math.sqrt(depth) / 2), rel=0.02)
+
+
+def test_grains_have_springs_along_their_surfaces():
+    hopper = problems.hopper(60)
+    assert 2e-5 < hopper.critical_step().h < 1e-4
+    k, c = hopper.ahead(0.0)
+    assert math.sqrt(max(k) / k[0]) == pytest.approx(1.57, rel=0.1)  # 0.82 times the stiffness, and 3 times 1 / mass
+    assert (c > 0).all()
+
+
+def test_what_nothing_keeps_apart_has_the_step_of_the_start():
+    scene = Scene(dimension=1)
+    scene.add(Coulomb(-1.0, reach=10.0), scene.mass(1.0, [0.0]), scene.mass(1.0, [1.0]))
+    problem = scene.problem((0.0, 1.0))
+    assert problem.ahead(0.0) is None
+    with pytest.raises(NoCriticalStepError, match="limits the step"):
+        problem.critical_step()
+
+
+def test_a_plan_from_a_part_of_the_span_keeps_the_step_of_the_encounters():
+    problem = atoms(1.5, 3.0)
+    pilots = Pilots(problem, "energy", 1e-2)
+    pilots.look_at(0.25)
+    search = Search(pilots, eig3.EIG3())
+    search.add(Run(20, 1e-4))
+    assert search.steps == math.ceil(10 / problem.critical_step().h)

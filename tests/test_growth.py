@@ -138,3 +138,62 @@ def test_what_is_found_at_the_end_costs_no_run_that_stays_small(monkeypatch):
     monkeypatch.setattr(eig3.run.fixed_run, "find_blow_up", None)
     assert integrate(spring, (0, 400), 1.0, 0.0, h=0.5, params=1.0).success
     assert math.isfinite(integrate(forced, (0, 500), 0.0, 0.0, h=0.01, params=(1.0, 0.3)).u[-1])
+
+
+def test_a_drift_far_beyond_the_energy_is_noted():
+    """Two atoms so near each other that the first step throws them apart: then their energy stays constant."""
+    start = [-0.15, 0.15, 0.0, 0.0], np.zeros(4)
+    options = {"params": 0.0, "invariants": {"energy": energy_of_two}, "save_every": None}
+    run = integrate(lennard_jones, (0, 10), *start, h=1e-3, **options)
+    assert run.success
+    drift = f"energy drifts by {run.drift['energy']:.2g}, "
+    (note,) = (note for note in run.notes if note.startswith(drift))
+    assert f"{run.drift['energy'] / energy_of_two(0.0, *map(np.array, start), 0.0):.2g} times" in note
+    assert f"  Note: {note}" in repr(run)
+    variable = integrate(lennard_jones, (0, 10), *start, rtol=1e-6, **options)
+    assert variable.notes == ()
+
+
+@eig3.jit
+def energy_of_two(t, u, v, p):
+    s = 1 / ((u[0] - u[1]) ** 2 + (u[2] - u[3]) ** 2)
+    return 0.5 * (v[0] ** 2 + v[1] ** 2 + v[2] ** 2 + v[3] ** 2) + 4 * (s**6 - s**3)
+
+
+@eig3.jit
+def energy_of_pendulum(t, u, v, p):
+    return v * v / 2 + p[0] * (np.cos(u) - 1)
+
+
+@eig3.jit
+def level_pendulum(t, u, v, p):
+    return -np.cos(u)
+
+
+@eig3.jit
+def energy_of_level_pendulum(t, u, v, p):
+    return v * v / 2 + np.sin(u)
+
+
+@eig3.jit
+def momentum(t, u, v, p):
+    return v[0] + v[1] + v[2] + v[3]
+
+
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
+def test_what_is_nearly_zero_at_the_start_does_not_drift_far(method):
+    """Of an energy that starts near zero by the choice of its zero, and of a momentum that is round-off."""
+    options = {"h": 0.01, "method": method, "save_every": None}
+    run = integrate(inverted_pendulum, (0, 40), 1e-9, 0.0, params=1.0, invariants={"e": energy_of_pendulum}, **options)
+    assert run.drift["e"] > 100 * abs(energy_of_pendulum(0.0, 1e-9, 0.0, np.ones(1)))
+    assert run.notes == ()
+    for t_end in (14.83, 14.84):  # two periods of 7.4163
+        run = integrate(level_pendulum, (0, t_end), 1e-15, 0.0, invariants={"e": energy_of_level_pendulum}, **options)
+        assert run.drift["e"] > 1e-13
+        assert run.notes == ()
+    v0 = np.array([0.7, 0.1, -0.3, -0.5])
+    run = integrate(
+        lennard_jones, (0, 10), [-0.6, 0.6, 0.1, 0.0], v0, params=0.0, invariants={"p": momentum}, **options
+    )
+    assert run.drift["p"] < 1e-12
+    assert not any("drifts" in note for note in run.notes)

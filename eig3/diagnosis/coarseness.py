@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.protocol import SCALAR
 from ..methods import Method
 from ..stability import limit
 from ..stepping.stepper import Stepper
@@ -62,6 +61,8 @@ def _at_start(stepper: Stepper) -> str:
 
     A single degree of freedom has one period. Many have a range of them, of which the shortest may be only just stable.
     """
+    if stepper.system.history:  # that of the end of the run is no part of the start
+        stepper = stepper.restarted(stepper.h)
     h, (u, v), a = stepper.h, stepper.start, stepper.first_acceleration
     with np.errstate(over="ignore", invalid="ignore"):
         try:
@@ -87,13 +88,16 @@ def _at_start(stepper: Stepper) -> str:
 
 
 def _rate(stepper: Stepper, a: Any, u: Any, v: Any) -> float:
-    """Return |change of f| / |change of the state| from the start to the state u, v; 0.0 if it does not change."""
+    """Return the change of f along the change of the state, relative to it, from the start to the state u, v.
+
+    It is 0.0 if the state does not change. A change of f in other degrees of freedom may have another unit.
+    """
     u0, v0 = stepper.start
-    size: Any = abs if stepper.form is SCALAR else np.linalg.norm
-    change = size(u - u0) + size(v - v0)  # one of them is zero
-    if not 0 < change < math.inf:
+    change = (u - u0) + (v - v0)  # one of them is zero
+    square = np.vdot(change, change)
+    if not 0 < square < math.inf:
         return 0.0
-    rate = float(size(stepper.acceleration(stepper.t0, u, v) - a) / change)
+    rate = abs(float(np.vdot(stepper.acceleration(stepper.t0, u, v) - a, change) / square))
     return rate if rate < math.inf else 0.0
 
 

@@ -6,7 +6,7 @@ import functools
 import math
 import numbers
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,9 @@ _SHORTER = 0.8  # factor to a step at which growth as a power of h is still seen
 _FINE, _COARSE = 1.02, 1.3  # ratio of one step of the search to the one before: for separate and for coupled modes
 _BEYOND = np.array([1.00001, 1.0005, 1.002, 1.01])  # where a short interval of unstable steps may begin at a limit
 
+AT_STATE = "at this state, and not where the system becomes stiffer"
+IN_MOTION = "in the motion, by an estimate from the energy at the start of how close two points can come"
+
 
 @dataclass(frozen=True)
 class CriticalStep:
@@ -69,6 +72,8 @@ class CriticalStep:
     limit : float
         The longest stable step. Beyond it the linearised system is unstable or, with fixed-point iteration, the solve
         does not converge.
+    holds : str
+        Where the step is stable: in words.
     """
 
     h: float
@@ -76,6 +81,7 @@ class CriticalStep:
     xi: float
     evaluations: int
     limit: float
+    holds: str = AT_STATE
 
 
 class NoCriticalStepError(ValueError):
@@ -150,7 +156,33 @@ def critical_step(
 
 def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:
     """Do the same as `critical_step` for a function ``acceleration(t, u, v)`` that is finite at the state."""
-    system = linearise(acceleration, t, u, v)
+    return _of_system(linearise(acceleration, t, u, v), method, safety)
+
+
+def with_encounters(find: Callable[[], CriticalStep], encounter: Callable[[], CriticalStep]) -> CriticalStep:
+    """Return the step that is stable at the start, which `find` finds, and in the encounters that follow."""
+    found: list[CriticalStep] = []
+    for search in (find, encounter):
+        try:
+            found.append(search())
+        except NoStableStepError:
+            raise
+        except NoCriticalStepError as error:  # nothing limits the step here
+            none = error
+    if not found:
+        raise none
+    shortest = min(found, key=lambda step: step.limit)
+    return replace(shortest, evaluations=found[0].evaluations, holds=IN_MOTION)
+
+
+def of_encounters(encounters: tuple[np.ndarray, np.ndarray], method: Method, safety: float = 0.9) -> CriticalStep:
+    """Return the critical step of the encounters u'' + c u' + k u = 0, from the arrays k and c."""
+    k, c = (np.append(0.0, x) for x in encounters)
+    return _of_system(Linearised(np.diag(k), np.diag(c), 0), method, safety)
+
+
+def _of_system(system: Linearised, method: Method, safety: float) -> CriticalStep:
+    """Return the critical step of a linear system."""
     if method.ignores_velocity and system.C.any():
         raise velocity_refused(method)
     limit, omega, xi = longest_stable_step(method, system)

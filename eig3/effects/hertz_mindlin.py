@@ -71,7 +71,7 @@ class HertzMindlin(Rough):
     rule. EIG-3, ``rk2`` and methods of a higher order keep order 2 while a contact neither begins nor ends nor changes
     between stick and slip. Where one begins, the error of its spring is of the order of h^(3/2). Where the indentation
     turns from growing to falling, the error is of the order of h^2, but depends on the place of the turn in its step.
-    `Problem.critical_step` sees no springs: their frequency is up to 1.7 times that of the normal contact.
+    The frequency of a spring is up to 1.7 times that of the normal contact, which `Problem.critical_step` knows.
     """
 
     E: float

@@ -9,10 +9,12 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from ..diagnosis.critical import NoCriticalStepError, of_encounters
 from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_params, check_state
 from ..functions.evaluation import energies
@@ -138,6 +140,17 @@ class Pilots:
         """The evaluations in a step, at least."""
         running = method.for_force(self.problem.uses_velocity, np.size(self.problem.u0))
         return running.evaluations or _IMPLICIT
+
+    def fewest(self, method: Method) -> float:
+        """The steps over the whole span with which the encounters of points are stable, which runs may not show."""
+        try:
+            return 0.0 if self._ahead is None else self.span / of_encounters(self._ahead, method).h
+        except NoCriticalStepError:
+            return 0.0
+
+    @cached_property
+    def _ahead(self) -> Any:
+        return self.problem.ahead(self.problem.t_span[0])
 
     def work(self, method: Method, n_steps: float) -> float:
         """The work of a run, in evaluations of one degree of freedom in a long vector."""

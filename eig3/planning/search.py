@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any, Protocol
 
 from ..methods import EIG3, RK8, Method
@@ -292,7 +293,15 @@ class Search(Timed):
     @property
     def steps(self) -> int:
         """The steps over the whole span that reach the aim; 0 if unknown."""
-        return math.ceil(self._steps / self.pilots.part)
+        steps, part = self._steps, self.pilots.part
+        if steps and part < 1:
+            return math.ceil(max(steps / part, self._fewest))
+        return math.ceil(steps / part)
+
+    @cached_property
+    def _fewest(self) -> float:
+        """The steps over the whole span that what the runs have not shown needs."""
+        return self.pilots.fewest(self.method)
 
     @property
     def _steps(self) -> float:

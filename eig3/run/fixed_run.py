@@ -247,9 +247,9 @@ class FixedRun(Run):
         return solution
 
     def _notes(self) -> list[str]:
-        stepper, notes = self.stepper, []
+        stepper = self.stepper
+        notes = self._invariant_notes("take a smaller h, or a method that is stable for this system")
         if self.status is Status.COMPLETED:
-            notes = self._growth_notes("take a smaller h, or a method that is stable for this system")
             coarse = self._coarseness()
             notes += [coarse] if coarse else []
         running = stepper.running

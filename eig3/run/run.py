@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..diagnosis.drift import excess
 from ..functions.checks import check_cancel, check_flag
 from ..functions.evaluation import accelerations
 from ..kernels.compile.interrupt import DeferredInterrupt
@@ -304,18 +305,22 @@ class Run:
         system = self.stepper.system
         return None if save_to is None else Place.of(save_to, system.labels, system.integrals)
 
-    def _growth_notes(self, remedy: str) -> list[str]:
-        """Return a sentence about each invariant that grew steadily; `remedy` says what may help.
+    def _invariant_notes(self, remedy: str) -> list[str]:
+        """Return a sentence about each invariant that grew steadily or drifted far; `remedy` says what may help.
 
-        Under noise there is none: an energy grows from a cold start.
+        Under noise there is none: an energy grows from a cold start. A run that diverged has its message.
         """
         stepper, notes = self.stepper, []
-        if stepper.look and not stepper.method.is_stochastic:
+        if stepper.look and not stepper.method.is_stochastic and self.status is not Status.DIVERGED:
             follower = stepper.look.follower
             for name, k in follower.followed.invariants.items():
-                growth = follower.growth(name, stepper.tally, stepper.index)
+                is_balance = follower.followed.work[k] >= 0
+                growth = self.status is Status.COMPLETED and follower.growth(name, stepper.tally, stepper.index)
+                far = 0.0 if growth else excess(stepper, k, self._fields()["h"])
                 if growth:
-                    notes.append(growth_note(name, growth, follower.followed.work[k] >= 0, stepper.method, remedy))
+                    notes.append(growth_note(name, growth, is_balance, stepper.method, remedy))
+                elif far:
+                    notes.append(drift_note(name, follower.drift_of(k), far, is_balance, remedy))
         return notes
 
     def all_notes(self) -> tuple[str, ...]:
@@ -445,6 +450,15 @@ def growth_note(name: str, growth: float, is_balance: bool, method: Method, reme
     return (
         f"{name} grows steadily, {amount} over the run; if the motion should keep it, {method!r} is {unstable} here: "
         f"{remedy}."
+    )
+
+
+def drift_note(name: str, drift: float, far: float, is_balance: bool, remedy: str) -> str:
+    """Return a sentence about an invariant that drifted far beyond the size of its terms."""
+    name += " less the work" * is_balance
+    return (
+        f"{name} drifts by {drift:.2g}, {far:.2g} times the size of its terms at the start; if the motion should keep "
+        f"it, the run is wrong: {remedy}."
     )
 
 

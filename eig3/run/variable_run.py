@@ -237,9 +237,8 @@ class VariableRun(Run):
         return solution
 
     def _notes(self) -> list[str]:
-        notes, stepper = [], self.stepper
-        if self.status is Status.COMPLETED:
-            notes = self._growth_notes("take a smaller rtol, or a fixed step with a method that keeps it")
+        stepper = self.stepper
+        notes = self._invariant_notes("take a smaller rtol, or a fixed step with a method that keeps it")
         tiny = stepper.tiny if stepper.n > 1 else ()
         if len(tiny):
             which = ", ".join(f"u[{j}]" for j in tiny[:_NAMED]) + (", ..." if len(tiny) > _NAMED else "")

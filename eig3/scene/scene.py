@@ -17,6 +17,7 @@ from .assembly import Bodies, Cloud, Placement, assemble, count_states, names, n
 from .bodies import Rigid, RigidBody, principal_moments, rotation_matrix
 from .cell import Cell, same_points
 from .effect import Body, Effect, Link, arguments
+from .encounters import Encounters
 from .mesh import check_cells, is_fixed, lumped
 from .picture import mechanism
 from .rough import Rough
@@ -487,6 +488,7 @@ class Scene:
             integrals=("work",) if assembly.follows_work else (),
             events=code.events,
             outputs=code.outputs,
+            encounters=Encounters.of(assembly),
             view=mechanism(cloud, numbered(cloud, self._placements)[0], self._swarms),
         )
 

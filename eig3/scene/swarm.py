@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -247,6 +247,21 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
     first = int(members.index[0]) if follows else -1
     is_dense = (room if found is None else found) >= _MANY_MATES * count
     return Listing(begin, areas, count, members.index.size, room, own, first, is_dense, p[place:])
+
+
+def near_pairs(
+    swarm: Swarm, cloud: Any, u0: np.ndarray, pairs: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the positions of the two points of all pairs that are near each other at u0, and their cutoffs."""
+    listing = listed(replace(swarm, room=None), 0, cloud, u0, pairs)
+    p, areas, cutoff = listing.values, listing.areas, swarm.effect.cutoff
+    count = int(_integers(p, areas.stop, listing.masses)[-1])
+    one, other = (_integers(p, area, count) for area in (areas.owners, areas.mates))
+    x = p[areas.x :][: listing.points * cloud.positions.shape[1]].reshape(listing.points, -1)
+    if cutoff not in listing.own:
+        return (x[one], x[other]), np.full(count, swarm.columns[cutoff][0])
+    share = p[listing.own[cutoff] :]
+    return (x[one], x[other]), share[one] + share[other]
 
 
 def _skin(swarm: Swarm, found: float, dimension: int) -> float:

@@ -223,11 +223,16 @@ class Follower:
 
     def drift(self) -> dict[str, float]:
         """The maximum of |e_n - e_0| of each invariant over the ends of steps and the events; NaN if e became NaN."""
-        result = {}
-        for name, k in self.followed.invariants.items():
-            (low, high), start = self.steps[:, self._column(k)], self.start[self._column(k)]
-            result[name] = float(np.maximum(start - low, high - start))
-        return result
+        return {name: self.drift_of(k) for name, k in self.followed.invariants.items()}
+
+    def drift_of(self, k: int) -> float:
+        """The drift of one invariant."""
+        (low, high), start = self.steps[:, self._column(k)], self.start[self._column(k)]
+        return float(np.maximum(start - low, high - start))
+
+    def start_of(self, k: int) -> float:
+        """The value of an invariant at the start."""
+        return float(self.start[self._column(k)])
 
     def growth(self, name: str, tally: np.ndarray, index: int) -> float:
         """The growth of an invariant e over the run, relative to e.
@@ -249,7 +254,7 @@ class Follower:
         """
         k = self.followed.invariants[name]
         column, is_balance = self._column(k), self.followed.work[k] >= 0
-        start = float(self.start[column])
+        start = self.start_of(k)
         low, high, forward, places = self._last_parts(column, tally, index)
         with np.errstate(invalid="ignore"):
             middle, width = (low + high) / 2, high - low

@@ -1,0 +1,292 @@
+"""Estimate how hard the points of a scene strike each other and its planes, from the energy that they have.
+
+Two points come as close as the work of the force between them allows: up to where it is their energy. The stiffness
+there, which the force itself gives by differences, is one of the highest in the motion. In the exact motion of two
+points on which nothing else acts, it is a bound. Of many points, it is an estimate: what collides has the energy of the
+two fastest at the start, with the speed that the forces on single masses would give them over the span, and of the pair
+that is pressed most at the start.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .assembly import Assembly, Group, Law
+from .effect import FORCES, Effect, arguments
+from .rough import Rough
+from .swarm import Swarm, near_pairs
+
+_LEAST, _HALF, _CLOSEST = 1e-8, 0.5, 1e-12  # parts of a cutoff: where the way of a pair begins, is halved, and ends
+_DEPTHS = 1e-18, 1e6  # the way into a plane, m
+_IN_A_DECADE = 100  # points on these ways
+_DIFFERENCE = 1e-4  # of a distance or a speed, relative to it
+
+#: The force that pushes two points apart, at a distance, where they come closer at a rate.
+Push = Callable[[float, float], float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Meeting:
+    """How two points meet, or a point and a plane.
+
+    Attributes
+    ----------
+    push : Push
+    way : ndarray
+        Distances from the first contact on, which fall.
+    begin : float
+        The least distance at the start, on this way.
+    energy, speed : float
+        Those of the two, J and m/s.
+    inverse : float
+        The inverse of their effective mass, times the number of contacts that act like one: in the densest lattices of
+        d dimensions, the highest frequency is that of a pair times the root of d + 1.
+    slide : Callable or None
+        It returns the stiffness and the damping along the surfaces at a distance.
+    turning : float
+        The inverse of the effective mass along the surfaces.
+    """
+
+    push: Push
+    way: np.ndarray
+    begin: float
+    energy: float
+    speed: float
+    inverse: float
+    slide: Callable[[float], tuple[float, float]] | None = None
+    turning: float = 0.0
+
+    def hardest(self) -> Iterator[tuple[float, float]]:
+        """Return the squared frequency and the rate of damping of the two where they are stiffest on their way.
+
+        Raises
+        ------
+        ArithmeticError
+            If they pull each other ever more, so that nothing keeps them apart.
+        """
+        way, forces = self.way, [self.push(r, 0.0) for r in self.way.tolist()]
+        steps = np.concatenate([[0.0], -np.diff(way) * (np.array(forces[1:]) + forces[:-1]) / 2])
+        work = np.cumsum(steps)
+        energy = self.energy + max(0.0, float(np.interp(-self.begin, -way, work)))
+        far = np.flatnonzero(~(work <= energy))
+        if not far.size:
+            if forces[-1] < 0:
+                raise ArithmeticError("nothing keeps the points apart")
+            closest = way
+        else:
+            end = int(far[0])
+            part = (energy - work[end - 1]) / steps[end]
+            closest = np.append(way[:end], way[end - 1] + part * (way[end] - way[end - 1]))
+        found = [(*self._slopes(float(r)), float(r)) for r in closest]
+        stiffness, damping, r = max(found)
+        yield stiffness * self.inverse, damping * self.inverse
+        if self.slide:
+            stiffness, damping = self.slide(r)
+            yield stiffness * self.turning, damping * self.turning
+
+    def _slopes(self, r: float) -> tuple[float, float]:
+        """Return the stiffness and the damping at a distance."""
+        step, rate = _DIFFERENCE * abs(r), _DIFFERENCE * (self.speed or 1.0)
+        stiffness = (self.push(r - step, 0.0) - self.push(r + step, 0.0)) / (2 * step)
+        return stiffness, (self.push(r, rate) - self.push(r, -rate)) / (2 * rate)
+
+
+class Encounters:
+    """The meetings of the points of a scene."""
+
+    def __init__(self, assembly: Assembly) -> None:
+        self._assembly, cloud = assembly, assembly.cloud
+        self._dimension, self._box = assembly.dimension, cloud.box
+        self._masses = cloud.in_order(cloud.masses)
+        self._inertia = cloud.in_order(cloud.inertia)
+
+    @classmethod
+    def of(cls, assembly: Assembly) -> Encounters | None:
+        """Return the encounters of a scene; None if nothing can meet, or points have no effective mass of their own."""
+        self = cls(assembly)
+        meets = bool(assembly.swarms or any(self._of_links()) or any(self._planes()))
+        return self if meets and not assembly.cloud.bodies.vectors else None
+
+    def __call__(self, t: float, u: np.ndarray, v: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the squared frequencies and the rates of damping of the hardest encounters, each from a start.
+
+        None if nothing keeps two points apart that pull each other.
+        """
+        shape, count = (self._dimension, -1), self._dimension * self._masses.size
+        x, velocity = u[:count].reshape(shape).T, v[:count].reshape(shape).T
+        speeds = np.linalg.norm(velocity, axis=1) + span * np.linalg.norm(self._pulls(t, x, velocity), axis=1)
+        meetings = [*self._pairs(t, x, speeds), *self._swarms(t, x, speeds), *self._on_planes(t, x, speeds)]
+        try:
+            found = [one for meeting in meetings for one in meeting.hardest()]
+        except ArithmeticError:
+            return None
+        k, c = np.array([one for one in found if one[0] > 0 and np.isfinite(one).all()]).reshape(-1, 2).T
+        return k, c
+
+    # What acts ------------------------------------------------------------------------------------------------------
+
+    def _of_links(self) -> Iterator[tuple[Group, list[Law]]]:
+        for group in self._assembly.links:
+            laws = [law for law in group.laws if law.effect.cutoff and law.effect.functions().keys() & set(FORCES)]
+            if laws:
+                yield group, laws
+
+    def _planes(self) -> Iterator[tuple[Group, Law]]:
+        for group in self._assembly.bodies:
+            for law in group.laws:
+                if law.effect.picture == "plane" and "force" in law.effect.functions():
+                    yield group, law
+
+    def _pulls(self, t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The accelerations by the forces on single masses but those of planes."""
+        a, planes = np.zeros_like(x), [law for _, law in self._planes()]
+        for group in self._assembly.bodies:
+            for law in (law for law in group.laws if law not in planes):
+                for name in law.effect.functions().keys() & {"force", "acceleration"}:
+                    for s, i in enumerate(group.first.tolist()):
+                        m = float(self._masses[i])
+                        given = {"t": t, "x": tuple(x[i].tolist()), "v": tuple(v[i].tolist()), "m": m}
+                        a[i] += np.array(_call(law, name, s, given)) / (m if name == "force" else 1.0)
+        return a
+
+    # What meets -----------------------------------------------------------------------------------------------------
+
+    def _pairs(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
+        """The links with a cutoff between given points."""
+        energies, inverses = self._masses * speeds**2 / 2, 1 / self._masses
+        for group, laws in self._of_links():
+            other = group.anchor if group.second is None else x[group.second]
+            r = self._distances(x[group.first], other)
+            ends = [group.first] if group.second is None else [group.first, group.second]
+            energy, speed, inverse = (sum(y[i] for i in ends).max() for y in (energies, speeds, inverses))
+            crowd = min(int(np.bincount(np.concatenate(ends)).max()), self._dimension + 1)
+            depth = max(float((law.columns[law.effect.cutoff] - r).max()) for law in laws)
+            for s in _extremes(laws):
+                yield _meeting(t, laws, s, depth, energy, speed, crowd * inverse)
+
+    def _swarms(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
+        """The links between near points. Those between the same points act together."""
+        cloud, together = self._assembly.cloud, dict[Any, list[Swarm]]()
+        for swarm in self._assembly.swarms:
+            together.setdefault((swarm.first.tobytes(), swarm.second.tobytes()), []).append(swarm)
+        of_masses = self._masses * speeds**2 / 2, speeds, 1 / self._masses
+        energies, rates, inverses = (np.where(cloud.free < 0, 0.0, np.append(y, 0.0)[cloud.free]) for y in of_masses)
+        for swarms in together.values():
+            first, second = swarms[0].first, swarms[0].second
+            groups = (first, second) if second.size else (first,)
+
+            def of_two(values: np.ndarray, groups: tuple = groups) -> float:
+                if len(groups) == 1:
+                    return float(np.sort(values[groups[0]])[-2:].sum())
+                return float(sum(values[group].max() for group in groups))
+
+            most = first.size - 1 if len(groups) == 1 else max(first.size, second.size)
+            inverse = min(most, self._dimension + 1) * of_two(inverses)
+            depth = max(self._depth(swarm, x) for swarm in swarms)
+            laws = [Law(swarm.effect, swarm.columns) for swarm in swarms]
+            for s in _extremes(laws):
+                meeting = _meeting(t, laws, s, depth, of_two(energies), of_two(rates), inverse)
+                yield self._rolling(meeting, t, laws[0], s, of_two(inverses), bool(second.size))
+
+    def _rolling(self, meeting: _Meeting, t: float, law: Law, s: int, inverse: float, has_groups: bool) -> _Meeting:
+        """Return a meeting of grains, which have a radius, a mass, and springs along their surfaces."""
+        if not isinstance(law.effect, Rough):
+            return meeting
+        reach = float(_value(law.effect, "reach", law.columns["reach"], s))
+        arms = [reach / 2] * 2
+        if has_groups:
+            near = float(law.columns["near_radius"][0])
+            arms = [reach - near, near]
+        given = {"t": t, "rate": 0.0, "radius": arms[0] * arms[1] / reach, "mass": 1 / inverse}
+        of_spin = 1 / self._inertia[self._inertia > 0].min() if self._inertia.any() else 0.0
+        turns = sum(arm * arm for arm in arms[: 1 if has_groups else 2]) * of_spin
+        names = [name for name in ("shear_stiffness", "shear_damping") if name in law.effect.functions()]
+
+        def slide(r: float) -> tuple[float, float]:
+            stiffness, *damping = (_call(law, name, s, given | {"r": r}) for name in names)
+            return stiffness, *(damping or [0.0])
+
+        def push(r: float, rate: float) -> float:
+            return -_call(law, "tension", s, given | {"r": r, "rate": -rate})
+
+        crowd = meeting.inverse / inverse
+        return replace(meeting, push=push, slide=slide, turning=crowd * (inverse + turns))
+
+    def _depth(self, swarm: Swarm, x: np.ndarray) -> float:
+        """The largest distance by which two points are within their cutoff at the start."""
+        joined = self._assembly.joined if swarm.leaves_joined else self._assembly.joined[:0]
+        ends, cutoffs = near_pairs(swarm, self._assembly.cloud, x.T.ravel(), joined)
+        return float((cutoffs - self._distances(*ends)).max(initial=0.0))
+
+    def _on_planes(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
+        energies = self._masses * speeds**2 / 2
+        decades = math.log10(_DEPTHS[1] / _DEPTHS[0])
+        way = -np.geomspace(*_DEPTHS, round(_IN_A_DECADE * decades))
+        for group, law in self._planes():
+            i, normals, offsets = group.first, law.columns["normal"], law.columns["offset"]
+            depth = float((offsets - np.einsum("ij,ij->i", normals, x[i])).max())
+            for s in _extremes([law]):
+                normal, offset, m = normals[s], float(offsets[s]), float(self._masses[i[s]])
+
+                def push(r: float, rate: float, law=law, s=s, normal=normal, offset=offset, m=m) -> float:  # type: ignore[no-untyped-def]
+                    at = {"x": tuple(((offset + r) * normal).tolist()), "v": tuple((-rate * normal).tolist())}
+                    return float(np.dot(_call(law, "force", s, {"t": t, "m": m, **at}), normal))
+
+                inverse = 1 / float(self._masses[i].min())
+                yield _Meeting(push, way, -depth, energies[i].max(), speeds[i].max(), inverse)
+
+    def _distances(self, x: Any, y: Any) -> np.ndarray:
+        """The distances of points from the nearest images of others."""
+        d, has_box = x - y, self._box > 0
+        d[:, has_box] -= self._box[has_box] * np.rint(d[:, has_box] / self._box[has_box])
+        return np.linalg.norm(d, axis=1)
+
+
+def _meeting(t: float, laws: list[Law], s: int, depth: float, energy: float, speed: float, inverse: float) -> _Meeting:
+    """Return the meeting of two points by laws with a cutoff; `depth` is how far within it they are at the start."""
+    reach = max(float(_value(law.effect, law.effect.cutoff, law.columns[law.effect.cutoff], s)) for law in laws)
+    decades = [math.log10(_HALF / part) for part in (_LEAST, _CLOSEST)]
+    far, near = (round(_IN_A_DECADE * d) for d in decades)
+    way = np.append(1 - np.geomspace(_LEAST, _HALF, far), np.geomspace(_HALF, _CLOSEST, near)[1:]) * reach
+
+    def push(r: float, rate: float) -> float:
+        at = {"t": t, "r": r, "rate": -rate}
+        total = 0.0
+        for law in laws:
+            functions = law.effect.functions()
+            total -= _call(law, "tension", s, at) if "tension" in functions else 0.0
+            total -= r * _call(law, "density", s, at) if "density" in functions else 0.0
+        return total
+
+    return _Meeting(push, way, reach - depth, energy, speed, inverse)
+
+
+def _call(law: Law, name: str, s: int, given: dict[str, Any]) -> Any:
+    """Call a function of a law for a member."""
+    function = law.effect.functions()[name]
+    values = {"state": 0.0, **given}
+    taken = [values[a] if a in values else _value(law.effect, a, law.columns[a], s) for a in arguments(function)]
+    return function(*taken)
+
+
+def _value(effect: Effect, name: str, column: Any, s: int) -> Any:
+    """The value of a field for a member."""
+    if name in effect.arrays:
+        return column
+    value = column[s if len(column) > 1 else 0]
+    return tuple(value.tolist()) if name in effect.vectors else float(value)
+
+
+def _extremes(laws: Sequence[Law]) -> list[int]:
+    """Return members with the least and the largest value of each field."""
+    found = {0}
+    for law in laws:
+        for values in (column for name, column in law.columns.items() if name not in law.effect.arrays):
+            for one in values.reshape(len(values), -1).T:
+                found |= {int(one.argmin()), int(one.argmax())}
+    return sorted(found)
