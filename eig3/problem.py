@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path
@@ -143,7 +144,7 @@ class Problem:
         own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span)}  # later changes of the caller's do not matter
         own |= {"events": dict(self.events), "outputs": dict(self.outputs)}
         params = named(self.params)
-        own["params"] = params if isinstance(params, Parameters) else check_params(params).copy()
+        own["params"] = params if isinstance(params, Parameters) else copy(params)
         if isinstance(params, Parameters):
             bind = params.layout.bind
             own |= {"rhs": bind(self.rhs), "energy": bind(self.energy), "events": params.layout.bind_all(self.events)}
@@ -475,7 +476,7 @@ class Problem:
             return value
         if name == "params" and self._layout:
             return in_layout(self._layout, value)
-        old = np.shape(getattr(self, name))
+        old = np.shape(check_params(self.params) if name == "params" else self.u0)
         new = check_params(value) if name == "params" else reals(value, name)
         if new.shape != old:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")

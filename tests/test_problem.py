@@ -130,11 +130,10 @@ def test_arrays_that_change_later_do_not_matter():
 def test_the_start_of_a_vector_problem_is_an_array(name):
     problem = getattr(problems, name)()
     for each in (problem, problem.with_(u0=[*problem.u0])):
-        assert [type(x) for x in (each.u0, each.v0, each.params)] == [np.ndarray] * 3
+        assert type(each.u0) is type(each.v0) is np.ndarray
 
 
 def test_the_start_of_a_scalar_problem_is_a_number():
     problem = eig3.Problem("oscillator", spring, 1, np.array(0.0), 4, [0, 1])
     for each in (problem, problem.with_(u0=2)):
-        assert [type(each.u0), type(each.v0), each.t_span] == [float, float, (0.0, 1.0)]
-    assert problem.params.tolist() == [4.0]
+        assert type(each.u0) is type(each.v0) is float

@@ -323,10 +323,11 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
         The acceleration, in one of the two forms that `eig3.integrate` takes: with four arguments for one degree of
         freedom, with five for n.
     params : NamedTuple or dict, optional
-        The parameters, or an example of them, if they have names. Those of a run may have arrays of other sizes.
+        The parameters, or an example of them, if they have names: ``prepare(rhs, h=0.01, params={"k": 4.0})``. Those of
+        a run may have arrays of other sizes. Parameters without names are for each call only.
     **options
         h or rtol, and atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps and
-        inline, as for `eig3.integrate`.
+        inline, as for `eig3.integrate`. The run has its own copies of them.
 
     Returns
     -------
