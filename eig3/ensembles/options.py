@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -93,7 +93,8 @@ def check_options(rhs: Any, form: Form, t_span: tuple[float, float], h: float | 
         If an option is not valid, or two exclude each other.
     """
     prepared = Prepared(rhs, form, h=h, **given)
-    own = {name: prepared.options[name] for name in given if name not in ("events", *Functions._fields)}
-    own |= {"t_eval": check_times(own["t_eval"], *t_span), "method": prepared.method}
+    own = {each.name: prepared.options.get(each.name) for each in fields(Options)}
+    own |= {"method": prepared.method, "events": prepared.system.events, "functions": prepared.system.functions}
+    own["t_eval"] = check_times(own["t_eval"], *t_span)
     own["save_every"] = None if own["save_every"] is None else check_count(own["save_every"], "save_every")
-    return Options(**own, events=prepared.system.events, functions=prepared.system.functions)
+    return Options(**own)
