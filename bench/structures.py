@@ -219,7 +219,7 @@ def reach(name: str, problem: Problem, repeats: int) -> list[list[str]]:
 
 def longest_step(problem: Problem, method: str) -> float | None:
     """Return the longest step with which a method reaches a per cent, or None if none of a thousandth of it does."""
-    assert problem.exact is not None
+    assert problem.exact
     times = np.linspace(*problem.t_span, 401)
     exact = problem.exact(times)[0]
     largest = np.abs(exact).max()

@@ -111,3 +111,7 @@ def __getattr__(name: str) -> Any:
     if name in ("Modal", "Rayleigh", "linear"):
         return getattr(importlib.import_module("eig3.structures"), name)
     raise AttributeError(f"module 'eig3' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -28,13 +28,15 @@ def noise(seed: int, member: int, k: int) -> float:
     Returns
     -------
     float
+        NaN if one of them is NaN or infinite: a run refuses it, as each acceleration that is NaN.
 
     Notes
     -----
     The bits are those of ``np.random.Philox(key=[seed, member], counter=[k, 0, 0, 0])``, and the number is that of Box
     and Muller (1958).
     """
-    return normal(np.uint64(seed), np.uint64(member), np.uint64(k), _ZERO, _ZERO)
+    number = normal(np.uint64(seed), np.uint64(member), np.uint64(k), _ZERO, _ZERO)
+    return number + 0 * (seed + member + k)  # without a branch, so that members run in lanes
 
 
 @inlined
@@ -56,7 +58,7 @@ def white_noise(seed: int, member: int, t: float, dt: float, S: float) -> float:
     Returns
     -------
     float
-        ``sqrt(2 pi S / dt) * eig3.noise(seed, member, k)``, where k is t / dt rounded down.
+        ``sqrt(2 pi S / dt) * eig3.noise(seed, member, k)``, where k is t / dt rounded down; NaN if it is infinite.
 
     Notes
     -----
@@ -64,4 +66,5 @@ def white_noise(seed: int, member: int, t: float, dt: float, S: float) -> float:
     omega dt = 0.35. A one-sided density over frequencies in Hz, such as that of a record, is 4 pi S. The noise jumps at
     the multiples of dt: at a given dt, the errors of all methods fall with the step h to the first power.
     """
-    return sqrt(2 * math.pi * S / dt) * noise(seed, member, int(t / dt * _JUST_AFTER))
+    k = t / dt * _JUST_AFTER
+    return sqrt(2 * math.pi * S / dt) * noise(seed, member, int(k)) + 0 * k

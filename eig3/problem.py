@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path
@@ -22,7 +23,7 @@ from .functions.checks import check_method, check_names, check_params, check_spa
 from .functions.events import Event
 from .functions.guard import guarded
 from .functions.layout import Layout
-from .functions.named import has_names, in_layout, named
+from .functions.named import Parameters, in_layout, named
 from .functions.quantities import EnergyLessWork
 from .kernels.protocol import SCALAR, VECTOR
 from .methods import Method
@@ -41,6 +42,29 @@ _OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the option
 _OF_RHS = ("rhs", "integrals")  # these fields change only with the right-hand side
 
 
+@dataclass(frozen=True)
+class UnknownMotion:
+    """In place of an exact motion that is not known: it counts as false, and a call says why.
+
+    Parameters
+    ----------
+    why : str
+        A sentence.
+    """
+
+    why: str
+
+    def __bool__(self) -> bool:
+        return False
+
+    def __call__(self, t: ArrayLike) -> Any:
+        raise ValueError(self.why)
+
+    def again(self, params: Any, u0: Any, v0: Any, t0: float) -> UnknownMotion:
+        """Return what stands for the motion from another start."""
+        return self
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A second-order initial value problem u'' = f(t, u, u'), with its energy and exact solution where they are known.
@@ -51,10 +75,10 @@ class Problem:
     rhs : jitted function
         The acceleration, in one of the two forms that `eig3.integrate` takes.
     u0, v0 : float or array_like, shape (n,)
-        Displacement and velocity at ``t_span[0]``.
+        Displacement and velocity at ``t_span[0]``; these attributes are floats, or arrays that are copies.
     params : array_like; or NamedTuple or dict
-        The array p of rhs, energy and events. If the parameters have names, these functions get them as ``p.k``, and
-        this attribute is of the type `eig3.Parameters`.
+        The array p of rhs, energy and events, of which this attribute is a copy. If the parameters have names, these
+        functions get them as ``p.k``, and this attribute is of the type `eig3.Parameters`.
     t_span : (float, float)
     energy : jitted function, optional
         ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` follows it as the invariant
@@ -66,7 +90,8 @@ class Problem:
     names : tuple of str
         The name of each degree of freedom, such as "x0"; empty if they have no names.
     exact : callable, optional
-        ``exact(t) -> (u, v)`` for an array of times.
+        ``exact(t) -> (u, v)`` for an array of times. One that is not known counts as false: None, or what says in an
+        error why it is not known.
     continuum : callable, optional
         ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem approximates, at the masses.
     source : str
@@ -98,8 +123,8 @@ class Problem:
 
     name: str
     rhs: Any
-    u0: ArrayLike
-    v0: ArrayLike
+    u0: Any
+    v0: Any
     params: Any
     t_span: tuple[float, float]
     energy: Any = None
@@ -120,12 +145,16 @@ class Problem:
 
     def __post_init__(self) -> None:
         check_names(self.integrals, "integrals")
-        if has_names(self.params):
-            params = named(self.params)
+        u0, v0, _ = check_state(self.u0, self.v0)
+        own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span)}  # later changes of the caller's do not matter
+        own |= {"events": dict(self.events), "outputs": dict(self.outputs)}
+        params = named(self.params)
+        own["params"] = params if isinstance(params, Parameters) else copy(params)
+        if isinstance(params, Parameters):
             bind = params.layout.bind
-            bound = {"rhs": bind(self.rhs), "energy": bind(self.energy), "events": params.layout.bind_all(self.events)}
-            for name, value in {"params": params, **bound}.items():
-                object.__setattr__(self, name, value)  # the dataclass is frozen for others
+            own |= {"rhs": bind(self.rhs), "energy": bind(self.energy), "events": params.layout.bind_all(self.events)}
+        for name, value in own.items():
+            object.__setattr__(self, name, value)  # the dataclass is frozen for others
 
     @property
     def _layout(self) -> Layout | None:
@@ -143,27 +172,40 @@ class Problem:
         Returns
         -------
         Problem
-            Without `exact` and `continuum` if u0, v0, params or the start of t_span change, because these hold for one
-            start and one set of parameters; without `draw`, `view` and `encounters` if params change, because these may
-            contain constants of the problem. What is given in `changes` is kept.
+            If u0, v0, params or the start of t_span change, it has no `continuum`, and its `exact` is that of the new
+            start for a problem of `eig3.linear`, or says why it is not known: they hold for one start and one set of
+            parameters. Without `draw`, `view` and `encounters` if params change, because these may contain constants of
+            the problem. What is given in `changes` is kept.
 
         Raises
         ------
         TypeError, ValueError
             For an unknown field, and a value that is not valid for it.
         """
-        names = [field.name for field in fields(self) if field.name not in _OF_RHS]
+        names = [each.name for each in fields(self) if each.name not in _OF_RHS]
         for name in changes:
             if name not in names:
                 raise TypeError(f"with_ can change {', '.join(names)}, but not {name}.")
         new = {name: self._checked(name, value) for name, value in changes.items()}
-        if "u0" in new or "v0" in new:
-            new["u0"], new["v0"], _ = check_state(new.get("u0", self.u0), new.get("v0", self.v0))
         changed = {name for name in _START if name in new and not np.array_equal(new[name], getattr(self, name))}
         if "t_span" in new and new["t_span"][0] != self.t_span[0]:
             changed.add("t_span")
-        dropped = ["exact", "continuum"] * bool(changed) + ["draw", "view", "encounters"] * ("params" in changed)
-        return replace(self, **{**dict.fromkeys(dropped), **new})
+        dropped = ["continuum"] * bool(changed) + ["draw", "view", "encounters"] * ("params" in changed)
+        copied: dict[str, Any] = {**dict.fromkeys(dropped), **new}
+        if changed and self.exact is not None:
+            copied.setdefault("exact", self._exact_again(new))
+        return replace(self, **copied)
+
+    def _exact_again(self, new: Mapping[str, Any]) -> Callable:
+        """Return the exact motion with some fields changed, or what says why it is not known."""
+        again = getattr(self.exact, "again", None)
+        if again is None:
+            return UnknownMotion(
+                f"the exact motion of {self.name} is known for its own start and parameters, and this copy has others: "
+                "give the motion of the copy to with_ as exact."
+            )
+        params, u0, v0, t_span = (new.get(name, getattr(self, name)) for name in ("params", "u0", "v0", "t_span"))
+        return again(params, u0, v0, t_span[0])
 
     def integrate(
         self, *, h: float | None = None, method: str | Method | None = None, t_end: float | None = None, **options: Any

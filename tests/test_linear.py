@@ -304,6 +304,44 @@ def test_the_exact_motion_of_a_free_structure(damping):
     np.testing.assert_allclose(problem.exact(run.t)[0], run.u, rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize("mass", ["numbers", "consistent"])
+def test_a_changed_copy_has_its_own_exact_motion(mass):
+    given = {"damping": eig3.Modal([0.0, 0.3, 1.0, 2.0], 4), "ground": GROUND}
+    problem = eig3.linear(MASSES[mass], None, stiffness(), t_span=(0, 1), u0=U0, v0=V0, **given)
+    stronger = problem.params._replace(ground_scale=2.0)
+    changes = {"u0": 2 * U0, "v0": -V0, "params": stronger, "t_span": (0.25, 1.0)}
+    for changed in (*(problem.with_(**{name: value}) for name, value in changes.items()), problem.with_(**changes)):
+        run = changed.integrate(h=0.001, method="rk8")
+        np.testing.assert_allclose(changed.exact(run.t)[0], run.u, rtol=0, atol=1e-11)
+
+
+GYROSCOPIC = np.diag(np.ones(N - 1), 1) - np.diag(np.ones(N - 1), -1)
+UNKNOWN = {
+    "C": ({"C": GYROSCOPIC}, r"C may couple the modes: eig3\.structures\.modal_solution"),
+    "force": ({"force": gap, "params": {"gap": 1.0}}, "the force is a function"),
+    "K": ({"K": None}, "it has no K"),
+}
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_an_exact_motion_that_is_not_known_says_why(name):
+    given, message = UNKNOWN[name]
+    problem = eig3.linear(np.ones(N), **{"K": stiffness(), **given}, t_span=(0, 1), u0=U0)
+    for each in (problem, problem.with_(u0=2 * U0)):
+        assert not each.exact
+        with pytest.raises(ValueError, match=f"^the exact motion of this structure is not known, because {message}"):
+            each.exact(1.0)
+
+
+def test_the_exact_motion_of_another_structure_is_not_known():
+    """Its modes, and the factors of its mass, follow from what eig3.linear gets."""
+    problem = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1), u0=U0, damping=eig3.Modal(0.1, 2))
+    stiffer = problem.with_(params=problem.params._replace(K=2 * stiffness()))
+    assert not stiffer.exact
+    with pytest.raises(ValueError, match=r"K, its mass or its modes have changed: make .* by eig3\.linear"):
+        stiffer.exact(1.0)
+
+
 def test_modal_solutions_of_changed_problems_and_of_some_modes():
     C = 0.002 * stiffness() + 0.1 * scipy.sparse.eye_array(N)
     problem = eig3.linear(np.ones(N), C, stiffness(), t_span=(0, 1), u0=U0)

@@ -43,6 +43,15 @@ def test_the_numbers_are_normal_and_independent():
     assert eig3.noise(1, 2.0, 7) == eig3.noise(1, 2, 7) == sequences[2, 7]
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_counts_that_are_not_finite_give_no_number(bad):
+    for counts in ((bad, 2, 3), (1, bad, 3.0), (1, 2, bad)):
+        assert np.isnan(eig3.noise(*counts))
+    assert np.isnan(eig3.white_noise(1, 2, bad, 0.1, 1.0))
+    with pytest.raises(ValueError, match=r"^rhs gives nan"):
+        eig3.integrate(shaken, (0, 1), 0.0, 0.0, h=DT, params={"amplitude": 1.0, "member": bad})
+
+
 @numba.njit
 def series(member, dt, S, count):
     """White noise at eight times in each dt."""

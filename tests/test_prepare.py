@@ -1,5 +1,6 @@
 """Prepared runs: the numbers of `integrate`, few Python calls, threads and pickles."""
 
+import copy
 import pickle
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -259,9 +260,67 @@ def test_all_uses_of_a_method_share_three_kernels(kind):
     assert len(kernels) == 3
 
 
-def test_an_array_of_times_that_changes_later_does_not_matter():
-    times = np.linspace(0.0, 1.0, 5)
-    run = eig3.prepare(oscillator, h=0.01, t_eval=times)
-    expected, times[:] = times.copy(), 0.5
-    for t_end in (1.0, 1.0, 2.0):
-        np.testing.assert_array_equal(run((0.0, t_end), 1.0, 0.0, [3.0, 0.05]).t, expected)
+@eig3.jit
+def speed(t, u, v, p):
+    return v
+
+
+@pytest.fixture
+def change():
+    """Options of a caller, who changes what is in them after a call."""
+    given = {
+        "h": None,
+        "rtol": np.array(1e-3),
+        "atol": [[np.array(1e-3)], [1e-3]],
+        "t_eval": [0.25, 0.5],
+        "events": {"zero": eig3.Event(position)},
+        "invariants": {"energy": energy},
+        "outputs": {"u": position},
+    }
+
+    def make():
+        given["rtol"][...] = given["atol"][0][0][...] = given["atol"][1][0] = 1e-12
+        given["t_eval"][:] = [0.3, 0.9]
+        given["events"] |= {"wall": given["events"].pop("zero")}
+        given["invariants"].clear()
+        given["outputs"]["v"] = speed
+
+    return given, make
+
+
+def assert_same_at_times(one, other):
+    assert_same(one, other)
+    assert list(one.events) == list(other.events) == ["zero"]
+
+
+def test_options_that_change_later_do_not_matter(change):
+    """Not for a prepared run, nor for its copy, nor for one to a later end, which looks at the times again."""
+    options, make = change
+    run = eig3.prepare(oscillator, **options)
+    before = [run((0.0, t_end), 1.0, 0.0, P) for t_end in (1.0, 2.0)]
+    make()
+    for each in (run, pickle.loads(pickle.dumps(run)), copy.deepcopy(run)):
+        for t_end, expected in zip((1.0, 2.0), before, strict=True):
+            assert_same_at_times(each((0.0, t_end), 1.0, 0.0, P), expected)
+            expected.extend(3.0)
+
+
+def test_options_that_change_later_do_not_matter_to_other_code(change):
+    """The functions are remembered by what the dictionaries had."""
+    options, make = change
+    before = eig3.integrate(oscillator, SPAN, 1.0, 0.0, params=P, **options)
+    make()
+    fresh = {"events": {"zero": eig3.Event(position)}, "invariants": {"energy": energy}, "outputs": {"u": position}}
+    fresh |= {"rtol": 1e-3, "atol": 1e-3, "t_eval": [0.25, 0.5]}
+    assert_same_at_times(eig3.integrate(oscillator, SPAN, 1.0, 0.0, params=P, **fresh), before)
+
+
+def test_options_that_change_later_do_not_matter_to_an_ensemble(change):
+    options, make = change
+    runs = eig3.ensemble(oscillator, SPAN, [1.0, 2.0], 0.0, params=P[None], **options)
+    longer = runs.extend(2.0)
+    make()
+    again = runs.extend(2.0)
+    for name in ("t", "u", "n_steps"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(longer, name))
+    assert [list(again.events), list(again.drift), list(again.outputs)] == [["zero"], ["energy"], ["u"]]

@@ -6,6 +6,18 @@ import pytest
 import eig3
 from eig3 import problems
 
+from .conftest import spring
+
+
+@eig3.jit
+def springs(t, u, v, p, a):
+    a[0], a[1] = -p[0] * u[0], -p[1] * u[1]
+
+
+@eig3.jit
+def height(t, u, v, p):
+    return u[0]
+
 
 def test_a_changed_copy_runs_with_the_changes():
     problem = problems.spring_pendulum()
@@ -32,8 +44,11 @@ def test_what_holds_for_one_start_is_dropped_with_it():
     problem = problems.single_dof()
     later = problem.with_(t_span=(problem.t_span[0] + 1, problem.t_span[1] + 1))
     stiffer = problem.with_(params=2 * np.asarray(problem.params))
-    assert problem.exact is not None
-    assert [copy.exact for copy in (problem.with_(u0=2.0), problem.with_(v0=2.0), stiffer, later)] == [None] * 4
+    assert problem.exact
+    for copy in (problem.with_(u0=2.0), problem.with_(v0=2.0), stiffer, later, later.with_(u0=2.0)):
+        assert not copy.exact
+        with pytest.raises(ValueError, match=r"^the exact motion of single_dof is known for its own start"):
+            copy.exact(1.0)
     bar = problems.elastic_bar()
     assert bar.continuum is not None
     assert bar.with_(u0=2 * np.asarray(bar.u0)).continuum is None
@@ -93,3 +108,32 @@ def test_a_stepper_refuses_events_that_change_the_motion():
     falling = ball.with_(events={}).stepper(h=0.01)
     falling.advance(100)
     assert falling.u == pytest.approx(1 - 9.81 / 2)
+
+
+def test_arrays_that_change_later_do_not_matter():
+    """Those of the caller: the problem and its runs have their own."""
+    given = {"u0": np.array([0.6, 0.1]), "v0": [0.0, 0.5], "params": np.array([4.0, 9.0]), "t_span": [0.0, 1.0]}
+    given |= {"events": {"low": eig3.Event(height)}, "outputs": {"height": height}}
+    problem = eig3.Problem("springs", springs, **given)
+    run, before = problem.prepare(h=0.01), problem.integrate(h=0.01)
+    for name in ("u0", "v0", "params", "t_span"):
+        given[name][1] *= 3
+    given["events"].clear()
+    given["outputs"].clear()
+    for each in (run(), problem.integrate(h=0.01), problem.with_(name="other").integrate(h=0.01)):
+        np.testing.assert_array_equal(each.u, before.u)
+        assert list(each.events) == ["low"]
+    assert list(problem.outputs) == ["height"]
+
+
+@pytest.mark.parametrize("name", ["kepler", "spring_pendulum", "elastic_bar"])
+def test_the_start_of_a_vector_problem_is_an_array(name):
+    problem = getattr(problems, name)()
+    for each in (problem, problem.with_(u0=[*problem.u0])):
+        assert type(each.u0) is type(each.v0) is np.ndarray
+
+
+def test_the_start_of_a_scalar_problem_is_a_number():
+    problem = eig3.Problem("oscillator", spring, 1, np.array(0.0), 4, [0, 1])
+    for each in (problem, problem.with_(u0=2)):
+        assert type(each.u0) is type(each.v0) is float

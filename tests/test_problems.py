@@ -370,7 +370,7 @@ def test_constants_are_the_articles():
     assert problems.hardening_spring().params == (100.0, 10.0)
     assert problems.softening_spring().params == (100.0,)
     assert problems.spring_pendulum().params == (1.0, 0.5, 98.1, 9.81)
-    assert problems.spring_pendulum().u0 == (0.75, math.pi / 2)
+    assert problems.spring_pendulum().u0.tolist() == [0.75, math.pi / 2]
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import sys
 import textwrap
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +116,24 @@ def test_extended_runs_go_from_files_to_files(tmp_path):
     assert_same(extended, whole)
     assert eig3.load(tmp_path / "second").t[-1] == 20.0
     assert eig3.load(tmp_path / "first").t[-1] == 10.0
+
+
+@pytest.mark.parametrize("system", ["scalar", "vector with work"])
+@pytest.mark.parametrize("steps", [{"h": H}, {"rtol": 1e-6}], ids=["h", "rtol"])
+def test_many_states_in_files_are_not_joined_in_memory(steps, system, tmp_path, monkeypatch):
+    monkeypatch.setattr("eig3.run.run._MOST_JOINED", 8 * 3 * 2)
+    if system == "scalar":
+        run, load = partial(eig3.prepare(oscillator, **steps), params=(2.0, 0.1)), partial(eig3.load, rhs=oscillator)
+        given = (0.0, 1.0), 1.0, 0.0
+    else:
+        problem = eig3.problems.shear_building(work=True)
+        run, load, given = problem.prepare(**steps), problem.load, ((0.0, 1.0),)
+    in_memory, in_files = run(*given), run(*given, save_to=tmp_path / "run")
+    longer = in_memory.extend(2.0)
+    for k, each in enumerate((in_files, load(tmp_path / "run"))):
+        with pytest.raises(ValueError, match=r"^save_to must name a new directory for the whole history: .* bytes"):
+            each.extend(2.0)
+        assert_same(each.extend(2.0, save_to=tmp_path / f"longer {k}"), longer)
 
 
 def test_an_exception_leaves_the_rows_before_it(tmp_path):

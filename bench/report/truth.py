@@ -79,8 +79,8 @@ def find_truth(problem: Problem, grid: Grid, smallest: float) -> Reference:
     ValueError
         If no run of RK8 reaches the end.
     """
-    if problem.exact is not None:
-        exact = problem.exact
+    exact = problem.exact
+    if exact:
         return Reference(lambda t: exact(t)[0], "exact solution", _ROUND_OFF)
     solution, uncertainty = _halved(problem, grid, smallest)
     difference, check = _checked(problem, grid, solution, max(uncertainty, _AGREES * smallest))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from ..functions.checks import check_count
 from ..functions.events import Event
-from ..functions.quantities import Functions, check_functions
+from ..functions.quantities import Functions
 from ..kernels.protocol import Form
 from ..methods import Method
 from ..result.labels import Labels
@@ -93,8 +93,8 @@ def check_options(rhs: Any, form: Form, t_span: tuple[float, float], h: float | 
         If an option is not valid, or two exclude each other.
     """
     prepared = Prepared(rhs, form, h=h, **given)
-    functions = check_functions(given.pop("invariants", None), given.pop("outputs", None))
-    every = given.get("save_every")
-    checked = {"t_eval": check_times(given.get("t_eval"), *t_span), "events": given.get("events") or {}}
-    checked["save_every"] = None if every is None else check_count(every, "save_every")
-    return Options(**{**given, **checked, "method": prepared.method, "functions": functions})
+    own = {each.name: prepared.options.get(each.name) for each in fields(Options)}
+    own |= {"method": prepared.method, "events": prepared.system.events, "functions": prepared.system.functions}
+    own["t_eval"] = check_times(own["t_eval"], *t_span)
+    own["save_every"] = None if own["save_every"] is None else check_count(own["save_every"], "save_every")
+    return Options(**own)

@@ -166,7 +166,7 @@ class Pilots:
     def refer_to(self, history: History) -> None:
         """Let the error of each run be its difference from this one, or from the exact motion where that is known."""
         exact = self.problem.exact if self.window[0] == self.problem.t_span[0] else None
-        self._reference = history.u if exact is None else exact(history.t)[0]
+        self._reference = exact(history.t)[0] if exact else history.u
         self.note_sizes(history)
 
     def note_sizes(self, history: History) -> None:

@@ -325,7 +325,7 @@ class Solution:
         t_end : float
             The new end. With a fixed step, it is a whole number of steps h after the end of the run.
         save_to, progress, raise_on_failure, cancel
-            As for `eig3.integrate`. `save_to` is a directory for the whole history.
+            As for `eig3.integrate`. `save_to` is a directory for the whole history, which without it is in memory.
         t_eval : array_like, optional
             For a run with `t_eval`: further times, after the end of the run, at which the states are saved.
 
@@ -344,7 +344,8 @@ class Solution:
             If t_end is not a whole number of steps after the end; the error names the nearest time that is. Also if the
             run failed or raised an exception, or if this solution has no right-hand side: a copy and a pickle have
             none, and `eig3.load` needs it as an argument. A run that was INTERRUPTED by Ctrl-C or `cancel`, or whose
-            process was killed, can go on.
+            process was killed, can go on. Also if `save_to` is missing, and the files of the run have states of more
+            than 2^27 bytes (134 MB).
         IntegrationError, KeyboardInterrupt, MemoryError, OSError
             As for `eig3.integrate`.
         """

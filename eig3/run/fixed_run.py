@@ -109,9 +109,9 @@ class FixedRun(Run):
         check_progress(progress)
         n_steps = steps_until(self.stepper, t_end)
         times = further_times(self.times, t_eval, self.stepper.t, t_end)
-        place = self._place(save_to)
         self.close()
         assert self.saved is not None
+        place = self._place(save_to)
         stepper = self.stepper.fork()
         history = _history(stepper, n_steps, self.save_every, times, place)
         every = stride(self.save_every, n_steps)

@@ -20,6 +20,7 @@ from ..functions.checks import (
     check_resolution,
     check_span,
     check_state,
+    reals,
     shown,
 )
 from ..functions.events import Event
@@ -45,6 +46,7 @@ from .run import Run, carry_out
 from .variable_run import VariableRun
 
 _WITHOUT_NAMES = np.ndarray, tuple, list, float, int  # a NamedTuple is of another type
+_UNCHANGEABLE = type(None), float, int, bool, str  # types of options of which a run needs no copy
 _LONGER = 4  # a run with tolerances may be short if it takes at most so many times as long as the last one
 _LEAST_PACE = 1e-10  # seconds per step; a coarse clock may have measured none
 _SHORT = 1e-12  # a step of this part of the time may be too short for floating-point times
@@ -60,6 +62,8 @@ class Prepared:
     form : str
         "scalar" or "vector": whether u0 and v0 are numbers or arrays.
     method : Method
+    options : dict
+        Its options, which later changes of the arrays and dictionaries of the caller do not change.
     """
 
     def __init__(
@@ -86,8 +90,7 @@ class Prepared:
         layout: Layout | None = None,
     ) -> None:
         self._rhs, self._layout = rhs, layout
-        t_eval = t_eval.copy() if isinstance(t_eval, np.ndarray) else t_eval  # later changes do not matter
-        self._options = {
+        own: dict[str, Any] = {
             "h": h,
             "rtol": rtol,
             "atol": atol,
@@ -101,11 +104,13 @@ class Prepared:
             "first_step": first_step,
             "max_steps": max_steps,
             "inline": inline,
-            "labels": labels,
-            "integrals": integrals,
-            "defaults": defaults,
-            "layout": layout,
         }
+        for name, value in own.items():
+            if type(value) not in _UNCHANGEABLE:
+                own[name] = _own(name, value)
+        atol, t_eval = own["atol"], own["t_eval"]
+        events, invariants, outputs = own["events"], own["invariants"], own["outputs"]
+        self.options = own | {"labels": labels, "integrals": integrals, "defaults": defaults, "layout": layout}
         if layout:
             rhs, method = layout.bind(rhs), layout.bind_method(method)
             events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
@@ -302,7 +307,7 @@ class Prepared:
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
-        return _prepared, (self._rhs, self._system.form, self._options)
+        return _prepared, (self._rhs, self._system.form, self.options)
 
 
 def _prepared(rhs: Any, form: Form, options: dict[str, Any]) -> Prepared:
@@ -318,10 +323,11 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
         The acceleration, in one of the two forms that `eig3.integrate` takes: with four arguments for one degree of
         freedom, with five for n.
     params : NamedTuple or dict, optional
-        The parameters, or an example of them, if they have names. Those of a run may have arrays of other sizes.
+        The parameters, or an example of them, if they have names: ``prepare(rhs, h=0.01, params={"k": 4.0})``. Those of
+        a run may have arrays of other sizes. Parameters without names are for each call only.
     **options
         h or rtol, and atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps and
-        inline, as for `eig3.integrate`.
+        inline, as for `eig3.integrate`. The run has its own copies of them.
 
     Returns
     -------
@@ -344,6 +350,15 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
         raise TypeError("params is for parameters with names; give an array to each call: prepared(t_span, u0, v0, p).")
     layout = None if params is None else named(params).layout
     return Prepared(rhs, form_of(rhs), layout=layout, **options)
+
+
+def _own(name: str, value: Any) -> Any:
+    """Return an option, or a copy of it if the caller can change it."""
+    if name in ("atol", "t_eval"):
+        return reals(value, name)
+    if isinstance(value, Mapping):
+        return dict(value)
+    return value.copy() if isinstance(value, np.ndarray) else value
 
 
 def _refuse(given: dict[str, Any]) -> None:

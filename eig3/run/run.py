@@ -29,6 +29,7 @@ _CHUNK_SECONDS = 0.1  # duration of a chunk of steps, after which a run is looke
 COMPLETED = "The run reached the end of its span."
 _LEAST_STEPS = 100  # between two looks for entries of a that rhs does not write, so that they take little time
 _FAST = 1e3  # a growth above this is not called slow
+_MOST_JOINED = 2**27  # bytes of states in files that a run which goes on in memory copies
 _OVERFLOW = "beyond the largest floating-point number,"
 
 
@@ -302,8 +303,23 @@ class Run:
         return solution_of(self.stepper, fields, {"notes": self.all_notes})
 
     def _place(self, save_to: str | PathLike[str] | None) -> Place | None:
-        system = self.stepper.system
-        return None if save_to is None else Place.of(save_to, system.labels, system.integrals)
+        """Return the place of a run that goes on from this one, which is closed.
+
+        Raises
+        ------
+        ValueError
+            If it has none, and this run has many states in files.
+        """
+        if save_to is not None:
+            return Place.of(save_to, self.stepper.system.labels, self.stepper.system.integrals)
+        rows = *(self.saved or {}).values(), *self.saved_outputs.values()
+        in_files = sum(array.nbytes for array in rows if isinstance(array, np.memmap))
+        if in_files > _MOST_JOINED:
+            raise ValueError(
+                f"save_to must name a new directory for the whole history: {in_files:.3g} bytes of states are in the "
+                f"files of this run, and at most {_MOST_JOINED:.3g} are copied into memory."
+            )
+        return None
 
     def _invariant_notes(self, remedy: str) -> list[str]:
         """Return a sentence about each invariant that grew steadily or drifted far; `remedy` says what may help.

@@ -16,8 +16,10 @@ from .damping import Modal, Rayleigh
 from .factors import copies_in, factors
 from .loads import check_ground, check_table
 from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks
-from .modal import exact_motion
+from .modal import exact_motion, unknown
 from .source import INTEGRALS, LOADED, Parts, energy, right_hand_side
+
+_FUNCTION = "the force is a function: give it as a table if it depends on the time only"
 
 
 def linear(
@@ -75,7 +77,8 @@ def linear(
     -------
     Problem
         Its `params` are M, C, K and the others by name. Its energy is the kinetic and the elastic one. Its exact motion
-        is known if there are no functions of force and no C, and at most 1000 degrees of freedom.
+        is known if there are no functions of force and no C, and at most 1000 degrees of freedom. Else `exact`
+        counts as false, and a call says why.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def linear(
         v0=v0,
         params=every,
         t_span=t_span,
-        exact=None if "force" in has else exact_motion(every, u0, v0, t_span[0]),
+        exact=unknown(_FUNCTION) if "force" in has else exact_motion(every, u0, v0, t_span[0]),
         energy=energy(parts) if work or not has & LOADED else None,
         names=_names(names, n),
         units=units if isinstance(units, str) else tuple(units),

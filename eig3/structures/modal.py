@@ -10,8 +10,10 @@ import scipy.sparse
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, reals
-from ..problem import Problem
+from ..functions.named import Parameters
+from ..problem import Problem, UnknownMotion
 from .damping import natural_modes
+from .factors import Factors
 from .matrices import Mass
 
 _LARGEST = 1000  # degrees of freedom of a structure all of whose modes are computed, in some tenths of a second
@@ -19,6 +21,8 @@ _RIGID = 1e-10  # part of the largest square of a frequency: below it, a mode ha
 _MIXED = 1e-8  # part of the largest rate of damping that may couple two modes
 _SERIES = 1e-2  # up to which sinh(x) is a series of three terms, to the last digit
 _TIMES = 4096  # that are evaluated at once
+_BY_MODES = "eig3.structures.modal_solution(problem, t) returns it"
+_STRUCTURE = ("K", "m", "M", *Factors._fields, "modes", "rates")  # parameters that eig3.linear makes together
 
 
 def modal_solution(problem: Problem, t: ArrayLike, modes: int | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -53,10 +57,20 @@ def modal_solution(problem: Problem, t: ArrayLike, modes: int | None = None) -> 
     return ModalMotion(problem.params, problem.u0, problem.v0, problem.t_span[0], count)(t)
 
 
-def exact_motion(params: Any, u0: np.ndarray, v0: np.ndarray, t0: float) -> ModalMotion | None:
-    """Return the exact motion if it can be known at little cost."""
-    is_known = "K" in params.layout.names and "C" not in params.layout.names and params.size <= _LARGEST
-    return ModalMotion(params, u0, v0, t0) if is_known else None
+def exact_motion(params: Any, u0: np.ndarray, v0: np.ndarray, t0: float) -> ModalMotion | UnknownMotion:
+    """Return the exact motion if it can be known at little cost. Its forces must be records."""
+    if "K" not in params.layout.names:
+        return unknown("it has no K")
+    if "C" in params.layout.names:
+        return unknown(f"C may couple the modes: {_BY_MODES} if it does not")
+    if params.size > _LARGEST:
+        return unknown(f"it has more than {_LARGEST} degrees of freedom: {_BY_MODES}")
+    return ModalMotion(params, u0, v0, t0)
+
+
+def unknown(why: str) -> UnknownMotion:
+    """Return what stands for the exact motion of a structure, because of a reason."""
+    return UnknownMotion(f"the exact motion of this structure is not known, because {why}.")
 
 
 class ModalMotion:
@@ -74,6 +88,16 @@ class ModalMotion:
 
     def __init__(self, params: Any, u0: Any, v0: Any, t0: float, modes: int | None = None) -> None:
         self._params, self._start, self._t0, self._count = params._asdict(), (u0, v0), t0, modes
+
+    def again(self, params: Any, u0: Any, v0: Any, t0: float) -> ModalMotion | UnknownMotion:
+        """Return the motion from another start, and with other loads."""
+        own, other = (
+            Parameters({name: each[name] for name in _STRUCTURE if name in each})
+            for each in (self._params, params._asdict())
+        )
+        if own == other:
+            return ModalMotion(params, u0, v0, t0)
+        return unknown("K, its mass or its modes have changed: make the changed one by eig3.linear")
 
     def __call__(self, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         times = np.atleast_1d(reals(t, "t"))
