@@ -358,7 +358,9 @@ class Problem:
             If the problem has no energy.
         """
         if self.energy is None:
-            raise ValueError(f"{self.name} has no energy; for a scene's, make it with scene.problem(..., work=True).")
+            raise ValueError(
+                f"{self.name} has no energy: make its scene or structure with work=True, or give the problem one."
+            )
         energy = check_callback(self.energy, "invariant", check_state(self.u0, self.v0)[2], "energy")
         params = guarded(check_params(self.params))  # a scene keeps lists of neighbours there
 

@@ -21,6 +21,7 @@ from .mesh import check_cells, is_fixed, lumped
 from .picture import mechanism
 from .rough import Rough
 from .swarm import Swarm, check_swarm
+from .turning import Turning
 
 __all__ = ["Points", "RigidBody", "Scene"]
 
@@ -104,6 +105,10 @@ class Points:
             If no mass of the scene has an inertia, and as for `of`.
         """
         return self.scene._values_of(self.numbers, np.asarray(values), angles=True)
+
+
+class Axes(Points):
+    """The unit vectors of one rigid body."""
 
 
 class Scene:
@@ -260,7 +265,7 @@ class Scene:
         across = axes @ np.array([[0.0, 1.0], [-1.0, 0.0]]) if self.dimension == 2 else axes
         rates = turning * across if self.dimension == 2 else np.cross(np.broadcast_to(turning, 3), axes)
         centre = self.mass(mass, position, np.broadcast_to(reals(velocity, "velocity"), (self.dimension,)))
-        vectors = self.mass(squares, axes, rates)
+        vectors = Axes(self, self.mass(squares, axes, rates).numbers)
         self._bodies.vectors.extend(vectors.numbers.tolist())
         self.add(Rigid(), *vectors)
         return RigidBody(self, centre, vectors, principal)
@@ -560,9 +565,13 @@ class Scene:
         return sides
 
     def _numbers_of(self, points: Sequence[Points], effect: Effect) -> list[np.ndarray]:
+        if isinstance(effect, Turning) and [type(handle) for handle in points] != [Axes]:
+            name = effect.title
+            raise TypeError(f"{name} turns a rigid body: give its axes, as in scene.add({name}(...), body.axes).")
         for handle in points:
             if not isinstance(handle, Points):
                 hint = ": index an array of points, as in masses[[0, 3]]" * isinstance(handle, list | tuple)
+                hint += ": give body.centre, or a point such as body.point(place)" * isinstance(handle, RigidBody)
                 raise TypeError(f"{effect.title} acts on Points of a scene, not on {type(handle).__name__}{hint}.")
             if handle.scene is not self:
                 raise ValueError(f"{effect.title} was given points of another scene.")
