@@ -90,6 +90,8 @@ class Problem:
     outputs : dict
         Outputs that a run can follow, such as the reactions of constraints: give them, or some of them, to `integrate`
         as its `outputs`.
+    masses : array_like, shape (n,), optional
+        The mass of each degree of freedom, which `Langevin` takes; infinite for one that no noise may move.
     """
 
     name: str
@@ -112,6 +114,7 @@ class Problem:
     events: Mapping[str, Event] = field(default_factory=dict)
     view: View | None = None
     outputs: Mapping[str, Any] = field(default_factory=dict)
+    masses: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         check_names(self.integrals, "integrals")
@@ -204,6 +207,7 @@ class Problem:
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         if self.events:
             options.setdefault("events", self.events)
+        options["method"] = self._with_masses(options.get("method"))
         form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
         options |= {"labels": self.labels, "defaults": (self.t_span, self.u0, self.v0, self.params)}
         options["layout"] = self._layout
@@ -289,6 +293,7 @@ class Problem:
             If a start has a wrong shape, and as for `eig3.ensemble`.
         """
         _refuse_fields(options, "ensemble")
+        options["method"] = self._with_masses(options.get("method"))
         options.setdefault("events", self.events)
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
@@ -326,7 +331,7 @@ class Problem:
                 "problem.integrate(...), or leave the events out with problem.with_(events={})."
             )
         options |= {"t0": self.t_span[0], "params": self.params, "inline": inline}
-        return Stepper(self.rhs, self.u0, self.v0, h=h, method=method, **options)
+        return Stepper(self.rhs, self.u0, self.v0, h=h, method=self._with_masses(method), **options)
 
     def critical_step(
         self, *, method: str | Method = "eig3", t: float | None = None, safety: float = 0.9
@@ -427,6 +432,11 @@ class Problem:
     def uses_velocity(self) -> bool:
         """Whether rhs may read v. If not, "cd" takes one evaluation per step, and "eig3" uses fewer arrays."""
         return reads_velocity(self.rhs)
+
+    def _with_masses(self, method: Any) -> Any:
+        """Return a method that knows the masses of the problem, if it is a record."""
+        known = self.masses is not None and isinstance(method, Method)
+        return method.for_masses(np.ravel(np.asarray(self.masses, dtype=np.float64)), self.name) if known else method
 
     def _checked(self, name: str, value: Any) -> Any:
         """Check and convert the new value of a field."""

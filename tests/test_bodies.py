@@ -426,7 +426,7 @@ def test_wrong_bodies_are_refused():
         bar.joint(bar, (1.0, 0.0))
     with pytest.raises(ValueError, match="other must be another body, or None for the ground"):
         bar.friction(bar, 1.0)
-    with pytest.raises(ValueError, match="a hinge has an axis in space only; in the plane, body.joint"):
+    with pytest.raises(ValueError, match="a hinge has an axis in space only"):
         bar.hinge(None, (1.0, 0.0), (0.0, 0.0, 1.0))
     with pytest.raises(ValueError, match="axis must have 3 components, not the shape"):
         space.body(1.0, (1.0, 1.0, 1.5), (0.0, 0.0, 0.0)).hinge(None, (0.0, 0.0, 0.0), (0.0, 1.0))

@@ -308,6 +308,13 @@ class Assembly:
     def reads_velocity(self) -> bool:
         return self.follows_work or bool(self.held) or any(law.effect.reads_velocity() for law in self.laws)
 
+    @property
+    def inertias(self) -> np.ndarray:
+        """The mass of each degree of freedom, or its inertia; infinite for angles without one, and for states."""
+        cloud, states = self.cloud, np.full(len(self.states), np.inf)
+        inertia = np.where(cloud.inertia > 0, cloud.inertia, np.inf)[cloud.is_own]
+        return np.concatenate([*[cloud.masses[cloud.is_own]] * self.dimension, *[inertia] * self.angles, states])
+
     def start(self, values: np.ndarray, spins: np.ndarray | None = None) -> np.ndarray:
         """Return u0, or v0, from the positions or velocities of all points, by coordinate and mass, and their spins.
 
