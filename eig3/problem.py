@@ -435,8 +435,10 @@ class Problem:
 
     def _with_masses(self, method: Any) -> Any:
         """Return a method that knows the masses of the problem, if it is a record."""
-        known = self.masses is not None and isinstance(method, Method)
-        return method.for_masses(np.ravel(np.asarray(self.masses, dtype=np.float64)), self.name) if known else method
+        if self.masses is None or not isinstance(method, Method):
+            return method
+        masses = np.append(np.asarray(self.masses, dtype=np.float64), np.full(len(self.integrals), np.inf))
+        return method.for_masses(masses, self.name)
 
     def _checked(self, name: str, value: Any) -> Any:
         """Check and convert the new value of a field."""
