@@ -490,6 +490,10 @@ class EIG(_MayIgnoreVelocity):
 METHODS |= {f"eig{grade}": functools.partial(EIG, grade) for grade in range(4, 14)}
 
 
+def _is_mass(m: Any) -> bool:
+    return isinstance(m, numbers.Real) and (0 < m <= _LARGEST or m == math.inf)
+
+
 @dataclass(frozen=True)
 class Langevin(Method):
     """BAOAB, for u'' = f(t, u) - gamma v + noise of a temperature: Leimkuhler and Matthews (2013).
@@ -541,9 +545,7 @@ class Langevin(Method):
                 raise ValueError(f"{name} must be a finite number of at least 0, not {shown(value)}.")
         if self.mass is not None:
             masses: tuple[float, ...] = tuple(np.ravel(np.asarray(self.mass)).tolist())
-            if not masses or not all(
-                isinstance(m, numbers.Real) and (0 < m <= _LARGEST or m == math.inf) for m in masses
-            ):
+            if not masses or not all(_is_mass(m) for m in masses):
                 raise ValueError(f"mass must be a positive number, or a sequence of them, not {shown(self.mass)}.")
             object.__setattr__(self, "mass", masses if np.ndim(self.mass) else masses[0])  # hashable
         for name, count in (("seed", self.seed), ("stream", self.stream)):

@@ -362,7 +362,7 @@ def bath(masses):
 
 
 def test_a_scene_gives_its_masses():
-    """<m v^2> is the temperature for each mass, and without masses the method is the same as with those of the scene."""
+    """<m v^2> is the temperature for each mass; who gives the masses of the scene gets the same bits."""
     masses = np.repeat([0.5, 3.0], 500)
     scene, points = bath(masses)
     problem, options = scene.problem((0.0, 12.0)), {"gamma": 1.0, "temperature": 1.0, "seed": 3}
