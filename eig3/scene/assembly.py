@@ -45,10 +45,13 @@ class Bodies(NamedTuple):
         The numbers of the points that stand for vectors.
     carried : dict of int to (ndarray of int, ndarray)
         For each point that is fixed to a body, points whose positions it sums up, and their factors.
+    plates : list of list of int
+        The numbers of the vectors of each body with hardly any thickness; the last one is that across it.
     """
 
     vectors: list[int]
     carried: dict[int, tuple[np.ndarray, np.ndarray]]
+    plates: list[list[int]]
 
 
 @dataclass(frozen=True)
@@ -362,7 +365,7 @@ def _without_idle_points(cloud: Cloud, placements: Sequence[Placement], swarms: 
     idle = cloud.bodies.carried.keys() - set(np.concatenate([*used, np.empty(0, dtype=np.int64)]).tolist())
     masses, carried = cloud.masses.copy(), cloud.bodies.carried
     masses[list(idle)] = 0.0
-    bodies = Bodies(cloud.bodies.vectors, {x: parts for x, parts in carried.items() if x not in idle})
+    bodies = cloud.bodies._replace(carried={x: parts for x, parts in carried.items() if x not in idle})
     return replace(cloud, masses=masses, bodies=bodies)
 
 

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from .scene import Points, Scene
 
 _UNIT = 1e-9  # the largest error of a rotation
-_THIN = 1e-9  # the least part of the largest J_k that another one has: a vector without a mass could not be moved
+_THIN = 1e-12  # the least part of the largest moment that a J_k has: a vector without a mass could not be moved
+_MARGIN = 1e-9  # of moments that are those of a plate without thickness
+_PLATE = 1e-4  # of a body with one J_k below this part of the largest, see `plates`
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +277,7 @@ def principal_moments(inertia: ArrayLike, dimension: int) -> tuple[np.ndarray, n
 
     Notes
     -----
-    A plate without thickness gets one, whose J_k is 1e-9 of the largest.
+    A plate without thickness gets one, whose J_k is 1e-12 of the largest moment.
     """
     given = reals(inertia, "inertia")
     if dimension == 2:
@@ -287,13 +289,24 @@ def principal_moments(inertia: ArrayLike, dimension: int) -> tuple[np.ndarray, n
         raise ValueError("inertia of a body in space must be 3 principal moments or a symmetric 3 x 3 matrix, kg m^2.")
     moments, axes = np.linalg.eigh(tensor) if given.ndim == 2 else (given, np.eye(3))
     axes[:, 0] *= np.sign(np.linalg.det(axes))
-    squares, margin = moments.sum() / 2 - moments, _THIN * abs(moments).max()
+    squares, largest = moments.sum() / 2 - moments, abs(moments).max()
+    margin = _MARGIN * largest
     if not (squares.min() >= -margin and moments.min() > margin):
         raise ValueError(
             "inertia must be that of a body: each principal moment positive and at most the sum of the others; a thin "
             "rod can be a Rod between masses."
         )
-    return np.maximum(squares, margin), axes
+    return np.maximum(squares, _THIN * largest), axes
+
+
+def plates(squares: np.ndarray, vectors: np.ndarray) -> list[list[int]]:
+    """Return the vectors of a body if it has hardly any thickness, in cyclic order, the one across the plate last.
+
+    The mass of that vector is so small that forces on it are better taken by the other two: see `BodiesText.plates`.
+    """
+    across = int(np.argmin(squares))
+    is_plate = len(squares) == 3 and squares[across] < _PLATE * squares.max()
+    return [np.roll(vectors, 2 - across).tolist()] if is_plate else []
 
 
 def rotation_matrix(rotation: Any, dimension: int) -> np.ndarray:

@@ -42,7 +42,7 @@ class Places:
     positions: np.ndarray
     free: np.ndarray
     upright: bool = False
-    bodies: Bodies = field(default_factory=lambda: Bodies([], {}))
+    bodies: Bodies = field(default_factory=lambda: Bodies([], {}, []))
     moves: list[tuple[Any, tuple, np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:

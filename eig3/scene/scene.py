@@ -14,7 +14,7 @@ from ..functions.checks import check_count, check_flag, check_span, reals
 from ..problem import Problem
 from . import codegen
 from .assembly import Bodies, Cloud, Placement, assemble, count_states, names, note, numbered, sources, units
-from .bodies import Rigid, RigidBody, principal_moments, rotation_matrix
+from .bodies import Rigid, RigidBody, plates, principal_moments, rotation_matrix
 from .cell import Cell, same_points
 from .effect import Body, Effect, Link, arguments
 from .mesh import check_cells, is_fixed, lumped
@@ -177,7 +177,7 @@ class Scene:
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
         self._placements: list[Placement] = []
-        self._bodies = Bodies([], {})
+        self._bodies = Bodies([], {}, [])
 
     def fixed(self, position: ArrayLike) -> Points:
         """Add points that do not move, unless a `Motion` moves them.
@@ -293,6 +293,7 @@ class Scene:
         centre = self.mass(mass, position, np.broadcast_to(reals(velocity, "velocity"), (self.dimension,)))
         vectors = Axes(self, self.mass(squares, axes, rates).numbers)
         self._bodies.vectors.extend(vectors.numbers.tolist())
+        self._bodies.plates.extend(plates(squares, vectors.numbers))
         self.add(Rigid(), *vectors)
         return RigidBody(self, centre, vectors, principal)
 
