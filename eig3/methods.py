@@ -491,7 +491,8 @@ METHODS |= {f"eig{grade}": functools.partial(EIG, grade) for grade in range(4, 1
 
 
 def _is_mass(m: Any) -> bool:
-    return isinstance(m, numbers.Real) and (0 < m <= _LARGEST or m == math.inf)
+    is_number = isinstance(m, numbers.Real)
+    return is_number and (0 < m <= _LARGEST or m == math.inf)
 
 
 @dataclass(frozen=True)
@@ -553,12 +554,16 @@ class Langevin(Method):
                 raise ValueError(f"{name} must be a whole number from 0 to 2^53, not {shown(count)}.")
 
     @property
+    def _masses(self) -> float | Sequence[float]:
+        return 1.0 if self.mass is None else self.mass
+
+    @property
     def settings(self) -> tuple[float, ...]:
         return self.settings_of([0])
 
     def settings_of(self, members: Sequence[int]) -> tuple[float, ...]:
         streams = (float(self.stream + member) for member in members)
-        weights = (1 / math.sqrt(mass) for mass in np.ravel(1.0 if self.mass is None else self.mass))
+        weights = (1 / math.sqrt(mass) for mass in np.ravel(self._masses))
         return float(self.gamma), float(self.temperature), float(self.seed), float(len(members)), *streams, *weights
 
     def of_member(self, member: int) -> Method:
@@ -567,14 +572,14 @@ class Langevin(Method):
     def for_masses(self, masses: np.ndarray, owner: str) -> Method:
         if self.mass is not None and not (np.size(self.mass) in (1, masses.size) and np.all(masses == self.mass)):
             raise ValueError(f"mass of Langevin must be that of the degrees of freedom of {owner}: leave it out.")
-        same = masses[0] if (masses == masses[0]).all() else masses
-        return dataclasses.replace(self, mass=same)
+        is_same = bool((masses == masses[0]).all())
+        return dataclasses.replace(self, mass=float(masses[0]) if is_same else masses.tolist())
 
     def without_noise(self) -> Method:
         return Langevin()  # friction does not change the limit of BAOAB
 
     def for_force(self, reads_velocity: bool, n: int) -> Method:
-        if np.ndim(self.mass) and np.size(self.mass) != n:
+        if np.ndim(self._masses) and np.size(self._masses) != n:
             raise ValueError(f"mass must be a number, or {n} of them for {n} degrees of freedom, not {self.mass}.")
         return self
 
