@@ -106,6 +106,10 @@ class Method:
         """Return the record that takes the steps of the member of an ensemble with this number."""
         return self
 
+    def for_masses(self, masses: np.ndarray, owner: str) -> "Method":
+        """Return the record for degrees of freedom with these masses, those of the problem `owner`."""
+        return self
+
     def without_noise(self) -> "Method":
         """Return the record whose steps add no random numbers, and have the same limit of stability."""
         return self
@@ -469,6 +473,11 @@ class EIG(_MayIgnoreVelocity):
 METHODS |= {f"eig{grade}": functools.partial(EIG, grade) for grade in range(4, 14)}
 
 
+def _is_mass(m: Any) -> bool:
+    is_number = isinstance(m, numbers.Real)
+    return is_number and (0 < m <= _LARGEST or m == math.inf)
+
+
 @dataclass(frozen=True)
 class Langevin(Method):
     """BAOAB, for u'' = f(t, u) - gamma v + noise of a temperature: Leimkuhler and Matthews (2013).
@@ -480,8 +489,9 @@ class Langevin(Method):
     temperature : float
         k_B T in units of energy, such as J. The noise is such that a motion in a potential m phi(u), with f = -phi',
         comes to the distribution exp(-(m v^2/2 + m phi) / (k_B T)).
-    mass : float or sequence of float
-        The mass m of all degrees of freedom, or that of each, such as in kg: f is the force divided by it.
+    mass : float or sequence of float, optional
+        The mass m of all degrees of freedom, or that of each, such as in kg: f is the force divided by it. An infinite
+        one has no noise. By default 1; the problem of a scene gives its masses, and refuses others.
     seed, stream : int
         Whole numbers from 0 to 2^53. A random number depends on them, the step index and the degree of freedom only.
         Member i of an ensemble has the stream `stream` + i, where i is its number in the whole ensemble.
@@ -503,7 +513,7 @@ class Langevin(Method):
 
     gamma: float = 0.0
     temperature: float = 0.0
-    mass: float | Sequence[float] = 1.0
+    mass: float | Sequence[float] | None = None
     seed: int = 0
     stream: int = 0
     name: ClassVar[str] = "langevin"
@@ -517,13 +527,18 @@ class Langevin(Method):
         for name, value in (("gamma", self.gamma), ("temperature", self.temperature)):
             if not (isinstance(value, numbers.Real) and 0 <= value <= _LARGEST):
                 raise ValueError(f"{name} must be a finite number of at least 0, not {shown(value)}.")
-        masses: tuple[float, ...] = tuple(np.ravel(np.asarray(self.mass)).tolist())
-        if not masses or not all(isinstance(m, numbers.Real) and 0 < m <= _LARGEST for m in masses):
-            raise ValueError(f"mass must be a positive, finite number, or a sequence of them, not {shown(self.mass)}.")
-        object.__setattr__(self, "mass", masses if np.ndim(self.mass) else masses[0])  # hashable
+        if self.mass is not None:
+            masses: tuple[float, ...] = tuple(np.ravel(np.asarray(self.mass)).tolist())
+            if not masses or not all(_is_mass(m) for m in masses):
+                raise ValueError(f"mass must be a positive number, or a sequence of them, not {shown(self.mass)}.")
+            object.__setattr__(self, "mass", masses if np.ndim(self.mass) else masses[0])  # hashable
         for name, count in (("seed", self.seed), ("stream", self.stream)):
             if not (isinstance(count, numbers.Integral) and 0 <= count <= _LARGEST_COUNT):
                 raise ValueError(f"{name} must be a whole number from 0 to 2^53, not {shown(count)}.")
+
+    @property
+    def _masses(self) -> float | Sequence[float]:
+        return 1.0 if self.mass is None else self.mass
 
     @property
     def settings(self) -> tuple[float, ...]:
@@ -531,17 +546,23 @@ class Langevin(Method):
 
     def settings_of(self, members: Sequence[int]) -> tuple[float, ...]:
         streams = (float(self.stream + member) for member in members)
-        weights = (1 / math.sqrt(mass) for mass in np.ravel(self.mass))
+        weights = (1 / math.sqrt(mass) for mass in np.ravel(self._masses))
         return float(self.gamma), float(self.temperature), float(self.seed), float(len(members)), *streams, *weights
 
     def of_member(self, member: int) -> Method:
         return dataclasses.replace(self, stream=self.stream + member)
 
+    def for_masses(self, masses: np.ndarray, owner: str) -> Method:
+        if self.mass is not None and not (np.size(self.mass) in (1, masses.size) and np.all(masses == self.mass)):
+            raise ValueError(f"mass of Langevin must be that of the degrees of freedom of {owner}: leave it out.")
+        is_same = bool((masses == masses[0]).all())
+        return dataclasses.replace(self, mass=float(masses[0]) if is_same else masses.tolist())
+
     def without_noise(self) -> Method:
         return Langevin()  # friction does not change the limit of BAOAB
 
     def for_force(self, reads_velocity: bool, n: int) -> Method:
-        if np.ndim(self.mass) and np.size(self.mass) != n:
+        if np.ndim(self._masses) and np.size(self._masses) != n:
             raise ValueError(f"mass must be a number, or {n} of them for {n} degrees of freedom, not {self.mass}.")
         return self
 

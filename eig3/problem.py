@@ -119,6 +119,8 @@ class Problem:
         For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and the rates of damping that
         may occur in the motion from a state on, or None if they cannot be known. The problem of a scene with contacts
         or pair potentials has it.
+    masses : array_like, shape (n,), optional
+        The mass of each degree of freedom, which `Langevin` takes; infinite for one that no noise may move.
     """
 
     name: str
@@ -142,6 +144,7 @@ class Problem:
     view: View | None = None
     outputs: Mapping[str, Any] = field(default_factory=dict)
     encounters: Callable | None = None
+    masses: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         check_names(self.integrals, "integrals")
@@ -251,6 +254,7 @@ class Problem:
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         if self.events:
             options.setdefault("events", self.events)
+        options["method"] = self._with_masses(options.get("method"))
         form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
         options |= {"labels": self.labels, "defaults": (self.t_span, self.u0, self.v0, self.params)}
         options["layout"] = self._layout
@@ -336,6 +340,7 @@ class Problem:
             If a start has a wrong shape, and as for `eig3.ensemble`.
         """
         _refuse_fields(options, "ensemble")
+        options["method"] = self._with_masses(options.get("method"))
         options.setdefault("events", self.events)
         options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
@@ -373,7 +378,7 @@ class Problem:
                 "problem.integrate(...), or leave the events out with problem.with_(events={})."
             )
         options |= {"t0": self.t_span[0], "params": self.params, "inline": inline}
-        return Stepper(self.rhs, self.u0, self.v0, h=h, method=method, **options)
+        return Stepper(self.rhs, self.u0, self.v0, h=h, method=self._with_masses(method), **options)
 
     def critical_step(
         self, *, method: str | Method = "eig3", t: float | None = None, safety: float = 0.9
@@ -421,7 +426,9 @@ class Problem:
             If the problem has no energy.
         """
         if self.energy is None:
-            raise ValueError(f"{self.name} has no energy; for a scene's, make it with scene.problem(..., work=True).")
+            raise ValueError(
+                f"{self.name} has no energy: make its scene or structure with work=True, or give the problem one."
+            )
         energy = check_callback(self.energy, "invariant", check_state(self.u0, self.v0)[2], "energy")
         params = guarded(check_params(self.params))  # a scene keeps lists of neighbours there
 
@@ -488,6 +495,13 @@ class Problem:
     def uses_velocity(self) -> bool:
         """Whether rhs may read v. If not, "cd" takes one evaluation per step, and "eig3" uses fewer arrays."""
         return reads_velocity(self.rhs)
+
+    def _with_masses(self, method: Any) -> Any:
+        """Return a method that knows the masses of the problem, if it is a record."""
+        if self.masses is None or not isinstance(method, Method):
+            return method
+        masses = np.append(np.asarray(self.masses, dtype=np.float64), np.full(len(self.integrals), np.inf))
+        return method.for_masses(masses, self.name)
 
     def _checked(self, name: str, value: Any) -> Any:
         """Check and convert the new value of a field."""

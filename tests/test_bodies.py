@@ -347,12 +347,65 @@ def test_runs_with_bodies_go_on_with_the_same_bits():
         assert_same(half.extend(0.2), whole)
 
 
+def test_a_torque_takes_the_axes_of_a_body_and_nothing_else():
+    scene = Scene(2)
+    bar, masses = scene.body(1.0, 1.0, (0.0, 0.0)), scene.mass(1.0, [(0.0, 0.0), (1.0, 0.0)])
+    for effect in (effects.Torque(0.5), effects.Motor(rising)):
+        for points in (
+            (),
+            (bar,),
+            (bar.axes[0],),
+            (bar.axes, bar.axes),
+            (bar.centre,),
+            (bar.point((1.0, 0.0)),),
+            (masses,),
+        ):
+            with pytest.raises(TypeError, match=rf"turns a rigid body: give its axes, .*{effect.title}.*body.axes"):
+                scene.add(effect, *points)
+        scene.add(effect, bar.axes)
+    with pytest.raises(TypeError, match=r"not on RigidBody: give body.centre, or a point such as body.point\(place\)"):
+        scene.add(effects.HarmonicForce((1.0, 0.0), 2.0), bar)
+
+
+@pytest.mark.parametrize("others", [0, 2])
+@pytest.mark.parametrize("inertia", [(0.25, 0.25, 0.5), (3.0, 1.0, 2.0), np.diag([0.1, 0.2, 0.3])])
+def test_a_plate_without_thickness_follows_eulers_equations(inertia, others):
+    """Also with a torque and a force on a point outside its plane, which the vector across it could not bear."""
+    scene, place, w0 = Scene(3), (0.3, -0.2, 0.5), np.array([0.3, 2.0, 0.1])
+    moments = np.diag(inertia) if np.ndim(inertia) == 2 else np.array(inertia)
+    for k in range(others):  # more constraints than are written as lines
+        scene.body(1.0, (1.0, 1.0, 1.0), (1.0 + k, 0.0, 0.0))
+    plate = scene.body(2.0, inertia, (0.0, 0.0, 0.0), spin=w0)
+    scene.add(effects.HarmonicForce((0.1, 0.2, -0.1), 1.0), plate.point(place))
+    scene.add(effects.Torque((0.05, 0.02, -0.03)), plate.axes)
+
+    def euler(t, y):
+        turn, w = Rotation.from_quat(y[:4]).inv(), y[4:]
+        torque = np.cross(place, turn.apply(np.cos(t) * np.array([0.1, 0.2, -0.1]))) + turn.apply([0.05, 0.02, -0.03])
+        x, s = y[:3], y[3]
+        return [*(s * w + np.cross(x, w)) / 2, -x @ w / 2, *(torque - np.cross(w, moments * w)) / moments]
+
+    exact = solve_ivp(euler, (0.0, 5.0), [0.0, 0.0, 0.0, 1.0, *w0], rtol=1e-11, atol=1e-11).y[:, -1]
+    problem = scene.problem((0.0, 5.0))
+    for options, tolerance in RUNS:
+        run = problem.integrate(**options)
+        turn = Rotation.from_quat(plate.rotation(run.u)[-1])
+        spin = turn.inv().apply(plate.spin(run.u, run.v)[-1])
+        np.testing.assert_allclose(spin, exact[4:], rtol=0, atol=tolerance)
+        assert (turn.inv() * Rotation.from_quat(exact[:4])).magnitude() < tolerance
+    if not others:
+        lanes = problem.ensemble(h=1e-3, u0=[problem.u0] * 3)
+        assert not lanes.notes
+        np.testing.assert_allclose(lanes.u[1, -1], run.u[-1], rtol=0, atol=1e-12)
+
+
 def test_wrong_bodies_are_refused():
     plane, space = Scene(2), Scene(3)
     with pytest.raises(ValueError, match="inertia of a body in the plane must be a positive number"):
         plane.body(1.0, (1.0, 2.0, 3.0), (0.0, 0.0))
-    with pytest.raises(ValueError, match="a body with a thickness along each axis"):
-        space.body(1.0, (1.0, 1.0, 2.0), (0.0, 0.0, 0.0))
+    for inertia in ((1.0, 1.0, 2.00001), (0.0, 0.0, 0.0), (0.0, 1.0, 1.0), (1.0, 1.0, -1.0)):
+        with pytest.raises(ValueError, match="each principal moment positive and at most the sum of the others"):
+            space.body(1.0, inertia, (0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="3 principal moments or a symmetric 3 x 3 matrix"):
         space.body(1.0, 1.0, (0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="rotation of a body in 2 dimensions must be an angle in rad"):
@@ -378,6 +431,14 @@ def test_wrong_bodies_are_refused():
         plane.add(effects.Motor(rising_about_an_axis), bar.axes)
     with pytest.raises(ValueError, match="Gravity acts on masses, and a point of a rigid body has none"):
         plane.add(effects.Gravity((0.0, -G)), bar.point((1.0, 0.0)))
+    with pytest.raises(ValueError, match="other must be another body, or None for the ground"):
+        bar.joint(bar, (1.0, 0.0))
+    with pytest.raises(ValueError, match="other must be another body, or None for the ground"):
+        bar.friction(bar, 1.0)
+    with pytest.raises(ValueError, match="a hinge has an axis in space only"):
+        bar.hinge(None, (1.0, 0.0), (0.0, 0.0, 1.0))
+    with pytest.raises(ValueError, match="axis must have 3 components, not the shape"):
+        space.body(1.0, (1.0, 1.0, 1.5), (0.0, 0.0, 0.0)).hinge(None, (0.0, 0.0, 0.0), (0.0, 1.0))
     plane.mass(1.0, (3.0, 0.0), inertia=0.1)
     with pytest.raises(ValueError, match="no masses with an inertia of their own: make them bodies"):
         plane.problem((0.0, 1.0))

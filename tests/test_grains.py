@@ -171,6 +171,27 @@ def test_an_oblique_impact_that_slides_has_mu_times_the_normal_impulse():
     np.testing.assert_allclose(np.abs(spin), R * np.linalg.norm(along) / SPHERE, rtol=2e-2)
 
 
+@pytest.mark.parametrize("is_fixed", [False, True], ids=["both move", "one is fixed"])
+def test_spheres_that_strike_each_other_have_the_restitution(is_fixed):
+    """At every speed, size and stiffness, and from hardly any rebound to an elastic one."""
+    for e in (0.03, 0.1, np.exp(-2.0), 0.3, 0.5, 0.7, 0.9, 1.0):
+        for speed, radii, E in ((0.01, (R, R), 1e7), (3.0, (R, 3 * R), 1e5), (0.5, (2 * R, 0.1 * R), 1e9)):
+            m = M * (np.array(radii) / R) ** 3
+            mass = m[0] if is_fixed else m[0] * m[1] / m.sum()
+            modulus, radius = E / (2 * (1 - 0.3**2)), radii[0] * radii[1] / sum(radii)
+            duration = 2.87 * (mass**2 / (radius * modulus**2 * speed)) ** 0.2  # of an elastic contact: Hertz
+            scene = Scene(2)
+            x, v = [(0.0, 0.0), (sum(radii), 0.0)], [(speed, 0.0), (0.0, 0.0)]
+            if is_fixed:
+                effect = hertz_mindlin(E=E, reach=sum(radii), near_radius=radii[1], restitution=e)
+                scene.add(effect, scene.mass(m[:1], x[:1], v[:1]), near=scene.fixed(x[1:]))
+            else:
+                scene.add(hertz_mindlin(E=E, reach=2 * np.array(radii), restitution=e), scene.mass(m, x, v))
+            run = scene.problem((0, 3 * duration)).integrate(h=duration / 500, method="rk4", save_every=None)
+            after = (0.0 if is_fixed else run.v[-1, 1]) - run.v[-1, 0]
+            assert after == pytest.approx(e * speed, rel=1e-2)
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("fields", [{}, {"restitution": 0.6}, {"friction": 2.0}], ids=["elastic", "damped", "sticks"])
 def test_momentum_and_angular_momentum_are_kept_and_no_energy_is_made(dimension, fields):

@@ -216,6 +216,8 @@ def test_parameters_can_be_changed_and_members_have_their_own():
     np.testing.assert_allclose(twice.integrate(h=1e-2).u, 2 * problem.integrate(h=1e-2).u, rtol=1e-12, atol=1e-15)
     runs = problem.ensemble(params={"ground_scale": [1.0, 2.0]}, h=1e-2)
     np.testing.assert_allclose(runs.u[1, -1], 2 * runs.u[0, -1], rtol=1e-12)
+    with pytest.raises(ValueError, match="structure has no energy: make its scene or structure with work=True"):
+        problem.energy_of(U0, V0)
 
 
 K = stiffness()

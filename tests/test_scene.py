@@ -29,6 +29,7 @@ from eig3.effects import (
     RotatingFrame,
     SampledMotion,
     SofteningSpring,
+    StVenantKirchhoffTriangle,
     SupportMotion,
 )
 from eig3.scene import Scene, codegen
@@ -576,8 +577,37 @@ def test_handles_are_sliced_and_read_like_arrays():
     np.testing.assert_array_equal(net.of(problem.u0), np.arange(12.0).reshape(2, 3, 2))
     np.testing.assert_array_equal(net[1].of(np.stack([problem.u0] * 4)), [np.arange(6.0, 12.0).reshape(3, 2)] * 4)
     np.testing.assert_array_equal([point.of(problem.u0) for point in net[0]], np.arange(6.0).reshape(3, 2))
-    with pytest.raises(ValueError, match="fixed points have no values"):
-        post.of(problem.u0)
+    assert post.of(problem.u0).tolist() == [9.0, 9.0]
+    assert post.velocities(problem.v0).tolist() == [0.0, 0.0]
+    assert one.velocities(problem.v0).tolist() == [3.0, 4.0]
+    with pytest.raises(ValueError, match="no mass of the scene has an inertia"):
+        post.angles_of(problem.u0)
+
+
+def test_a_mesh_has_positions_and_velocities_at_fixed_points_too():
+    """A support that a motion moves is where it is at the times that are given."""
+    scene = Scene(2)
+    points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)])
+    sheet = StVenantKirchhoffTriangle(E=10.0, nu=0.3, thickness=0.1)
+    mesh = scene.add_mesh(points, [(0, 1, 2), (1, 3, 2)], sheet, density=1.0, fixed=[0, 1])
+    scene.add(SupportMotion(shaken, (0.0, 2.0)), mesh[1])
+    run = scene.problem((0.0, 1.0)).integrate(h=0.01)
+    for still in (mesh[0], mesh[[0]], mesh[0][None, None]):
+        assert still.of(run.u).shape == (101, *still.shape, 2)
+        assert not still.of(run.u).any()
+    free = mesh[[2, 3]].of(run.u)
+    np.testing.assert_array_equal(mesh[[2, 0]].of(run.u)[:, 0], free[:, 0])
+    x, v = mesh.of(run.u, run.t), mesh.velocities(run.v, run.t)
+    np.testing.assert_array_equal(x[:, [2, 3]], free)
+    np.testing.assert_array_equal(v[:, [2, 3]], mesh[[2, 3]].of(run.v))
+    np.testing.assert_allclose(x[:, 1], np.column_stack([1 + 0 * run.t, 0.2 * np.sin(3 * run.t)]), rtol=1e-14)
+    np.testing.assert_allclose(v[:, 1], np.column_stack([0 * run.t, 0.6 * np.cos(3 * run.t)]), rtol=1e-14)
+    np.testing.assert_array_equal(mesh.of(run.u[-1], run.t[-1]), x[-1])
+    np.testing.assert_array_equal(mesh.of([run.u, run.u], run.t), [x, x])
+    with pytest.raises(ValueError, match=r"^t must be given for points that a motion moves"):
+        mesh.of(run.u)
+    with pytest.raises(ValueError, match=r"^t must have the shape \(101,\) of the states, not \(3,\)"):
+        mesh.of(run.u, [0.0, 0.5, 1.0])
 
 
 def test_a_problem_is_the_scene_as_it_was():

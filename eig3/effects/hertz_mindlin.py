@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass, field
 
@@ -32,6 +33,22 @@ def shear_damping(r, radius, mass, reach, shear_modulus, loss):
     return loss * math.sqrt(8 * shear_modulus * math.sqrt(radius * max(0.0, reach - r)) * mass)
 
 
+def damping_ratio(restitution: float) -> float:
+    """Return the damping ratio z with which a contact of Hertz that never pulls has a restitution, above 0 and up to 1.
+
+    With q = d^(5/4), the speed of the indentation d as a function of q is that of a linear oscillator: O. Antypov and
+    J. A. Elliott, EPL 94 (2011). The contact ends where its force is 0, before d is: T. Schwager and T. Poeschel,
+    Granular Matter 9 (2007). So -ln(restitution) = 2 z arccos(z) / sqrt(1 - z^2), which grows with z. Above z = 1, the
+    numerator and the denominator are imaginary.
+    """
+    low, high = 0.0, 1 / math.sqrt(restitution)
+    while low < (ratio := (low + high) / 2) < high:
+        angle = cmath.acos(ratio)
+        decay = 2 * ratio * (angle / cmath.sin(angle) if angle else 1.0).real
+        low, high = (ratio, high) if decay <= -math.log(restitution) else (low, ratio)
+    return low
+
+
 @dataclass(frozen=True, eq=False)
 class HertzMindlin(Rough):
     """Contacts between spheres of one material, with friction and the history of each contact.
@@ -39,7 +56,9 @@ class HertzMindlin(Rough):
     At the indentation d, spheres with the effective radius R push each other apart with Hertz's force
     4/3 E* sqrt(R d) d. The surfaces hold each other by a spring with Mindlin's stiffness 8 G* sqrt(R d), up to
     Coulomb's limit, friction times the normal force. E* = E / (2 (1 - nu^2)) and G* = E / (4 (2 - nu) (1 + nu)). Both
-    forces have a damping with which spheres that strike each other have the same restitution at every speed.
+    forces have a damping, 2 sqrt(5/6) z sqrt(k m) times the relative velocity, with the stiffness k = 2 E* sqrt(R d) or
+    that of the spring and the effective mass m. The normal force is never attractive. Spheres that strike each other
+    then have the same restitution at every speed; the damping ratio z is the one that gives it: see `damping_ratio`.
 
     Add it to one array of points, or between points and fixed points with ``near=``. Give the masses an inertia, or
     they do not spin. In two dimensions the points are spheres whose centres stay in a plane.
@@ -86,8 +105,8 @@ class HertzMindlin(Rough):
 
     nonnegative = ("nu", "reach", "friction")
     source = (
-        "Hertz (1881); Mindlin (1949), Mindlin and Deresiewicz (1953); damping of Tsuji et al. (1992); "
-        "Di Renzo and Di Maio (2004)"
+        "Hertz (1881); Mindlin (1949), Mindlin and Deresiewicz (1953); Di Renzo and Di Maio (2004); damping of Tsuji "
+        "et al. (1992), and its ratio by Antypov and Elliott (2011) and Schwager and Poeschel (2007)"
     )
 
     def __post_init__(self) -> None:
@@ -103,11 +122,10 @@ class HertzMindlin(Rough):
         self.require(
             (radius > 0) & (radius <= np.min(self.reach)), "near_radius must be positive and at most the reach"
         )
-        logarithm = math.log(float(e))
         computed = {
             "plane_modulus": self.E / (2 * (1 - self.nu**2)),
             "shear_modulus": self.E / (4 * (2 - self.nu) * (1 + self.nu)),
-            "loss": -_LOSS * logarithm / math.hypot(logarithm, math.pi),
+            "loss": _LOSS * damping_ratio(float(e)),
         }
         for name, value in computed.items():
             object.__setattr__(self, name, value)  # the record is frozen

@@ -11,11 +11,12 @@ from numba.types import BaseTuple, unliteral
 
 from ..functions.callbacks import jit
 from ..scene.effect import REAL, Body
+from ..scene.turning import Turning
 from .vector import cross, scale, vector
 
 
 @dataclass(frozen=True, eq=False)
-class Motor(Body):
+class Motor(Turning):
     """A torque that is a function of time, on the axes of a rigid body: ``scene.add(Motor(torque), body.axes)``.
 
     Parameters
@@ -26,14 +27,12 @@ class Motor(Body):
     Raises
     ------
     TypeError
-        If the torque is no such function.
+        If the torque is no such function, and by `Scene.add` for other points than the axes of one body.
     """
 
     torque: Callable
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {"torque": ("t",), **Body.offers}
-    dimensions = (2, 3)
-    source = "the forces torque(t) x e / 2 on the unit vectors e of the body"
 
     def __post_init__(self) -> None:
         if not callable(self.torque):

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
-from ..scene.effect import Body
+from ..scene.turning import Turning
 from .vector import cross, scale
 
 
 @dataclass(frozen=True, eq=False)
-class Torque(Body):
+class Torque(Turning):
     """A constant torque, which acts on the axes of a rigid body: ``scene.add(Torque(3.0), body.axes)``.
 
     Add the opposite torque to another body for a motor between both. `Motor` has a torque that depends on the time.
@@ -21,13 +21,16 @@ class Torque(Body):
     ----------
     torque : float or array_like, shape (3,)
         N m; in space a vector in the frame of the scene.
+
+    Raises
+    ------
+    TypeError
+        By `Scene.add`, for other points than the axes of one body.
     """
 
     torque: ArrayLike
 
-    dimensions = (2, 3)
     vectors = ("torque",)
-    source = "the forces torque x e / 2 on the unit vectors e of the body"
 
     def components(self, vector, dimension):
         return 1 if dimension == 2 else 3

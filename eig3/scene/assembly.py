@@ -45,10 +45,13 @@ class Bodies(NamedTuple):
         The numbers of the points that stand for vectors.
     carried : dict of int to (ndarray of int, ndarray)
         For each point that is fixed to a body, points whose positions it sums up, and their factors.
+    plates : list of list of int
+        The numbers of the vectors of each body with hardly any thickness; the last one is that across it.
     """
 
     vectors: list[int]
     carried: dict[int, tuple[np.ndarray, np.ndarray]]
+    plates: list[list[int]]
 
 
 @dataclass(frozen=True)
@@ -308,6 +311,13 @@ class Assembly:
     def reads_velocity(self) -> bool:
         return self.follows_work or bool(self.held) or any(law.effect.reads_velocity() for law in self.laws)
 
+    @property
+    def inertias(self) -> np.ndarray:
+        """The mass of each degree of freedom, or its inertia; infinite for angles without one, and for states."""
+        cloud, states = self.cloud, np.full(len(self.states), np.inf)
+        inertia = np.where(cloud.inertia > 0, cloud.inertia, np.inf)[cloud.is_own]
+        return np.concatenate([*[cloud.masses[cloud.is_own]] * self.dimension, *[inertia] * self.angles, states])
+
     def start(self, values: np.ndarray, spins: np.ndarray | None = None) -> np.ndarray:
         """Return u0, or v0, from the positions or velocities of all points, by coordinate and mass, and their spins.
 
@@ -355,7 +365,7 @@ def _without_idle_points(cloud: Cloud, placements: Sequence[Placement], swarms: 
     idle = cloud.bodies.carried.keys() - set(np.concatenate([*used, np.empty(0, dtype=np.int64)]).tolist())
     masses, carried = cloud.masses.copy(), cloud.bodies.carried
     masses[list(idle)] = 0.0
-    bodies = Bodies(cloud.bodies.vectors, {x: parts for x, parts in carried.items() if x not in idle})
+    bodies = cloud.bodies._replace(carried={x: parts for x, parts in carried.items() if x not in idle})
     return replace(cloud, masses=masses, bodies=bodies)
 
 

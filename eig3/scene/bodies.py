@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from .scene import Points, Scene
 
 _UNIT = 1e-9  # the largest error of a rotation
-_THIN = 1e-9  # a principal moment, as a part of the largest one, of a body without thickness
+_THIN = 1e-12  # the least part of the largest moment that a J_k has: a vector without a mass could not be moved
+_MARGIN = 1e-9  # of moments that are those of a plate without thickness
+_PLATE = 1e-4  # of a body with one J_k below this part of the largest, see `plates`
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,20 +119,22 @@ class RigidBody:
 
     def joint(self, other: RigidBody | None, position: ArrayLike) -> None:
         """Join the body to another one, or to the ground, at a position, m: a hinge in the plane, a ball in space."""
-        self.scene.add(Weld(), self.at(position), self._ground(position) if other is None else other.at(position))
+        place = self._place_of(other, position)
+        self.scene.add(Weld(), self.at(position), place)
 
     def hinge(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike) -> None:
         """Join the body in space to another one, or to the ground, with a hinge at a position along an axis."""
+        if len(self.principal) == 2:
+            raise ValueError("a hinge has an axis in space only; in the plane, body.joint(other, position) is a hinge.")
+        ahead, *across = self._frame(axis, "axis")
         self.joint(other, position)
-        ahead, *across = _frame(axis)
         for vector in across:
             self.scene.add(Perpendicular(), self._facing(ahead), self._of(other, vector))
 
     def slide(self, other: RigidBody | None, position: ArrayLike, direction: ArrayLike) -> None:
         """Let the body slide along a direction of another one, or of the ground, without turning against it."""
-        frame = _frame(direction)
-        ahead, across = frame[0], frame[1:]
-        place = self._ground(position) if other is None else other.at(position)
+        ahead, *across = self._frame(direction, "direction")
+        place = self._place_of(other, position)
         for vector in across:
             self.scene.add(Along(), place, self.at(position), self._of(other, vector))
         turns = [(ahead, vector) for vector in across]
@@ -190,7 +194,7 @@ class RigidBody:
         if axis is None:
             across = np.array([1.0, 0.0])
             return self._facing(across), self._of(other, across)
-        ahead, across, _ = _frame(axis)
+        ahead, across, _ = self._frame(axis, "axis")
         return self._facing(across), self._of(other, across), self._of(other, ahead)
 
     def rotation(self, values: ArrayLike) -> np.ndarray:
@@ -228,14 +232,32 @@ class RigidBody:
         return self.vector(self._local(vector))
 
     def _of(self, other: RigidBody | None, vector: np.ndarray) -> Points:
+        """Return the vector of another body, or of the ground, that is this one at the start."""
+        self._check_other(other)
         if other is not None:
             return other._facing(vector)
         fixed = self.scene.fixed(vector)
         self.scene._bodies.vectors.append(int(fixed.numbers))
         return fixed
 
-    def _ground(self, position: ArrayLike) -> Points:
-        return self.scene.fixed(position)
+    def _place_of(self, other: RigidBody | None, position: ArrayLike) -> Points:
+        """Return the point of another body, or of the ground, that is at a position at the start."""
+        self._check_other(other)
+        return self.scene.fixed(position) if other is None else other.at(position)
+
+    def _check_other(self, other: RigidBody | None) -> None:
+        if other is self or not isinstance(other, RigidBody | None):
+            raise ValueError("other must be another body, or None for the ground.")
+
+    def _frame(self, direction: ArrayLike, name: str) -> list[np.ndarray]:
+        """Return a unit vector along a direction, and others at right angles to it and to each other."""
+        vector = reals(direction, name)
+        if vector.shape != (len(self.principal),):
+            raise ValueError(f"{name} must have {len(self.principal)} components, not the shape {vector.shape}.")
+        if not np.any(vector):
+            raise ValueError(f"{name} must not be zero.")
+        unit = vector / np.linalg.norm(vector)
+        return [unit, *np.linalg.svd(unit[None])[2][1:]]
 
     def _carried(self, local: np.ndarray, of_centre: float) -> Points:
         if local.shape[-1:] != (len(self.principal),):
@@ -245,22 +267,17 @@ class RigidBody:
         return self.scene._carry(parts, factors, is_vector=not of_centre)
 
 
-def _frame(direction: ArrayLike) -> list[np.ndarray]:
-    """Return a unit vector along a direction, and others at right angles to it and to each other."""
-    vector = reals(direction, "direction")
-    if not np.any(vector):
-        raise ValueError("direction must not be zero.")
-    unit = vector / np.linalg.norm(vector)
-    return [unit, *np.linalg.svd(unit[None])[2][1:]]
-
-
 def principal_moments(inertia: ArrayLike, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the moments J_k of a body, and its principal axes as columns, from its inertia about its centre.
 
     Raises
     ------
     ValueError
-        If the inertia is not that of a body with a thickness along each axis.
+        If the inertia is not that of a body, or is that of a thin rod.
+
+    Notes
+    -----
+    A plate without thickness gets one, whose J_k is 1e-12 of the largest moment.
     """
     given = reals(inertia, "inertia")
     if dimension == 2:
@@ -272,13 +289,24 @@ def principal_moments(inertia: ArrayLike, dimension: int) -> tuple[np.ndarray, n
         raise ValueError("inertia of a body in space must be 3 principal moments or a symmetric 3 x 3 matrix, kg m^2.")
     moments, axes = np.linalg.eigh(tensor) if given.ndim == 2 else (given, np.eye(3))
     axes[:, 0] *= np.sign(np.linalg.det(axes))
-    squares = moments.sum() / 2 - moments
-    if not squares.min() > _THIN * abs(squares).max():
+    squares, largest = moments.sum() / 2 - moments, abs(moments).max()
+    margin = _MARGIN * largest
+    if not (squares.min() >= -margin and moments.min() > margin):
         raise ValueError(
-            "inertia must be that of a body with a thickness along each axis: each principal moment less than the sum "
-            "of the others; a thin rod can be a Rod between masses."
+            "inertia must be that of a body: each principal moment positive and at most the sum of the others; a thin "
+            "rod can be a Rod between masses."
         )
-    return squares, axes
+    return np.maximum(squares, _THIN * largest), axes
+
+
+def plates(squares: np.ndarray, vectors: np.ndarray) -> list[list[int]]:
+    """Return the vectors of a body if it has hardly any thickness, in cyclic order, the one across the plate last.
+
+    The mass of that vector is so small that forces on it are better taken by the other two: see `BodiesText.plates`.
+    """
+    across = int(np.argmin(squares))
+    is_plate = len(squares) == 3 and squares[across] < _PLATE * squares.max()
+    return [np.roll(vectors, 2 - across).tolist()] if is_plate else []
 
 
 def rotation_matrix(rotation: Any, dimension: int) -> np.ndarray:

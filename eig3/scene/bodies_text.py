@@ -9,7 +9,8 @@ from collections.abc import Iterator
 
 from .assembly import Assembly
 from .constraint_text import ConstraintText
-from .packing import Packing
+from .lines import cross, indented
+from .packing import Packing, entry
 
 
 class BodiesText:
@@ -20,6 +21,7 @@ class BodiesText:
         self._block, self._constraints = packing.carried, constraints
         self._follows_work, self._work = assembly.follows_work, assembly.size
         self._is_straight = constraints.straight is not None
+        self._plates = packing.plates
 
     @property
     def suffix(self) -> str:
@@ -33,6 +35,30 @@ class BodiesText:
         yield self._array("acting", 2, "a")
         yield "forces_of_all(t, everywhere, speeds, p, acting)"
         yield from self._gather("acting", "a")
+
+    def plates(self) -> Iterator[str]:
+        """Let the vectors along a plate take the force on that across it, which has hardly any mass.
+
+        A force f on the vector e2 = e0 x e1 does the same work as e1 x f on e0 and f x e0 on e1.
+        """
+        place, vectors = self._plates
+        count = len(vectors)
+        if self._is_straight:
+            for s, (i, j, k) in enumerate(vectors):
+                yield from self._plate(f"{i}", f"{j}", f"{k}", f"{s}")
+        elif count:
+            yield f"for s in range({count}):"
+            yield from (f"    {name} = index({entry('p', place + q * count, 's')})" for q, name in enumerate("ijk"))
+            yield from indented(self._plate("i", "j", "k", "s"))
+
+    def _plate(self, i: str, j: str, k: str, s: str) -> Iterator[str]:
+        place, count = self._plates[0], len(self._plates[1])
+        for name, array, vector in (("f", "a", k), ("d", "u", i), ("e", "u", j)):
+            yield from (f"{name}{axis} = {entry(array, c * self._own, vector)}" for c, axis in enumerate("xyz"))
+        for c, axis in enumerate("xyz"):
+            for vector, part, force in ((i, 3, cross(axis, "e", "f")), (j, 4, cross(axis, "f", "d"))):
+                yield f"{entry('a', c * self._own, vector)} += {entry('p', place + part * count, s)} * ({force})"
+            yield f"{entry('a', c * self._own, k)} = 0.0"
 
     def value(self, call: str) -> Iterator[str]:
         """Return the value of a function of all points."""

@@ -212,9 +212,12 @@ class _Source:
             if self._follows_work:
                 with self._indented(f"if a.size > {self._work}:"):  # a run that follows the work
                     self._write(f"a[{self._work}] = power(t, u, v, p)")
+            if not self._suffix:
+                self._write_all(self._bodies_text.plates())
         if self._suffix:
             with self._function("forces(t, u, v, p, a)", ()):
                 self._write_all(self._bodies_text.forces())
+                self._write_all(self._bodies_text.plates())
         for head, lines in self._constraints.functions():
             with self._function(head, ()):
                 self._write_all(lines)

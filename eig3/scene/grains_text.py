@@ -12,11 +12,9 @@ from collections.abc import Iterator, Sequence
 from ..kernels import grains
 from ..kernels.shared_forces import ACTING, ADVANCING, LISTS, STAGES
 from .assembly import Assembly
-from .lines import indented, only_if
+from .lines import NEXT, cross, indented, only_if
 from .packing import GrainsBlock, Packing, entry
 from .swarm_text import SwarmText
-
-_NEXT = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the axes that follow
 
 
 class GrainsText(SwarmText[GrainsBlock]):
@@ -72,7 +70,7 @@ class GrainsText(SwarmText[GrainsBlock]):
         write = ["if next_ends[point] == 0:", "    next_firsts[point] = held_count", f"hold({given})"]
         write += ["held_count += 1", "next_ends[point] = held_count"]
         add = [f"f{axis} = tension * n{axis} + s{axis}" for axis in self._axes]
-        add += [*(f"q{axis} = {_cross(axis, 'n', 's')}" for axis in self._spins), *act]
+        add += [*(f"q{axis} = {cross(axis, 'n', 's')}" for axis in self._spins), *act]
         choice = ["if not writes:", *indented(add), "elif held_count < held_end:", *indented(write)]
         choice += ["else:", "    refuse(kept, springs)"]
         yield from self._near(block, [[*self._contact(block), *choice]], where)
@@ -209,7 +207,7 @@ class GrainsText(SwarmText[GrainsBlock]):
 
     def _spin_cross(self, axis: str) -> str:
         """The component along an axis of the product of the spins and n."""
-        b, c = _NEXT[axis]
+        b, c = NEXT[axis]
         terms = [f"{b}_spin * n{c}"] * (b in self._spins) + [f"- {c}_spin * n{b}"] * (c in self._spins)
         return " ".join(terms)
 
@@ -227,8 +225,3 @@ class GrainsText(SwarmText[GrainsBlock]):
 
 def _dot(first: str, second: str) -> str:
     return " + ".join(f"{first}{axis} * {second}{axis}" for axis in "xyz")
-
-
-def _cross(axis: str, first: str, second: str) -> str:
-    b, c = _NEXT[axis]
-    return f"{first}{b} * {second}{c} - {first}{c} * {second}{b}"

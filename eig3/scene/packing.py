@@ -12,7 +12,7 @@ import numpy as np
 from ..kernels import bodies, constraints, grains, neighbours
 from ..kernels.shared_forces import add_forces, advance_springs, set_forces
 from ..kernels.team import out_of_line
-from .assembly import EVENT, STATE, Assembly, Group, Law, Mesh
+from .assembly import EVENT, STATE, Assembly, Cloud, Group, Law, Mesh
 from .effect import arguments
 from .names import identifier, words
 from .rough import Rough
@@ -314,6 +314,10 @@ class Packing:
         None if the scene has no constraints.
     carried : CarriedBlock or None
         None if no body carries points.
+    plates : (int, list of list of int)
+        For bodies with hardly any thickness, a place in p, and the vectors of each as masses, the one across it last. p
+        has the first vectors of all of them there, then the second and the third ones, and then the mass of the third
+        as a part of that of the first, and of the second.
     turn : Column or None
         Inverse inertias, 0 for masses that do not spin; None if none does.
     box : dict of str to int
@@ -363,6 +367,7 @@ class Packing:
         self.turn = self._column(inverse(assembly.cloud.in_order(assembly.cloud.inertia))) if assembly.angles else None
         self._is_few = assembly.held is not None and _is_few(assembly, assembly.held)
         self.carried = self._carried(assembly) if assembly.n > assembly.own else None
+        self.plates = self._plates(assembly.cloud)
         self.held = self._held(assembly, assembly.held) if assembly.held else None
         self.shares_cells = threads is not None and sum(block.size for block in self.meshes) >= _SHARED_CELLS
         near = [*self.swarms, *self.grains]
@@ -409,6 +414,11 @@ class Packing:
             degrees,
             [cloud.free[parts].tolist() for parts, _ in points],
         )
+
+    def _plates(self, cloud: Cloud) -> tuple[int, list[list[int]]]:
+        vectors = np.array(cloud.bodies.plates, dtype=np.int64).reshape(-1, 3)
+        masses, numbers = cloud.masses[vectors].T, cloud.free[vectors]
+        return self._add(np.concatenate([numbers.T, masses[2] / masses[:2]])), numbers.tolist()
 
     def _held(self, assembly: Assembly, held: Held) -> HeldBlock:
         place = sum(part.size for part in self._parts)

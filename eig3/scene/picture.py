@@ -42,7 +42,7 @@ class Places:
     positions: np.ndarray
     free: np.ndarray
     upright: bool = False
-    bodies: Bodies = field(default_factory=lambda: Bodies([], {}))
+    bodies: Bodies = field(default_factory=lambda: Bodies([], {}, []))
     moves: list[tuple[Any, tuple, np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Sw
     inside = set(hidden.tolist())
     order = [ends for ends in links if not inside.issuperset(ends)]
     return Mechanism(
-        places=Places(cloud.positions, cloud.free, upright, cloud.bodies, _moves(placements)),
+        places=Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placements)),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
@@ -121,14 +121,15 @@ def _surfaces(placements: Sequence[Placement]) -> tuple[np.ndarray, np.ndarray]:
     return faces, np.unique(np.concatenate([faces.ravel(), *(cells.ravel() for cells in meshes)]))
 
 
-def _moves(placements: Sequence[Placement]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
-    moves = []
+def moves(placements: Sequence[Placement]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
+    """Return the motions of supports: functions, their arguments after the time, directions and points."""
+    found = []
     for effect, numbers, columns in placements:
         if isinstance(effect, Motion) and columns is not None:
             function = effect.functions()["motion"]
             given = tuple(_argument(effect, name, columns[name]) for name in arguments(function) if name != "t")
-            moves.append((function, given, columns["direction"][0], numbers[0]))
-    return moves
+            found.append((function, given, columns["direction"][0], numbers[0]))
+    return found
 
 
 def _argument(effect: Motion, name: str, column: np.ndarray) -> Any:

@@ -14,14 +14,15 @@ from ..functions.checks import check_count, check_flag, check_span, reals
 from ..problem import Problem
 from . import codegen
 from .assembly import Bodies, Cloud, Placement, assemble, count_states, names, note, numbered, sources, units
-from .bodies import Rigid, RigidBody, principal_moments, rotation_matrix
+from .bodies import Rigid, RigidBody, plates, principal_moments, rotation_matrix
 from .cell import Cell, same_points
 from .effect import Body, Effect, Link, arguments
 from .encounters import Encounters
 from .mesh import check_cells, is_fixed, lumped
-from .picture import mechanism
+from .picture import mechanism, moves
 from .rough import Rough
 from .swarm import Swarm, check_swarm
+from .turning import Turning
 
 __all__ = ["Points", "RigidBody", "Scene"]
 
@@ -67,13 +68,17 @@ class Points:
     def __getitem__(self, index: Any) -> Points:
         return Points(self.scene, _constant(np.asarray(self.numbers[index])))
 
-    def of(self, values: ArrayLike) -> np.ndarray:
-        """Return these masses' part of the displacements or velocities of a run.
+    def of(self, u: ArrayLike, t: ArrayLike | None = None) -> np.ndarray:
+        """Return the positions of these points in a run, m, also of fixed ones.
+
+        Of masses alone, it also returns the velocities from ``solution.v``; `velocities` has those of all points.
 
         Parameters
         ----------
-        values : array_like, shape (..., degrees of freedom)
-            Such as ``solution.u`` or ``solution.v``.
+        u : array_like, shape (..., degrees of freedom)
+            Such as ``solution.u``.
+        t : float or array_like, shape (...), optional
+            The times of these states, such as ``solution.t``, s, for points that a `Motion` moves.
 
         Returns
         -------
@@ -83,9 +88,31 @@ class Points:
         Raises
         ------
         ValueError
-            If a point is fixed, because it has no degrees of freedom, and if masses were added after the run.
+            If t is missing or does not match u, and if masses were added after the run.
         """
-        return self.scene._values_of(self.numbers, np.asarray(values))
+        return self.scene._values_of(self.numbers, u, t)
+
+    def velocities(self, v: ArrayLike, t: ArrayLike | None = None) -> np.ndarray:
+        """Return the velocities of these points in a run, m/s; 0 for fixed ones that no `Motion` moves.
+
+        Parameters
+        ----------
+        v : array_like, shape (..., degrees of freedom)
+            Such as ``solution.v``.
+        t
+            As for `of`.
+
+        Returns
+        -------
+        ndarray, shape (..., *shape, dimension)
+            Without the last axis in scenes of one dimension.
+
+        Raises
+        ------
+        ValueError
+            As for `of`.
+        """
+        return self.scene._values_of(self.numbers, v, t, rate=1)
 
     def angles_of(self, values: ArrayLike) -> np.ndarray:
         """Return these masses' angles, rad, or spins, rad/s, from the displacements or velocities of a run.
@@ -102,9 +129,13 @@ class Points:
         Raises
         ------
         ValueError
-            If no mass of the scene has an inertia, and as for `of`.
+            If no mass of the scene has an inertia, a point is fixed, or masses were added after the run.
         """
-        return self.scene._values_of(self.numbers, np.asarray(values), angles=True)
+        return self.scene._values_of(self.numbers, values, angles=True)
+
+
+class Axes(Points):
+    """The unit vectors of one rigid body."""
 
 
 class Scene:
@@ -147,7 +178,7 @@ class Scene:
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
         self._placements: list[Placement] = []
-        self._bodies = Bodies([], {})
+        self._bodies = Bodies([], {}, [])
 
     def fixed(self, position: ArrayLike) -> Points:
         """Add points that do not move, unless a `Motion` moves them.
@@ -261,8 +292,9 @@ class Scene:
         across = axes @ np.array([[0.0, 1.0], [-1.0, 0.0]]) if self.dimension == 2 else axes
         rates = turning * across if self.dimension == 2 else np.cross(np.broadcast_to(turning, 3), axes)
         centre = self.mass(mass, position, np.broadcast_to(reals(velocity, "velocity"), (self.dimension,)))
-        vectors = self.mass(squares, axes, rates)
+        vectors = Axes(self, self.mass(squares, axes, rates).numbers)
         self._bodies.vectors.extend(vectors.numbers.tolist())
+        self._bodies.plates.extend(plates(squares, vectors.numbers))
         self.add(Rigid(), *vectors)
         return RigidBody(self, centre, vectors, principal)
 
@@ -489,6 +521,7 @@ class Scene:
             events=code.events,
             outputs=code.outputs,
             encounters=Encounters.of(assembly),
+            masses=assembly.inertias,
             view=mechanism(cloud, numbered(cloud, self._placements)[0], self._swarms),
         )
 
@@ -562,9 +595,13 @@ class Scene:
         return sides
 
     def _numbers_of(self, points: Sequence[Points], effect: Effect) -> list[np.ndarray]:
+        if isinstance(effect, Turning) and [type(handle) for handle in points] != [Axes]:
+            name = effect.title
+            raise TypeError(f"{name} turns a rigid body: give its axes, as in scene.add({name}(...), body.axes).")
         for handle in points:
             if not isinstance(handle, Points):
                 hint = ": index an array of points, as in masses[[0, 3]]" * isinstance(handle, list | tuple)
+                hint += ": give body.centre, or a point such as body.point(place)" * isinstance(handle, RigidBody)
                 raise TypeError(f"{effect.title} acts on Points of a scene, not on {type(handle).__name__}{hint}.")
             if handle.scene is not self:
                 raise ValueError(f"{effect.title} was given points of another scene.")
@@ -577,13 +614,17 @@ class Scene:
             raise ValueError(f"{effect.title} was given ends of shapes {shapes}; give one shape, or one point for all.")
         return list(np.broadcast_arrays(*numbers)) if numbers else []
 
-    def _values_of(self, numbers: np.ndarray, values: np.ndarray, angles: bool = False) -> np.ndarray:
-        cloud = self._cloud()
+    def _values_of(
+        self, numbers: np.ndarray, given: ArrayLike, t: ArrayLike | None = None, rate: int = 0, angles: bool = False
+    ) -> np.ndarray:
+        """Return the values of points, or of their angles. Fixed points have their position, or for rate=1 its rate."""
+        values, cloud = np.asarray(given, dtype=np.float64), self._cloud()
         free, kinds = cloud.free, cloud.spins.shape[1]
         if angles and not kinds:
             raise ValueError("no mass of the scene has an inertia, so that none has an angle.")
-        if (free[numbers] < 0).any():
-            raise ValueError("fixed points have no values in a run; only masses do.")
+        is_fixed = free[numbers] < 0
+        if angles and is_fixed.any():
+            raise ValueError("fixed points have no angles; only masses do.")
         count = np.count_nonzero(cloud.is_own)
         size = values.shape[-1] if values.ndim else 0
         expected = count * (self.dimension + kinds) + count_states(cloud, self._placements)
@@ -594,8 +635,10 @@ class Scene:
             )
         parts = self.dimension + np.arange(kinds) if angles else np.arange(self.dimension)
         if cloud.is_carried[numbers].any():
-            return self._carried_of(numbers, values)
+            return self._carried_of(numbers, values, t, rate)
         taken = values[..., free[numbers][..., np.newaxis] + count * parts]
+        if is_fixed.any():
+            taken[..., is_fixed, :] = self._supports_of(numbers[is_fixed], values.shape[:-1], t, rate)
         return taken[..., 0] if parts.size == 1 else taken
 
     def _check_massless(self, effect: Body) -> None:
@@ -604,12 +647,30 @@ class Scene:
         if "acceleration" in functions or any("m" in arguments(function) for function in functions.values()):
             raise ValueError(f"{effect.title} acts on masses, and a point of a rigid body has none: give body.centre.")
 
-    def _carried_of(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def _supports_of(self, numbers: np.ndarray, shape: tuple[int, ...], t: ArrayLike | None, rate: int) -> np.ndarray:
+        """Return the positions of fixed points, or their rates, in states of a shape."""
+        places = 0.0 * self._cloud().positions[numbers] if rate else self._cloud().positions[numbers]
+        found = np.tile(places, (*shape, 1, 1))
+        for function, given, direction, some in moves(self._placements):
+            moved = np.isin(numbers, some)
+            if not moved.any():
+                continue
+            if t is None:
+                call = "points.velocities(solution.v, solution.t)" if rate else "points.of(solution.u, solution.t)"
+                raise ValueError(f"t must be given for points that a motion moves, as in {call}.")
+            times = reals(t, "t")
+            if times.shape != shape[len(shape) - times.ndim :]:
+                raise ValueError(f"t must have the shape {shape} of the states, not {times.shape}.")
+            way = np.reshape([function(float(time), *given)[rate] for time in times.ravel()], times.shape)
+            found[..., moved, :] += way[..., np.newaxis, np.newaxis] * direction
+        return found
+
+    def _carried_of(self, numbers: np.ndarray, values: np.ndarray, t: ArrayLike | None, rate: int) -> np.ndarray:
         """Return the values of points of which a body carries some."""
         found = []
         for number in numbers.ravel().tolist():
             parts, factors = self._bodies.carried.get(number, (np.array([number]), np.ones(1)))
-            found.append(np.einsum("p,...pk->...k", factors, self._values_of(parts, values)))
+            found.append(np.einsum("p,...pk->...k", factors, self._values_of(parts, values, t, rate)))
         return np.stack(found, axis=-2).reshape(*values.shape[:-1], *numbers.shape, self.dimension)
 
 
