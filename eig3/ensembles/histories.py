@@ -120,16 +120,16 @@ class Histories:
         """Store the result of a member that ran alone."""
         t, u, v = whole_rows(solution, self.members.n)
         rows = len(t)
+        self.last.pop(member, None)  # of the same member in lanes
         if self.options.has_own_times:
             with self._room:
                 self._reserve(rows)
                 self._store(member, rows, t, u, v, solution)
-            self.last.pop(member, None)
         else:
-            if self.options.t_eval is None:  # the last state of a run that failed is not one to save
-                rows -= solution.n_steps % self.every > 0 and solution.n_steps < self.members.n_steps[member]
+            if self.options.t_eval is None and solution.n_steps < self.members.n_steps[member]:
+                rows = min(rows, solution.n_steps // self.every + 1)
             self._store(member, rows, t, u, v, solution)
-            if rows < len(t):
+            if rows < len(t):  # the last state of a run that failed is not one to save
                 self.last[member] = tuple(x[-1] for x in (t, *self._shaped(u, v), *solution.outputs.values()))
         self.n_steps[member], self.n_rhs[member] = solution.n_steps, solution.n_rhs
         self.n_iterations[member], self.n_rejected[member] = solution.n_iterations, solution.n_rejected
