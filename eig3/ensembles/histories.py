@@ -160,6 +160,20 @@ class Histories:
         self.h[chosen] = (t - self.members.t_span[0]) / np.maximum(1, n_steps)
         self.status[chosen], self.message[chosen] = Status.COMPLETED, REACHED
 
+    def stop(
+        self, chosen: np.ndarray, index: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, n_rhs: np.ndarray
+    ) -> None:
+        """End members after `index` steps, at the times and in the states of events; their later states are dropped."""
+        assert self._t is not None
+        self.n_steps[chosen], self.n_rhs[chosen] = index, n_rhs
+        grid = self.members.t_span[0] + index * self.members.steps[chosen]
+        last = index // self.every + ((index % self.every > 0) | (t > grid))
+        later, places = np.arange(self.u.shape[1]) > last[:, None], np.arange(len(chosen))
+        for whole, end in ((self._t, t), (self.u, u), (self.v, v)):
+            values = whole[chosen]
+            values[later], values[places, last] = np.nan, end
+            whole[chosen] = values
+
     def note_events(self, member: np.ndarray, event: np.ndarray, t: np.ndarray, states: np.ndarray) -> None:
         """Store occurrences of members that ran in lanes: the number of each event, and u and v before and after it.
 
