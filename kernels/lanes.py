@@ -18,9 +18,10 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
+import numpy as np
 from numba.extending import intrinsic
 from numba.types import float64, int64, none
 
@@ -130,7 +131,8 @@ def written(t, u, v, p, out, low, high, t_low, t_high):
 def watched(t, u, v, p, out, low, high, t_low, t_high):
     """Look whether the function of an event has changed its sign: then `low` is not positive. Most looks see nothing.
 
-    `out` has the side of the zero. At the first call, all of it is NaN, and `high` is -inf.
+    Changes in the other direction than DIRECTION do not count. `out` has the side of the zero. At the first call, all
+    of it is NaN, and `high` is -inf. If STOPS is 1, it also has rows with the time and the states of `Crossing`.
     """
     velocities = v
     if HAS_OWN_STEP > 0:
@@ -143,9 +145,53 @@ def watched(t, u, v, p, out, low, high, t_low, t_high):
     if changed > 0:
         for lane in range(LANES):
             g = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
-            least, product = low[lane], out[lane] * g
-            low[lane] = abs(g) if high[lane] < 0 else (least if product > 0 else -1.0)
+            least, side, is_first = low[lane], out[lane], high[lane] < 0
+            counts = not (is_first or side * g > 0 or (side * g < 0 and DIRECTION * g < 0))
+            if STOPS > 0 and g == 0 and not is_first:  # the next step shows the sign
+                counts, g = False, side
+            if STOPS > 0 and counts and least > 0:
+                out[LANES + lane], out[2 * LANES + lane] = t, side
+                for j in range(N):
+                    k, size = j * LANES + lane, N * LANES
+                    first = 3 * LANES + k
+                    out[first], out[first + size] = out[first + 4 * size], out[first + 5 * size]
+                    out[first + 2 * size], out[first + 3 * size] = u[k], velocities[k]
+            low[lane] = abs(g) if is_first else (-1.0 if counts else least)
             out[lane], high[lane] = g, 1.0
+    if STOPS > 0:
+        for k in range(N * LANES):
+            out[(3 + 4 * N) * LANES + k] = u[k]
+        for k in range(N * LANES):
+            out[(3 + 5 * N) * LANES + k] = velocities[k]
+
+
+class Crossing(NamedTuple):
+    """The first step in which the function of an event that ends runs has changed its sign, in each lane.
+
+    Attributes
+    ----------
+    t : ndarray, shape (lanes,)
+        The time of the kernel at its end; NaN if there is none.
+    side : ndarray, shape (lanes,)
+        The side of the zero before it.
+    states : ndarray, shape (4, n, lanes)
+        u and v at its start, and at its end.
+    """
+
+    t: Any
+    side: Any
+    states: Any
+
+    @classmethod
+    def of(cls, values: Any) -> Crossing:
+        """Take it from the values of `watched`, shape (`rows`, lanes)."""
+        n, t = (len(values) - 3) // 6, values[1]
+        return cls(t, np.where(np.isnan(t), values[0], values[2]), values[3 : 3 + 4 * n].reshape(4, n, -1))
+
+    @staticmethod
+    def rows(n: int) -> int:
+        """Return the number of rows that `watched` needs for n degrees of freedom: it also keeps u and v."""
+        return 3 + 6 * n
 
 
 def time_of_own_step(t, p, lane):
@@ -309,9 +355,13 @@ def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...],
     return compile_template(written if shape else returned, function, layout, _QUANTITY.args, is_checked, names)
 
 
-def compile_watched(function: Callable, layout: Layout, is_checked: bool = False) -> Lanes:
-    """Compile the look for a change of sign of the function of an event. It is called as a quantity."""
-    return compile_template(watched, function, layout, _QUANTITY.args, is_checked)
+def compile_watched(function: Callable, layout: Layout, direction: int, stops: bool, is_checked: bool = False) -> Lanes:
+    """Compile the look for a change of sign of the function of an event. It is called as a quantity.
+
+    With `stops`, it keeps the states of the step in which this is so, see `Crossing`.
+    """
+    names = {"DIRECTION": float(direction), "STOPS": int(stops)}
+    return compile_template(watched, function, layout, _QUANTITY.args, is_checked, names)
 
 
 def compile_template(

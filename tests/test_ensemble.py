@@ -724,3 +724,53 @@ def test_an_ensemble_of_four_members_makes_few_python_calls(steps, most):
     """Some third of them are of NumPy: a call of an ensemble takes some tenths of a millisecond beside its steps."""
     params = np.ones((4, 1))
     assert python_calls(lambda: eig3.ensemble(spring, (0, 10), 1.0, 0.0, params=params, threads=1, **steps)) <= most
+
+
+@eig3.jit
+def after_four(t, u, v, p):
+    return t - 4.0
+
+
+@eig3.jit
+def above_bound(t, u, v, p):
+    return u - p[1]
+
+
+@eig3.jit
+def below_bound_of_two(t, u, v, p):
+    return u[1] + p[1]
+
+
+@eig3.jit
+def two_springs(t, u, v, p, a):
+    a[0], a[1] = -p[0] * u[0], -p[0] * u[1] + 0.1 * u[0]
+
+
+@pytest.mark.parametrize("options", [{}, {"save_every": 3}, {"method": "rk8", "save_every": 1}, {"method": "ab3"}])
+@pytest.mark.parametrize("own_step", [False, True])
+def test_events_that_end_members_are_found_in_lanes(options, own_step):
+    """Some members end before they diverge, and some at a step; a zero of g in the other direction ends none."""
+    m = 140
+    p = np.column_stack([np.where(np.arange(m) % 35 == 3, 1e5, np.linspace(1, 10, m)), np.linspace(-1.4, 1.4, m)])
+    scalar = spring, np.linspace(0.5, 1.5, m), np.zeros(m), eig3.Event(above_bound, direction=-1, terminal=True)
+    vector = two_springs, np.ones((m, 2)), np.zeros((m, 2)), eig3.Event(below_bound_of_two, terminal=True)
+    for rhs, u0, v0, event in (scalar, vector):
+        h = np.linspace(0.01, 0.02, m) if own_step else np.full(m, 0.02)
+        given = {"events": {"bound": event, "late": eig3.Event(after_four, terminal=True)}, **options}
+        alone = [
+            eig3.integrate(rhs, (0, 5), u0[i], v0[i], h=h[i], params=p[i], **{"save_every": None, **given})
+            for i in range(m)
+        ]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(eig3.Prepared, "member", None)  # no member runs alone
+            runs = eig3.ensemble(rhs, (0, 5), u0, v0, h=h if own_step else 0.02, params=p, **given)
+        for member, one in zip(runs, alone, strict=True):
+            assert (member.status, member.message) == (one.status, one.message)
+            assert member.n_steps == one.n_steps
+            assert member.n_rhs <= one.n_rhs  # which searches also steps in which nothing ends it
+            for field in "tuv":
+                np.testing.assert_allclose(getattr(member, field), getattr(one, field), rtol=1e-9, atol=1e-11)
+            for name, found in one.events.items():
+                for field in ("t", "u", "v", "u_after", "v_after"):
+                    ours = getattr(member.events[name], field)
+                    np.testing.assert_allclose(ours, getattr(found, field), rtol=1e-9, atol=1e-11)

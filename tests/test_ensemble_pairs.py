@@ -81,7 +81,10 @@ def assert_members(found, names, steps):
     for i, member in enumerate(found):
         options = {"save_every": None} if "t_eval" not in names else {}
         one = eig3.integrate(oscillator, SPAN, U0[i], 0.0, params=P[i], **options | options_of(names) | STEPS[steps])
-        assert (member.status, member.n_steps, member.n_rhs) == (one.status, one.n_steps, one.n_rhs)
+        assert (member.status, member.n_steps) == (one.status, one.n_steps)
+        # a single run searches also the step at whose end g is zero
+        searches = 10 if "terminal" in names and steps == "h" else 0
+        assert 0 <= one.n_rhs - member.n_rhs <= searches
         np.testing.assert_allclose(member.t, one.t, rtol=0, atol=1e-14)
         np.testing.assert_allclose(member.u, one.u, rtol=0, atol=1e-12)
         np.testing.assert_allclose(member.v, one.v, rtol=0, atol=1e-12)
@@ -162,3 +165,40 @@ def test_the_number_of_pairs_stays():
 def test_what_an_ensemble_does_not_take(option, message):
     with pytest.raises(TypeError, match=message):
         eig3.ensemble(oscillator, SPAN, U0, 0.0, params=P, h=0.1, **option)
+
+
+@eig3.jit
+def softening(t, u, v, p):
+    return -p[0] * u - p[1] * v + p[2] * u * u * u - p[3]
+
+
+@eig3.jit
+def above_wall(t, u, v, p):
+    return u - p[4]
+
+
+@eig3.jit
+def restitution(t, u, v, p):
+    return u, -p[5] * v
+
+
+@pytest.mark.parametrize("method", ["eig3", "eig9", "rk4", "rk8"])
+def test_random_members_with_resets_are_single_runs(method):
+    """Members that diverge in lanes, where they have no resets; resets without end; rows that end within a step."""
+    rng, m, seen = np.random.default_rng(26), 20, set()
+    impact = {"impact": eig3.Event(above_wall, -1, apply=restitution)}
+    for _ in range(25):
+        ranges = (0.5, 20), (0, 0.5), (-3, 0.2), (0, 10), (-0.5, 0.5)
+        p = np.column_stack([*(rng.uniform(*each, m) for each in ranges), rng.choice([0.0, 0.5, 0.8, 1.0, 1.1], m)])
+        u0, v0, span = rng.uniform(-1, 1, m), rng.uniform(-2, 2, m), (0.0, rng.uniform(0.5, 4))
+        steps = {"rtol": 1e-6} if method == "rk8" else {"h": 2.0 ** rng.uniform(-8, -3)}
+        options = {"method": method, "events": impact, "save_every": [None, 1, 3][rng.integers(3)], **steps}
+        runs, run = eig3.ensemble(softening, span, u0, v0, params=p, **options), eig3.prepare(softening, **options)
+        for i, one in enumerate(runs):
+            alone = run(span, u0[i], v0[i], p[i])
+            seen.add(alone.status)
+            assert (one.status, len(one.t)) == (alone.status, len(alone.t))
+            for field in "tuv":
+                np.testing.assert_allclose(getattr(one, field), getattr(alone, field), rtol=1e-8, atol=1e-8)
+            np.testing.assert_allclose(one.events["impact"].t, alone.events["impact"].t, rtol=0, atol=1e-9)
+    assert seen >= {eig3.Status.COMPLETED, eig3.Status.ZENO}

@@ -854,6 +854,36 @@ def test_a_run_that_diverges_says_so():
     assert "critical step" in solution.explain()
 
 
+@eig3.jit
+def escaping(t, u, v, p):
+    return p[0] * u**3 - u
+
+
+@eig3.jit
+def sine_of_place(t, u, v, p):
+    return math.sin(u) * v - 0.1
+
+
+@eig3.jit
+def unequal_squares(t, u, v, p):
+    return u * u - v * v
+
+
+@pytest.mark.parametrize("options", [{"h": 0.02, "method": "rk8"}, {"h": 0.02, "method": "rk4"}, {"rtol": 1e-6}])
+def test_a_g_that_is_nan_where_the_motion_overflows_is_no_error(options):
+    """The member with p = 2 grows without end: it ends as without events, and the others complete."""
+    params = np.array([[-1.0], [2.0], [0.5]])
+    for event in (Event(sine_of_place), Event(unequal_squares), Event(height)):
+        plain = [eig3.integrate(escaping, (0, 5), 1.0, 0.0, params=p, **options) for p in params]
+        single = [eig3.integrate(escaping, (0, 5), 1.0, 0.0, params=p, events={"e": event}, **options) for p in params]
+        members = eig3.ensemble(escaping, (0, 5), 1.0, 0.0, params=params, events={"e": event}, **options)
+        for i, run in enumerate(single):
+            assert members.status[i] is run.status is plain[i].status
+            assert members.message[i] == run.message
+            assert np.isfinite(run.events["e"].u_after).all()
+        assert members.success.tolist() == [True, False, True]
+
+
 def test_a_motion_that_an_event_makes_grow_is_no_divergence():
     for options in (FIXED, ADAPTIVE):
         solution = swing({"kick": Event(height, 1, apply=swap)}, (0, 60), **options)

@@ -10,7 +10,7 @@ import eig3
 from eig3.effects import Gravity, LinearDamper, LinearSpring
 from eig3.scene import Scene
 
-from .conftest import coupled, oscillator
+from .conftest import coupled, oscillator, position
 
 
 def scene_run():
@@ -128,3 +128,19 @@ def test_without_the_extra_the_error_says_what_to_install(module, monkeypatch):
     run = eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, params=(2.0, 0.1))
     with pytest.raises(ImportError, match=rf"pip install 'eig3\[{module}\]'"):
         getattr(run, f"to_{module}")()
+
+
+def test_a_table_of_members_has_their_states_without_a_solution_for_each(monkeypatch):
+    """Members that end early, and one whose last state is not one to save."""
+    params = np.array([[1.0, 0.0], [2e4, 0.0], [2.0, 0.0]])
+    runs = eig3.ensemble(
+        oscillator, (0, 1), np.ones(3), 0.0, h=0.01, params=params, save_every=7, outputs={"x": position}
+    )
+    t, u, x = (np.concatenate([getattr(one, name) for one in runs]) for name in ("t", "u", "v"))
+    member = np.repeat(np.arange(3), [len(one.t) for one in runs])
+    assert runs._last
+    monkeypatch.setattr(eig3.EnsembleSolution, "__getitem__", None)
+    table = runs.to_pandas()
+    assert list(table.columns) == ["member", "t", "u0", "v0", "x"]
+    for name, values in (("member", member), ("t", t), ("u0", u), ("v0", x), ("x", u)):
+        np.testing.assert_array_equal(table[name], values)

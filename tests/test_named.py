@@ -267,6 +267,42 @@ def test_members_with_a_sparse_matrix_and_parameters_of_their_own_run_one_at_a_t
     assert not any("sparse" in note for note in problem.ensemble(u0=np.ones((16, 4)), **steps).notes)
 
 
+@eig3.jit
+def whole_array(t, u, v, p, a):
+    a[:] = -p.k * u
+
+
+@eig3.jit
+def stiffness_beside_number(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -p.k[j] * u[j] - p.c * v[j]
+
+
+def test_an_array_as_long_as_there_are_members_must_have_one_meaning():
+    """With 3 members of 3 degrees of freedom, k may be a number a member, or an array that they share."""
+    k, u0 = np.array([1.0, 4.0, 9.0]), np.ones((3, 3))
+    each = [eig3.integrate(whole_array, (0, 1), u0[0], 0 * k, params={"k": x}, **H).u[-1] for x in (k, *k)]
+
+    def ends(rhs, params):
+        return eig3.ensemble(rhs, (0, 1), u0, 0 * k, params=params, **H).u[:, -1]
+
+    message = (
+        r"^params has an array k of the length 3 for 3 members, and rhs takes it as a whole too: write k\[:, None\] "
+        r"for one value a member, or np\.array\(\[k\] \* 3\) for this array in all of them\.$"
+    )
+    for rhs, params in (
+        (whole_array, {"k": k}),
+        (stiffness_beside_number, {"k": k, "c": 0.1}),
+        (stiffness_beside_number, {"k": k, "c": 0 * k}),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ends(rhs, params)
+    np.testing.assert_allclose(ends(whole_array, {"k": k[:, None]}), each[1:], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ends(whole_array, {"k": np.array([k] * 3)}), [each[0]] * 3, rtol=0, atol=1e-12)
+    shared = ends(stiffness_beside_number, {"k": np.array([k] * 3), "c": 0 * k})
+    np.testing.assert_allclose(shared, [each[0]] * 3, rtol=0, atol=1e-12)
+
+
 def test_an_ensemble_of_a_problem_changes_some_parameters():
     problem = make_problem().with_(events={})
     runs = problem.ensemble(params={"c": [0.1, 0.2, 0.3]}, **H)

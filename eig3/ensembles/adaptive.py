@@ -46,9 +46,9 @@ from .members import Members
 from .shared import Pace
 
 LANES = 64
+FEWEST = 16  # members; for fewer, the lanes do not pay
 _MOST_DEGREES = 8  # with more, the stages of a block leave the first-level cache
 _MOST_PARAMS = 64  # of a member, for the same reason
-_FEWEST = 16  # members; for fewer, the lanes do not pay
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class Adaptive:
 def runs_in_lanes(members: Members, straight: Straight | None) -> bool:
     """Whether members with tolerances run in lanes. Most of the parameters of constraints are not read there."""
     has_many = members.has_own_params and members.params.shape[1] > _MOST_PARAMS and straight is None
-    return members.n <= _MOST_DEGREES and not has_many and len(members) >= _FEWEST
+    return members.n <= _MOST_DEGREES and not has_many and len(members) >= FEWEST
 
 
 def in_lanes(

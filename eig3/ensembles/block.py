@@ -9,18 +9,20 @@ import numpy as np
 
 from ..diagnosis.divergence import became_non_finite, lost_constraints
 from ..functions.guard import not_finite_at_start
-from ..kernels.protocol import LOW, SCALAR, VECTOR
+from ..kernels.lanes import Crossing
+from ..kernels.protocol import LOW, SCALAR, TERMINAL, VECTOR
 from ..result.solution import Status
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
-from ..run.run import unwritten_entry
+from ..run.run import ended_by_event, unwritten_entry
 from ..stepping.march import Cancel
 from .alone import Alone
 from .growth import sizes_with_half_the_step
 from .lane_state import LaneState
-from .shared import Shared, SignOf
+from .shared import FIRST_CHUNK, Shared, SignOf
 
 _SCRATCH_VALUES = 2**16  # values in an array of the states of a chunk: 512 kB, so that it stays in the cache
 _CHECKED_STEPS = 1000  # between two looks whether rhs writes every entry of a
+_LONGER = 4  # times as far as the members have come: the end of the next chunk, if events may end them
 _SAME = 2.0  # sizes with h and with h/2 within this factor are a property of the system, not of the step
 _OTHER = 1e3  # sizes that differ by this factor are a result of the step
 
@@ -31,8 +33,9 @@ class Block:
     A lane whose member has ended, or that has none, repeats a member that still runs. So it cannot fail where that
     member does not.
 
-    The lanes look at the function g of each event. A member in which no g changed its sign has no occurrence. The
-    others run again as single runs, which find the occurrences.
+    The lanes look at the function g of each event. A member in which no g changed its sign has no occurrence. If events
+    do nothing but end members, the step in which a g changed its sign is searched, see `Stops`. Other members run again
+    as single runs, which find the occurrences.
 
     Parameters
     ----------
@@ -118,6 +121,8 @@ class Block:
         index = self._state.index
         half = self._half[self._runs & (self._half > index)]
         nearest = min([self._ends[self._runs].min(), *half])
+        if self.shared.stops:  # most members may end soon
+            nearest = min(nearest, _LONGER * max(index, FIRST_CHUNK))
         return min(int(nearest), index + min(self.shared.pace.steps, self._most_states * self.shared.histories.every))
 
     def _advance(self) -> None:
@@ -129,17 +134,53 @@ class Block:
             reached = state.index
             failed = self._runs & ~state.is_finite
             if failed.any():
+                crossing, _ = self._crossings()
+                stop_before = failed & (crossing > before[0]) & (crossing < reached)
+                self._ends[stop_before] = crossing[stop_before]  # an event may end them first
                 state.restore(before)
-                self._find_ends(np.flatnonzero(failed), reached)
+                self._find_ends(np.flatnonzero(failed & ~stop_before), reached)
                 state.restore(before)
             else:
                 self._observe(before[0], *states)
+                self._stop_lanes(before[0])
                 if reached - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
                     self.shared.pace.note(reached - before[0], time.perf_counter() - begin)
         except Exception:
             state.restore(before)
             raise
         self._end(self._runs & (self._ends == state.index))
+
+    def _crossings(self) -> tuple[np.ndarray, list[Crossing]]:
+        """Return the step index at the end of the first step that may end each lane, or -1; and what each event has."""
+        if not self.shared.stops:
+            return np.full(len(self._runs), -1), []
+        found = [Crossing.of(self._state.tracks.latest(name)) for name in self.shared.quantities]
+        index = np.fmin.reduce([self._state.index_of(crossing.t) for crossing in found])
+        return np.where(np.isnan(index), -1, index).astype(np.int64), found
+
+    def _stop_lanes(self, before: int) -> None:
+        """End the members that an event has ended since the step index `before`."""
+        index, found_by = self._crossings()
+        lanes = np.flatnonzero(self._runs & (index > before))
+        histories, stops = self.shared.histories, self.shared.stops
+        if not (stops and lanes.size):
+            return
+        sides = np.column_stack([crossing.side[lanes] for crossing in found_by])
+        states = np.empty((4, lanes.size, self.shared.layout.n))
+        for crossing in found_by:
+            mine = self._state.index_of(crossing.t[lanes]) == index[lanes]
+            states[:, mine] = crossing.states[..., lanes[mine]].swapaxes(1, 2)
+        found = stops.search(self._members[lanes], index[lanes], sides, states)
+        lanes = lanes[found.chosen]
+        members = self._members[lanes]
+        histories.stop(members, index[lanes] - 1, found.t, found.u, found.v, found.n_rhs)
+        n = self.shared.layout.n
+        event, t, rows = found.rows[:, 0], found.rows[:, 1], found.rows[:, 2:].reshape(-1, 4, n)
+        histories.note_events(members[found.row_of], event, t, rows)
+        names = list(stops.system.events)
+        for member, t, event in zip(members.tolist(), found.t.tolist(), found.event.tolist(), strict=True):
+            histories.judge(member, *ended_by_event(TERMINAL, names[event], t))
+        self._leave(np.isin(np.arange(len(self._runs)), lanes))
 
     def _find_ends(self, lanes: np.ndarray, target: int) -> None:
         """Set the ends of the members in these lanes, which are not finite at the step index `target`."""
@@ -215,9 +256,13 @@ class Block:
             histories.judge(member, Status.INTERRUPTED, "The run was interrupted before the events were found.")
             self._fired.append(member)
         self._judge_growth(self._suspects() & ended & ~fired)
+        self._leave(ended)
+
+    def _leave(self, ended: np.ndarray) -> None:
+        """Let the lanes of a mask repeat a member that still runs, if there is one."""
         self._runs &= ~ended
         if self._runs.any():
-            state.repeat(int(np.argmax(self._runs)), ~self._runs)
+            self._state.repeat(int(np.argmax(self._runs)), ~self._runs)
 
     def _have_fired(self) -> np.ndarray:
         """Return a mask of the members in which the function of an event was zero or NaN, or changed its sign."""

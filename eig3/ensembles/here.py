@@ -23,7 +23,7 @@ from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
 from ..kernels.constraint_lanes import Straight
-from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
+from ..kernels.lanes import Crossing, Lanes, Layout, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS, VECTOR
 from ..run.progress import Progress
@@ -39,6 +39,7 @@ from .members import Members
 from .options import Options
 from .shared import Shared, SignOf
 from .solution import EnsembleSolution
+from .stops import Stops
 
 _ALONE = 16  # members of a piece of work that runs them one at a time
 _PIECES = 4  # of the members with tolerances, for each thread
@@ -176,8 +177,9 @@ class Run:
             return None
         method, straight = options.method.for_force(self._callback.reads_velocity, members.n), self._straight
         method = method.with_constraints() if straight else method
-        followed = self._followed()
-        rows = sum(1 if isinstance(name, SignOf) else ROWS_FOLLOWED * q.width for name, q in followed.items())
+        is_stopped = self._is_stopped()
+        followed = self._followed(Crossing.rows(members.n) if is_stopped else 1)
+        rows = sum(name.rows if isinstance(name, SignOf) else ROWS_FOLLOWED * q.width for name, q in followed.items())
         rows += straight.room + members.n if straight else 0
         layout = layout_of(members, method, rows, self.threads)
         if layout is None:
@@ -189,7 +191,7 @@ class Run:
                 keeping = keeping_of(*mine, straight, bool(method.second))
             else:
                 rhs = lanes_of(*mine, compile_rhs)
-            quantities = {name: (q, _compiled(name, q, layout)) for name, q in followed.items()}
+            quantities = {name: (q, self._compiled(name, q, layout)) for name, q in followed.items()}
         except Exception as error:
             self.notes.append(_not_in_lanes(error))
             return None
@@ -199,14 +201,31 @@ class Run:
         kernel = wide_kernel(method.formulas, looks, method.second)
         plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "invariants": {}, "outputs": {}}
         alone = Singles(self.rhs, members, options, **plain)
-        given = rhs, keeping, quantities, self.histories, alone, self._single
+        stops = Stops(self._single.prepared(0).system, members, method) if is_stopped else None
+        given = rhs, keeping, quantities, stops, self.histories, alone, self._single
         return Shared(members, layout, method, kernel, *given)
 
-    def _followed(self) -> dict[Any, Quantity]:
-        """Return what is evaluated at each step: the invariants, the outputs, and the functions of the events."""
+    def _is_stopped(self) -> bool:
+        """Whether members in lanes with fixed steps look for events that do nothing but end them, and for no more."""
+        events = self.options.events.values()
+        only_ends = bool(events) and all(event.terminal and event.apply is None for event in events)
+        return only_ends and not (self._invariants or self._outputs or self._straight)
+
+    def _compiled(self, name: Any, q: Quantity, layout: Layout) -> Lanes:
+        """Compile a quantity, or the function of an event, for lanes."""
+        if isinstance(name, SignOf):
+            direction = int(self.options.events[name.event].direction)
+            return lanes_of(q.function, q.callback, layout, compile_watched, direction, name.rows > 1)
+        return lanes_of(q.function, q.callback, layout, compile_quantity, q.shape)
+
+    def _followed(self, rows: int = 1) -> dict[Any, Quantity]:
+        """Return what is evaluated at each step: the invariants, the outputs, and the functions of the events.
+
+        The look for an event has `rows` values for each lane.
+        """
         form = self.members.form
         events = {
-            SignOf(name): Quantity(f"events[{name!r}].g", event.g, form=form)
+            SignOf(name, rows): Quantity(f"events[{name!r}].g", event.g, form=form)
             for name, event in self.options.events.items()
         }
         return {**self._invariants, **self._outputs, **events}
@@ -280,13 +299,6 @@ def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
     if not constraints.straight.are_those_of(members.params):
         return None, _OTHER_CONSTRAINTS
     return constraints.straight, ""
-
-
-def _compiled(name: Any, q: Quantity, layout: Layout) -> Lanes:
-    """Compile a quantity, or the function of an event, for lanes."""
-    if isinstance(name, SignOf):
-        return lanes_of(q.function, q.callback, layout, compile_watched)
-    return lanes_of(q.function, q.callback, layout, compile_quantity, q.shape)
 
 
 def at_start(rhs: Any, members: Members, options: Options) -> EnsembleSolution:

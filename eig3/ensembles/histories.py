@@ -120,16 +120,16 @@ class Histories:
         """Store the result of a member that ran alone."""
         t, u, v = whole_rows(solution, self.members.n)
         rows = len(t)
+        self.last.pop(member, None)  # of the same member in lanes
         if self.options.has_own_times:
             with self._room:
                 self._reserve(rows)
                 self._store(member, rows, t, u, v, solution)
-            self.last.pop(member, None)
         else:
-            if self.options.t_eval is None:  # the last state of a run that failed is not one to save
-                rows -= solution.n_steps % self.every > 0 and solution.n_steps < self.members.n_steps[member]
+            if self.options.t_eval is None and solution.n_steps < self.members.n_steps[member]:
+                rows = min(rows, solution.n_steps // self.every + 1)
             self._store(member, rows, t, u, v, solution)
-            if rows < len(t):
+            if rows < len(t):  # the last state of a run that failed is not one to save
                 self.last[member] = tuple(x[-1] for x in (t, *self._shaped(u, v), *solution.outputs.values()))
         self.n_steps[member], self.n_rhs[member] = solution.n_steps, solution.n_rhs
         self.n_iterations[member], self.n_rejected[member] = solution.n_iterations, solution.n_rejected
@@ -159,6 +159,20 @@ class Histories:
         self.n_steps[chosen], self.n_rejected[chosen], self.n_rhs[chosen] = n_steps, n_rejected, n_rhs
         self.h[chosen] = (t - self.members.t_span[0]) / np.maximum(1, n_steps)
         self.status[chosen], self.message[chosen] = Status.COMPLETED, REACHED
+
+    def stop(
+        self, chosen: np.ndarray, index: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, n_rhs: np.ndarray
+    ) -> None:
+        """End members after `index` steps, at the times and in the states of events; their later states are dropped."""
+        assert self._t is not None
+        self.n_steps[chosen], self.n_rhs[chosen] = index, n_rhs
+        grid = self.members.t_span[0] + index * self.members.steps[chosen]
+        last = index // self.every + ((index % self.every > 0) | (t > grid))
+        later, places = np.arange(self.u.shape[1]) > last[:, None], np.arange(len(chosen))
+        for whole, end in ((self._t, t), (self.u, u), (self.v, v)):
+            values = whole[chosen]
+            values[later], values[places, last] = np.nan, end
+            whole[chosen] = values
 
     def note_events(self, member: np.ndarray, event: np.ndarray, t: np.ndarray, states: np.ndarray) -> None:
         """Store occurrences of members that ran in lanes: the number of each event, and u and v before and after it.

@@ -193,9 +193,14 @@ class LaneState:
 
     def extremes(self, name: str) -> np.ndarray:
         """The minimum and the maximum of a quantity so far, and the step indices where they occurred: (4, k, lanes)."""
-        (h, t0), found = self._clock, self.tracks.extremes(name).copy()
-        found[T_LOW:] = np.rint((found[T_LOW:] - t0) / h)
+        found = self.tracks.extremes(name).copy()
+        found[T_LOW:] = self.index_of(found[T_LOW:])
         return found
+
+    def index_of(self, t: np.ndarray) -> np.ndarray:
+        """Return the step indices of times of the kernel."""
+        h, t0 = self._clock
+        return np.rint((t - t0) / h)
 
     def unwritten(self) -> np.ndarray:
         """Return a mask of shape (n, lanes): the entries of a that rhs did not write in the last step."""

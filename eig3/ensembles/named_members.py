@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import shown
-from ..functions.layout import unknown_name
+from ..functions.guard import is_finite_at_start
+from ..functions.layout import MOST_AXES, unknown_name
 from ..functions.named import Parameters, in_layout
 from ..functions.sparse import Sparse, is_of_scipy
 from ..kernels.protocol import SCALAR, Form
+
+# Functions that do not compile. The references are weak: a program that makes many functions keeps none of them.
+_refused: WeakSet[Any] = WeakSet()
 
 
 def of_members(changes: Any, base: Parameters) -> np.ndarray:
@@ -59,7 +65,9 @@ def of_members(changes: Any, base: Parameters) -> np.ndarray:
     return flat
 
 
-def split(params: Any, form: Form, u0: ArrayLike, v0: ArrayLike, h: ArrayLike) -> tuple[np.ndarray, Parameters]:
+def split(
+    rhs: Any, params: Any, t0: float, u0: ArrayLike, v0: ArrayLike, h: ArrayLike
+) -> tuple[np.ndarray, Parameters]:
     """Return the array p of each member, and the parameters of the first one.
 
     An array whose first axis is as long as there are members has a value for each of them.
@@ -67,14 +75,16 @@ def split(params: Any, form: Form, u0: ArrayLike, v0: ArrayLike, h: ArrayLike) -
     Raises
     ------
     TypeError, ValueError
-        As for `of_members`, and if it is not clear how many members there are.
+        As for `of_members`, and if it is not clear how many members there are, or if rhs also takes such an array as a
+        whole.
     """
+    form = form_of(rhs)
     given, inner = _as_dict(params), 0 if form is SCALAR else 1
     axes = (np.shape(u0)[: np.ndim(u0) - inner], np.shape(v0)[: np.ndim(v0) - inner], np.shape(h))
-    counts = {axis[0] for axis in axes if axis} - {1}
+    fixed = {axis[0] for axis in axes if axis} - {1}
     dense = {name: value for name, value in given.items() if not (isinstance(value, Sparse) or is_of_scipy(value))}
     arrays = {name: len(value) for name, value in dense.items() if np.ndim(value)}
-    counts = counts or set(arrays.values())
+    counts = fixed or set(arrays.values())
     if len(counts) > 1:
         lengths = ", ".join(f"{name} {length}" for name, length in arrays.items())
         raise ValueError(
@@ -85,7 +95,34 @@ def split(params: Any, form: Form, u0: ArrayLike, v0: ArrayLike, h: ArrayLike) -
         raise ValueError("params must hold at least one member, but an array is empty.")
     each = {name: value for name, value in given.items() if arrays.get(name) in counts}
     base = Parameters({name: np.asarray(value)[0] if name in each else value for name, value in given.items()})
+    for name, value in each.items():
+        may_be_shared = np.ndim(value) <= MOST_AXES and (fixed or len(each) > 1)
+        if may_be_shared and _takes(rhs, form, {**base._asdict(), name: value}, t0, u0, v0):
+            m = len(value)
+            raise ValueError(
+                f"params has an array {name} of the length {m} for {m} members, and rhs takes it as a whole too: write "
+                f"{name}[:, None] for one value a member, or np.array([{name}] * {m}) for this array in all of them."
+            )
     return of_members(each, base), base
+
+
+def _takes(rhs: Any, form: Form, params: Mapping[str, Any], t0: float, *starts: ArrayLike) -> bool:
+    """Return whether a right-hand side compiles for parameters of these kinds, and is finite at the first start."""
+    given = Parameters(params)
+    bound, inner = given.layout.bind(rhs), 0 if form is SCALAR else 1
+    if bound in _refused:
+        return False
+    try:
+        callback = check_callback(bound, "rhs", form)
+    except TypeError:
+        _refused.add(bound)
+        return False
+    try:
+        states = (np.asarray(x, dtype=np.float64) for x in starts)
+        u, v = (x[0] if x.ndim > inner else x for x in states)
+        return is_finite_at_start(callback, form, t0, u, v, np.asarray(given))
+    except Exception:  # rhs raises it, or the starts do not fit
+        return False
 
 
 def _as_dict(params: Any) -> Mapping[str, Any]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ..stepping.march import Cancel
+from .adaptive import FEWEST
 from .files import Directory
 from .members import Members
 from .options import Options
@@ -45,13 +47,16 @@ class Part:
 
 
 def parts_of(members: Members, options: Options) -> list[Part]:
-    """Divide an ensemble. The parts depend on the ensemble only, so that `reduce` gets the same ones everywhere."""
+    """Divide an ensemble. The parts depend on the ensemble only, so that `reduce` gets the same ones everywhere.
+
+    Members run in lanes in a part if they do so in the whole ensemble: no part is left with a few.
+    """
     rows, n_outputs = options.rows(members), options.functions.n_outputs
     given = 2 * members.n + members.params.shape[-1] * members.has_own_params
     most = min(_MOST_MEMBERS, _MOST_SAVED // (8 * (2 * members.n + n_outputs) * rows), _MOST_GIVEN // (8 * given))
     count = _UNIT * max(1, min(-(-len(members) // (_PARTS * _UNIT)), most // _UNIT))
-    firsts = range(0, len(members), count)
-    return [Part(number, members.part(slice(first, first + count))) for number, first in enumerate(firsts)]
+    firsts = [0, *range(count, len(members) - FEWEST + 1, count), len(members)]
+    return [Part(number, members.part(slice(*ends))) for number, ends in enumerate(itertools.pairwise(firsts))]
 
 
 class CancelledPartError(Exception):

@@ -10,8 +10,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import form_of
-from ..functions.checks import check_cancel, check_count
+from ..functions.checks import check_cancel, check_count, check_span
 from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
@@ -81,7 +80,7 @@ def ensemble(
         The fixed step. If it does not divide the span, the run takes the next shorter step that does. Or take rtol.
     params : array_like, shape (k,) or (m, k); or NamedTuple or dict
         The parameters. rhs gets those of a member as p, of shape (k,). Of parameters with names, each array whose first
-        axis has the length m has a value for each member.
+        axis has the length m has a value for each member. It is refused if rhs could take it as a whole too.
     rtol, atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps, progress, cancel
         As for `eig3.integrate`. By default only the first and the last state are saved.
     threads : int
@@ -122,8 +121,9 @@ def ensemble(
     Notes
     -----
     The numbers of a member do not depend on the other members, on its place or on the number of threads, to the last
-    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). With `Langevin`,
-    member i has the random numbers of the stream i: ``Langevin(..., stream=i)``.
+    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). With `rtol`,
+    fewer than 16 members run one at a time, with the bits of `eig3.integrate`, which may differ by round-off. Member i
+    has the random numbers of the stream i of `Langevin`: ``Langevin(..., stream=i)``.
     """
     _refuse(refused)
     try:
@@ -135,7 +135,7 @@ def ensemble(
         if reduce is not None and save_to is not None:
             raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
         if has_names(params):
-            params, one = split(params, form_of(rhs), u0, v0, 0.0 if h is None else h)
+            params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
             rhs = one.layout.bind(rhs)
         layout = bound_layout(rhs)  # a problem's function is bound already
         if layout:

@@ -14,10 +14,11 @@ from ..stepping.march import Cancel
 from .histories import Histories
 from .lanewise import Keeping
 from .members import Members
+from .stops import Stops
 
 _CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are looked at
 _CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next
-_FIRST_CHUNK = 64  # steps
+FIRST_CHUNK = 64  # steps
 _MOST_STEPS = 2**40  # a chunk may end early
 
 
@@ -27,9 +28,12 @@ class SignOf(NamedTuple):
     Attributes
     ----------
     event : str
+    rows : int
+        The number of values of its look for each lane.
     """
 
     event: str
+    rows: int = 1
 
 
 class Pace:
@@ -43,7 +47,7 @@ class Pace:
     """
 
     def __init__(self) -> None:
-        self.steps = _FIRST_CHUNK
+        self.steps = FIRST_CHUNK
         self.seconds: float | None = None
 
     def note(self, steps: int, seconds: float) -> None:
@@ -69,6 +73,8 @@ class Shared:
         What keeps the constraints; None without constraints.
     quantities : dict of str or SignOf to (Quantity, Lanes)
         The invariants, the outputs and the functions of the events.
+    stops : Stops or None
+        The search for events that do nothing but end members; None if there are other events, or none.
     histories : Histories
     alone, single : callable
         ``alone(member, cancel)`` returns the `Solution` of a member from a run of its own, without events and without
@@ -83,6 +89,7 @@ class Shared:
     rhs: Lanes
     keeping: Keeping | None
     quantities: dict[Any, tuple[Quantity, Lanes]]
+    stops: Stops | None
     histories: Histories
     alone: Callable[[int, Cancel], Solution]
     single: Callable[[int, Cancel], Solution]

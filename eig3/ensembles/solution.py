@@ -127,9 +127,9 @@ class EnsembleSolution:
         if self._accelerations_of(0) is None:
             return None
         found = np.full(self.u.shape, np.nan)
-        for i, values in enumerate(found):
-            rows = slice(self._count(i))
-            values[rows] = self._accelerations_of(i)(self.t[i, rows], self.u[i, rows], self.v[i, rows])
+        for i, count in enumerate(self._n_rows()):
+            rows = slice(count)
+            found[i, rows] = self._accelerations_of(i)(self.t[i, rows], self.u[i, rows], self.v[i, rows])
         return found
 
     def __len__(self) -> int:
@@ -145,9 +145,8 @@ class EnsembleSolution:
         if not -len(self) <= i < len(self):
             raise IndexError(f"the ensemble has {len(self)} members, numbered from 0: there is no member {i}.")
         i = int(i) % len(self)
-        count = self._count(i)
-        histories = self.t, self.u, self.v, *self.outputs.values(), *self.integrals.values()
-        rows = [values[i, :count] for values in histories]
+        count = int(self._n_rows(slice(i, i + 1))[0])
+        rows = [values[i, :count] for values in self._histories]
         if i in self._last:  # the last finite state is not one of the states to save
             rows = [np.append(x, [y], axis=0) for x, y in zip(rows, self._last[i], strict=True)]
         t, u, v = rows[:3]
@@ -176,6 +175,31 @@ class EnsembleSolution:
             reason=self._reason(i),
             _accelerations=self._accelerations_of(i),
         )
+
+    @property
+    def _histories(self) -> list[np.ndarray]:
+        return [self.t, self.u, self.v, *self.outputs.values(), *self.integrals.values()]
+
+    def _n_rows(self, chosen: slice = slice(None)) -> np.ndarray:
+        """Return how many of the saved states of some members are finite: they are the first ones."""
+        finite = np.isfinite(self.u[chosen]) & np.isfinite(self.v[chosen])
+        return np.count_nonzero(finite if finite.ndim == 2 else finite.all(axis=2), axis=1)
+
+    def table(self) -> frames.Table:
+        """Return the states of all members, one after the other, also a last one that is not one to save."""
+        counts = self._n_rows()
+        chosen = np.arange(self.u.shape[1]) < counts[:, None]
+        member, rows = np.nonzero(chosen)[0], [values[chosen] for values in self._histories]
+        if self._last:
+            last = sorted(self._last)
+            ends = np.cumsum(counts)[last]
+            states = zip(*(self._last[i] for i in last), strict=True)
+            member = np.insert(member, ends, last)
+            rows = [np.insert(x, ends, values, axis=0) for x, values in zip(rows, states, strict=True)]
+        t, u, v = rows[:3]
+        others = iter(rows[3:])
+        outputs, integrals = ({name: next(others) for name in names} for names in (self.outputs, self.integrals))
+        return frames.Table(self.first + member, t, u, v, outputs, integrals, self.labels)
 
     def to_xarray(self) -> Any:
         """Return the saved states of all members as an `xarray.Dataset`.
@@ -319,11 +343,6 @@ class EnsembleSolution:
         self.steps = None if self.steps is None else widened(self.steps, rows)
         for values in (self.outputs, self.integrals):
             values.update({name: widened(x, rows) for name, x in values.items()})
-
-    def _count(self, i: int) -> int:
-        """Return the number of saved states of member i, which are finite."""
-        finite = np.isfinite(self.u[i]) & np.isfinite(self.v[i])
-        return int(np.sum(finite if finite.ndim == 1 else finite.all(axis=1)))
 
     def _accelerations_of(self, i: int) -> Any:
         """Return the function of the accelerations of member i, if one is known."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +11,15 @@ from ..functions.guard import are_untouched
 from ..functions.quantities import Quantity
 from ..kernels.lanes import Lanes, Layout
 from ..kernels.protocol import ADDRESS, COLUMN, HIGH, LOW, OUT, ROWS, WIDTH, WORK, Follow
+from .shared import SignOf
 
 _GUARD_ROWS = 4  # of NaN on each side of the values of a quantity
 _NONE = np.empty((2, 0))
+
+
+def rows_of(name: Any, quantity: Quantity) -> int:
+    """Return the number of values of a quantity for each lane."""
+    return name.rows if isinstance(name, SignOf) else quantity.width
 
 
 class Tracks:
@@ -40,8 +47,8 @@ class Tracks:
         self._quantities, self._lanes = quantities, layout.lanes
         self._table = np.zeros((len(quantities), 6), dtype=np.int64)
         column, place = 0, _GUARD_ROWS * layout.lanes
-        for row, (quantity, function) in zip(self._table, quantities.values(), strict=True):
-            width = quantity.width * layout.lanes
+        for row, (name, (quantity, function)) in zip(self._table, quantities.items(), strict=True):
+            width = rows_of(name, quantity) * layout.lanes
             row[[ADDRESS, WIDTH, COLUMN, OUT, WORK]] = function.address, width, column, place, -1
             column, place = column + width, place + width + _GUARD_ROWS * layout.lanes
         self.numbers = np.full(place + 4 * column, np.nan)
@@ -71,11 +78,11 @@ class Tracks:
             if not (are_untouched(self._out[begin : begin + cells]) and are_untouched(self._out[end : end + cells])):
                 raise quantity.written_beyond()
 
-    def latest(self, name: str) -> np.ndarray:
+    def latest(self, name: Any) -> np.ndarray:
         """The values of a quantity in the latest state, shape (k, lanes)."""
         return self._values(list(self._quantities).index(name)).reshape(-1, self._lanes)
 
-    def extremes(self, name: str) -> np.ndarray:
+    def extremes(self, name: Any) -> np.ndarray:
         """The minimum and the maximum so far, and the kernel's times of them, shape (4, k, lanes)."""
         return self._extremes[:, self._columns(list(self._quantities).index(name))].reshape(4, -1, self._lanes)
 

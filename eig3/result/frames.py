@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .labels import Labels
 
 _PLAIN = Labels()  # of degrees of freedom without names
+
+
+class Table(NamedTuple):
+    """The states of all members of an ensemble, one after the other, with the member and the time of each."""
+
+    member: np.ndarray
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    outputs: dict[str, np.ndarray]
+    integrals: dict[str, np.ndarray]
+    labels: Labels | None
 
 
 def to_pandas(solution: Any) -> Any:
@@ -28,14 +40,9 @@ def to_xarray(solution: Any) -> Any:
 
 def ensemble_to_pandas(solution: Any) -> Any:
     """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes it."""
-    pandas = _module("pandas")
-    members = [solution[i] for i in range(len(solution))]
-    columns = [
-        _distinct([("member", np.full(len(one.t), solution.first + i)), ("t", one.t), *_columns(one)])
-        for i, one in enumerate(members)
-    ]
-    frame = pandas.DataFrame({name: np.concatenate([one[name] for one in columns]) for name in columns[0]})
-    frame.attrs.update(method=repr(solution.method), units=_units(members[0]))
+    pandas, table = _module("pandas"), solution.table()
+    frame = pandas.DataFrame(_distinct([("member", table.member), ("t", table.t), *_columns(table)]))
+    frame.attrs.update(method=repr(solution.method), units=_units(table))
     return frame
 
 

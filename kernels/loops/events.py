@@ -52,6 +52,7 @@ _SPACINGS, _CLEAR = 4, 4  # spacings of a value that count as round-off; the mul
 _GOLDEN = 0.6180339887498949  # the golden ratio: the fractions of its multiples are spread evenly
 _TOGETHER = 4  # events within this multiple of the tolerance of a root occur at the same time
 _LEAST_GAP = 2.0**-43  # a reset that follows another within this part of the time is the last one
+_OVERFLOWING = 1e100  # g may overflow, and be NaN, for states larger than this, even if it is correct
 _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
 
 
@@ -69,17 +70,20 @@ def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u,
     The look is at the address `place`, and the run began at t0. `coefficients` are the dense output of the step from t
     to t_end, and u_end and v_end the state at its end. Return the outcome, and the fraction s of the step and the time
     at which it ends: the compiler may round t + s h in two ways if it is computed twice. If the outcome is not PASSED,
-    u and v are changed to the state there. They are scratch otherwise.
+    u and v are changed to the state there. They are scratch otherwise. A step to a state that is not finite has no
+    events: the run diverges.
     """
     watch = look_at(place).watch
-    count, search = len(watch.events), watch.search
+    count, search, size = len(watch.events), watch.search, size_of(u_end, v_end, n)
+    if not size < math.inf:
+        return PASSED, 1.0, t_end
     tolerance = 2 * EPSILON * max(abs(t), abs(t_end)) / h
     for k in range(count):
         mine = EVENTS + EVENT_VALUES * k
         g_end = EVENT(watch.events[k, G], t_end, u_end, v_end, p)
         if g_end != g_end:
             tally[ENDED_BY] = k
-            return NOT_A_NUMBER, 0.0, t
+            return (NOT_A_NUMBER, 0.0, t) if size < _OVERFLOWING else (PASSED, 1.0, t_end)
         crossing, side = CROSSING(
             watch.events[k, G],
             tally[mine + SIDE],
@@ -137,6 +141,15 @@ def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u,
             EVENT(watch.events[k, G], stop, u, v, p),
         )
     return outcome, s, stop
+
+
+@element
+def size_of(u, v, n):
+    """Return the sum of |u| and |v|. It is not below infinity if one of them is infinite or NaN."""
+    total = 0.0
+    for j in range(n):
+        total += abs(u[j]) + abs(v[j])
+    return total
 
 
 @element
