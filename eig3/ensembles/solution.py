@@ -185,7 +185,7 @@ class EnsembleSolution:
         finite = np.isfinite(self.u[chosen]) & np.isfinite(self.v[chosen])
         return np.count_nonzero(finite if finite.ndim == 2 else finite.all(axis=2), axis=1)
 
-    def table(self) -> frames.Table:
+    def _table(self) -> frames.Table:
         """Return the states of all members, one after the other, also a last one that is not one to save."""
         counts = self._n_rows()
         chosen = np.arange(self.u.shape[1]) < counts[:, None]

@@ -40,7 +40,7 @@ def to_xarray(solution: Any) -> Any:
 
 def ensemble_to_pandas(solution: Any) -> Any:
     """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes it."""
-    pandas, table = _module("pandas"), solution.table()
+    pandas, table = _module("pandas"), solution._table()
     frame = pandas.DataFrame(_distinct([("member", table.member), ("t", table.t), *_columns(table)]))
     frame.attrs.update(method=repr(solution.method), units=_units(table))
     return frame
