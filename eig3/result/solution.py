@@ -190,7 +190,7 @@ class Solution:
         """
         if self.reason is not None:
             self._explanation = self._explanation or self.reason()
-        return self._explanation or self.message
+        return self._explanation or " ".join([self.message, *self.notes])
 
     @property
     def success(self) -> bool:
