@@ -60,3 +60,9 @@ def test_no_note_about_other_motions(build, t_end, method):
     solution = problem.integrate(rtol=1e-6, method=method, save_every=10, invariants={})
     assert solution.n_steps > 2000
     assert not any("stiff" in note for note in solution.notes)
+
+
+def test_a_plan_says_that_the_motion_is_stiff():
+    plan = eig3.plan(eig3.problems.van_der_pol(mu=1000.0, t_end=20), 1e-3, methods=["eig3"])
+    assert "stability limits the step of EIG-3 and the accuracy does not" in str(plan)
+    assert not eig3.plan(eig3.problems.duffing(), 1e-6, methods=["eig3"]).stiff

@@ -20,6 +20,7 @@ from .linear import fast_rates
 MANY_STEPS = 2000
 #: Number of states to look at.
 STATES = 16
+_MOST = 0.75  # part of them in which the motion must be stiff
 _LONGER = 1.25  # factor to a step with which a stiff motion would grow,
 _GROWTH = 1.1  # by more than this in a step
 _DAMPED = 0.7  # damping ratio from which on a mode decays within its period
@@ -46,13 +47,13 @@ def stiffness(
     """
     looked = [_stiff_rate(method, f, *state) for state in states]
     rates = [rate for rate in looked if rate]
-    if not rates or 2 * len(rates) < len(looked):
+    if not rates or len(rates) < _MOST * len(looked):
         return ""
     fun, start = ("lambda t, y: (y[1], rhs(t, *y, p))", "(u0, v0)") if n == 1 else ("fun", "[*u0, *v0]")
     return (
-        f"The motion is stiff: in {len(rates)} of {len(looked)} states, stability limits the step of {method.label} and "
-        f"{limited} does not, because disturbances decay at a rate of {np.median(rates):.2g}. An implicit method may "
-        f'take far fewer steps: scipy.integrate.solve_ivp({fun}, t_span, {start}, method="Radau")'
+        f"The motion is stiff: in {len(rates)} of {len(looked)} states, stability limits the step of {method.label} "
+        f"and {limited} does not, because disturbances decay at a rate of {np.median(rates):.2g}. An implicit method "
+        f'may take far fewer steps: scipy.integrate.solve_ivp({fun}, t_span, {start}, method="Radau")'
         f"{'' if n == 1 else ', where fun(t, [*u, *v]) returns [*v, *a]'}."
     )
 
