@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -14,9 +15,9 @@ from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status
 from ..result.storage import Place, going_on, whole_rows
-from ..stepping.march import Rows
+from ..stepping.march import NEVER, Rows
 from ..stepping.system import System
-from ..stepping.tolerances import Tolerances
+from ..stepping.tolerances import LEAST_RTOL, Tolerances
 from ..stepping.variable_stepper import VariableStepper
 from ..stepping.watching import check_times, further_times
 from .growth import OVERFLOWING
@@ -25,6 +26,7 @@ from .progress import check_progress
 from .run import Run
 
 _NAMED = 5  # degrees of freedom that a note names
+_RATIO = 10  # of the tolerances of runs that show the error
 _NONE = np.empty(0)
 
 
@@ -101,6 +103,17 @@ class VariableRun(Run):
         history = _history(stepper, times, place)
         history.take(self.saved, self.saved_outputs, mark.rows)
         return VariableRun(stepper, history, self.every, times, place, progress)
+
+    def finer(self, k: int) -> VariableRun:
+        stepper, given, factor = self.stepper, self.stepper.tolerances, _RATIO**k
+        rtol = max(LEAST_RTOL, given.rtol / factor)
+        tolerances = replace(given, rtol=rtol, atol=given.atol / factor, max_steps=NEVER)
+        start = *stepper.start, guarded(stepper.params)
+        fine = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
+        return VariableRun.at_start(fine, 1, self.times, None, False)
+
+    def check(self, solution: Solution) -> str:
+        return self.refinement(solution, _RATIO).of_tolerances(self.stepper.tolerances.rtol)
 
     def state(self) -> dict[str, Any]:
         mark = self._mark or self._marked()
