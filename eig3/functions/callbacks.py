@@ -249,8 +249,8 @@ def compile_present(function: Jitted, arguments: tuple, kind: str, name: str, wa
         if names:
             example = ", ".join(f"{attribute!r}: 1.0" for attribute in dict.fromkeys(names))
             raise TypeError(
-                f"{name} reads p.{names[0]}, but the parameters have no names: give params with names, such as "
-                f"{{{example}}}, to eig3.prepare too."
+                f"{name} reads p.{names[0]}, but the parameters have no names: give params={{{example}}} or the like, "
+                "to eig3.prepare too."
             ) from error
         raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
 
