@@ -9,6 +9,7 @@ from eig3 import drawing
 from eig3.animation import coils
 from eig3.effects import Gravity, LinearDamper, LinearSpring, SampledMotion
 from eig3.problem import Problem
+from eig3.result.memory import record_places
 from eig3.scene import Scene
 
 G = 9.81
@@ -23,8 +24,8 @@ def road(length: float, spacing: float, roughness: float, seed: int) -> tuple[np
     roughness (n / n0)^-2 where n0 = 0.1 cycles/m.
     """
     rng = np.random.default_rng(seed)
-    x = np.arange(0.0, length + spacing / 2, spacing)
     n = np.geomspace(0.011, 2.83, 200)
+    x = record_places(length, spacing, each=3 * n.nbytes)
     width = np.gradient(n)
     amplitude = np.sqrt(2 * roughness * (n / 0.1) ** -2 * width)
     z = np.cos(2 * np.pi * np.outer(x, n) + rng.uniform(0, 2 * np.pi, n.size)) @ amplitude

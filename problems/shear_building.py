@@ -9,10 +9,12 @@ from eig3 import drawing
 from eig3.animation import Mechanism
 from eig3.effects import LinearDamper, LinearSpring, SampledMotion
 from eig3.problem import Problem
+from eig3.result.memory import record_places
 from eig3.scene import Scene
 
 MAGNIFIED = 40  # displacements in animations
 STOREY, WIDTH = 3.0, 6.0  # in animations, m
+_BYTES = 200  # of the arrays for a sample of a record, while it is made
 
 
 def shaking(duration: float, spacing: float, peak: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -22,7 +24,7 @@ def shaking(duration: float, spacing: float, peak: float, seed: int) -> tuple[np
     during an eighth of the duration and falls from half of it.
     """
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, duration + spacing / 2, spacing)
+    t = record_places(duration, spacing, each=_BYTES)
     ratio = 2 * np.pi * np.fft.rfftfreq(2 * t.size, spacing) / 15.0
     ground = (1 + 1.2j * ratio) / (1 - ratio**2 + 1.2j * ratio)
     noise = np.fft.irfft(ground * np.fft.rfft(rng.standard_normal(2 * t.size)))[: t.size]

@@ -49,6 +49,16 @@ def test_wrong_usage_is_refused(arguments, message, capsys):
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("t_end", ["1e9", "1e300"])
+@pytest.mark.parametrize("name", ["shear_building", "quarter_car"])
+def test_a_record_that_fits_in_no_memory_is_refused_in_a_sentence(name, t_end):
+    with pytest.raises(SystemExit) as caught:
+        main(["run", name, "--t-end", t_end])  # the status of a text is 1
+    text = str(caught.value.code)
+    assert text.startswith("eig3 run: this does not fit in the memory: a record up to ")
+    assert text.endswith(" are free; take a shorter t_end.")
+
+
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs /proc, in which nobody can write")
 @pytest.mark.parametrize("command", ["run kepler", "bench", *(f"bench {name}" for name in WITH_OUT)])
 def test_a_folder_that_cannot_be_written_is_refused_before_the_run(command, capsys):

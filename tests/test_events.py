@@ -933,7 +933,7 @@ def plain(t, u, v, p):
 @pytest.mark.parametrize(
     ("events", "message"),
     [
-        ({"a": height}, "^events must be a dictionary of names and events"),
+        ({"a": height}, r"^events\['a'\] must be an eig3.Event, not .*: write eig3\.Event\(g\)\.$"),
         ([Event(height)], "^events must be a dictionary of names and events"),
         ([], "^events must be a dictionary of names and events"),
         ({"a": Event(3)}, r"^g of events\['a'\] must be a function"),

@@ -324,6 +324,12 @@ def test_members_that_do_not_fit(params, message):
 
 
 def test_values_for_other_numbers_of_members():
+    params = {"k": [4.0, 5.0, 6.0], "c": 0.1, "power": 1}
+    message = r"params\['k'\] has the length 3, but there are 4 members; give 4 values for one of each member\.$"
+    with pytest.raises(TypeError, match=message):
+        eig3.ensemble(spring, (0, 1), np.ones(4), 0.0, params=params, **H)
+    with pytest.raises(ValueError, match="u0, v0 and h have first axes of different lengths"):
+        eig3.ensemble(spring, (0, 1), np.ones(4), np.ones(3), params=params, **H)
     with pytest.raises(ValueError, match=r"^params has values for different numbers of members: k 2, c 3\.$"):
         make_problem().with_(events={}).ensemble(params={"k": [1.0, 2.0], "c": [0.1, 0.2, 0.3]}, **H)
 
@@ -383,6 +389,15 @@ def test_bad_parameters(rhs, params, error, message):
     u0 = 1.0 if rhs is not writes else [1.0]
     with pytest.raises(error, match=message):
         eig3.integrate(rhs, (0, 1), u0, 0 * np.asarray(u0), params=params, **H)
+
+
+@pytest.mark.parametrize("params", [(), [4.0]])
+def test_a_run_without_the_names_that_its_function_reads(params):
+    message = r"^rhs reads p\.k, but the parameters have no names: give params=\{'k': 1\.0, 'power': 1\.0, 'c': 1\.0\}"
+    with pytest.raises(TypeError, match=message):
+        eig3.integrate(spring, (0, 1), 1.0, 0.0, params=params, **H)
+    with pytest.raises(TypeError, match=message):
+        eig3.prepare(spring, **H)
 
 
 def test_parameters_of_another_layout():

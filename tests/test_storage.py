@@ -86,7 +86,7 @@ def test_a_loaded_solution_has_every_field(tmp_path):
     assert_same(loaded, solution)
     fine = np.linspace(0, 3, 100)
     assert np.array_equal(loaded.at(fine), solution.at(fine))
-    assert loaded.explain() == solution.message
+    assert loaded.explain() == " ".join([solution.message, *solution.notes])
     assert repr(loaded) == repr(solution)
     again = eig3.load(loaded.save(tmp_path / "again"))
     assert_same(again, solution)

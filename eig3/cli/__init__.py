@@ -32,6 +32,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\nInterrupted.", file=sys.stderr)
         return 130
+    except MemoryError as error:
+        raise SystemExit(
+            f"eig3 {options.command}: this does not fit in the memory: {error or 'take a shorter run or fewer members'}"
+        ) from None
     except BrokenPipeError:  # the reader of a pipe, such as `head`, has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at its end
         return 0
@@ -46,7 +50,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         prog="eig3", description="Compiled explicit integrators for second-order systems u'' = f(t, u, u')."
     )
     parser.add_argument("--version", action="version", version=f"eig3 {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="command")
+    commands = parser.add_subparsers(required=True, dest="command", metavar="command")
     for name, command in _COMMANDS.items():
         added = commands.add_parser(name, help=command.SUMMARY, description=command.__doc__)
         if name in arguments:

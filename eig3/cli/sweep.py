@@ -72,8 +72,6 @@ def run(options: argparse.Namespace) -> int:
             interrupt = error
     except (TypeError, ValueError) as error:
         raise SystemExit(f"eig3 sweep: {error}") from None
-    except MemoryError as error:
-        raise SystemExit(f"eig3 sweep: the study does not fit in the memory: {error or 'take fewer members'}") from None
     report(study, print)
     if options.out is not None:
         save(study, options.out, print)

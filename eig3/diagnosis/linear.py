@@ -11,6 +11,7 @@ import numpy as np
 
 _FULL = 64  # degrees of freedom up to which K and C are full matrices
 _DIRECTIONS = 60  # dimension of a Krylov space
+_FEW_DIRECTIONS = 12  # dimension of one for the largest rates only
 _VALUES = 2**25  # largest number of values in the vectors that are kept: 256 MB
 _INCREMENT = 2.0**-26  # first increment of u or v, relative to its size: balances truncation against round-off
 _LONGEST_INCREMENT = 2.0**-10  # longest increment, relative to the size of u or v
@@ -121,12 +122,51 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     ValueError
         If f is not finite close to the state.
     """
-    scalar, evaluations = np.ndim(u) == 0, 0
+    evaluations = 0
+
+    def counted(*state: Any) -> Any:
+        nonlocal evaluations
+        evaluations += 1
+        return f(*state)
+
+    by_u, by_v = _derivatives(counted, t, u, v)
+    u, v = np.atleast_1d(u), np.atleast_1d(v)
+    K, C = _all_directions(by_u, by_v, u, v) if u.size <= _FULL else _fast_directions(by_u, by_v, u.size)
+    if np.linalg.norm(C, 2) <= _UNDAMPED * math.sqrt(np.linalg.norm(K, 2)):
+        C = np.zeros_like(K)  # a force with the square of v leaves a small damping in the differences at v = 0
+    return Linearised(K, C, evaluations, u.size <= _FULL)
+
+
+def fast_rates(f: Callable, t: float, u: Any, v: Any, h: float) -> np.ndarray:
+    """Return some of the rates s of the solutions exp(s t) at a state as s h, the largest among them, at a low cost.
+
+    They are the eigenvalues of (u, h v) -> h d(u, h v)/dt on a small Krylov space. Those with the largest absolute
+    values are accurate to some percent.
+
+    Raises
+    ------
+    ValueError
+        If f is not finite close to the state.
+    """
+    n = np.size(u)
+    w = np.random.default_rng(4).standard_normal(2 * n)
+    by_u, by_v = _derivatives(f, t, u, v)
+    (du, _), (dv, _) = by_u.measure(w[:n]), by_v.measure(w[n:])
+
+    def product(w: np.ndarray) -> np.ndarray:
+        wu, wv = w[:n], w[n:]
+        ku, cv = (by(x, d) if x.any() else x for by, x, d in ((by_u, wu, du), (by_v, wv, dv)))
+        return np.concatenate([wv, -h * (h * ku + cv)])
+
+    return np.linalg.eigvals(_arnoldi(product, w, min(2 * n, _FEW_DIRECTIONS))[1])
+
+
+def _derivatives(f: Callable, t: float, u: Any, v: Any) -> tuple[_Derivative, _Derivative]:
+    """Return the products with -df/du and with -df/dv at a state."""
+    scalar = np.ndim(u) == 0
     u, v = np.atleast_1d(u), np.atleast_1d(v)
 
     def evaluate(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        nonlocal evaluations
-        evaluations += 1
         return np.atleast_1d(f(t, float(u[0]), float(v[0]))) if scalar else f(t, u, v)
 
     a = evaluate(u, v)
@@ -135,10 +175,7 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     natural = math.sqrt(terms) * math.sqrt(u_size)  # the velocity that a motion at rest in u can reach
     by_u = _Derivative(lambda x: evaluate(x, v), u, a, u_size or 1.0, terms)
     by_v = _Derivative(lambda x: evaluate(u, x), v, a, max(v_size, natural) or 1.0, terms)
-    K, C = _all_directions(by_u, by_v, u, v) if u.size <= _FULL else _fast_directions(by_u, by_v, u.size)
-    if np.linalg.norm(C, 2) <= _UNDAMPED * math.sqrt(np.linalg.norm(K, 2)):
-        C = np.zeros_like(K)  # a force with the square of v leaves a small damping in the differences at v = 0
-    return Linearised(K, C, evaluations, u.size <= _FULL)
+    return by_u, by_v
 
 
 def _cancelled(f: Callable, u: np.ndarray, a: np.ndarray) -> float:

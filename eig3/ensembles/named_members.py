@@ -13,7 +13,7 @@ from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import shown
 from ..functions.guard import is_finite_at_start
 from ..functions.layout import MOST_AXES, unknown_name
-from ..functions.named import Parameters, in_layout
+from ..functions.named import Parameters, has_names, in_layout
 from ..functions.sparse import Sparse, is_of_scipy
 from ..kernels.protocol import SCALAR, Form
 
@@ -82,6 +82,8 @@ def split(
     given, inner = _as_dict(params), 0 if form is SCALAR else 1
     axes = (np.shape(u0)[: np.ndim(u0) - inner], np.shape(v0)[: np.ndim(v0) - inner], np.shape(h))
     fixed = {axis[0] for axis in axes if axis} - {1}
+    if len(fixed) > 1:
+        raise ValueError(f"u0, v0 and h have first axes of different lengths, {fixed}, but these are the members.")
     dense = {name: value for name, value in given.items() if not (isinstance(value, Sparse) or is_of_scipy(value))}
     arrays = {name: len(value) for name, value in dense.items() if np.ndim(value)}
     counts = fixed or set(arrays.values())
@@ -123,6 +125,22 @@ def _takes(rhs: Any, form: Form, params: Mapping[str, Any], t0: float, *starts: 
         return is_finite_at_start(callback, form, t0, u, v, np.asarray(given))
     except Exception:  # rhs raises it, or the starts do not fit
         return False
+
+
+def with_lengths(error: TypeError, params: Any, m: int) -> TypeError:
+    """Return the error of a function that does not compile; it names arrays that are not as long as there are members.
+
+    Each member gets such an array as a whole, where the function may read a number.
+    """
+    if not has_names(params) or "array(" not in str(error):
+        return error
+    shapes = {name: np.shape(value) for name, value in _as_dict(params).items()}
+    others = {name: shape[0] for name, shape in shapes.items() if shape and shape[0] != m}
+    if not others:
+        return error
+    said = ", ".join(f"params[{name!r}] has the length {length}" for name, length in others.items())
+    text = str(error).rstrip(".")
+    return TypeError(f"{text}: {said}, but there are {m} members; give {m} values for one of each member.")
 
 
 def _as_dict(params: Any) -> Mapping[str, Any]:

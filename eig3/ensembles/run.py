@@ -22,7 +22,7 @@ from ..stepping.march import Cancel
 from .files import Directory
 from .here import Run, at_start, cores
 from .members import Members, check_members
-from .named_members import split
+from .named_members import split, with_lengths
 from .options import Options, check_options
 from .parts import Joined, Listed, Recipe, Results, parts_of
 from .shipping import check_executor, check_reduce, march_parts
@@ -134,6 +134,7 @@ def ensemble(
             check_cancel(cancel)
         if reduce is not None and save_to is not None:
             raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
+        named_params = params
         if has_names(params):
             params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
             rhs = one.layout.bind(rhs)
@@ -143,25 +144,28 @@ def ensemble(
             events, invariants, outputs = (layout.bind_all(given) for given in (events, invariants, outputs))
         _refuse_parallel(rhs)
         members = check_members(rhs, t_span, u0, v0, params, h)
-        options = check_options(
-            rhs,
-            members.form,
-            members.t_span,
-            None if h is None else float(members.steps[0]),
-            rtol=rtol,
-            atol=atol,
-            method=method,
-            save_every=save_every,
-            t_eval=t_eval,
-            events=events,
-            invariants=invariants,
-            outputs=outputs,
-            h_max=h_max,
-            first_step=first_step,
-            max_steps=max_steps,
-            integrals=tuple(integrals),
-            labels=labels,
-        )
+        try:
+            options = check_options(
+                rhs,
+                members.form,
+                members.t_span,
+                None if h is None else float(members.steps[0]),
+                rtol=rtol,
+                atol=atol,
+                method=method,
+                save_every=save_every,
+                t_eval=t_eval,
+                events=events,
+                invariants=invariants,
+                outputs=outputs,
+                h_max=h_max,
+                first_step=first_step,
+                max_steps=max_steps,
+                integrals=tuple(integrals),
+                labels=labels,
+            )
+        except TypeError as error:
+            raise with_lengths(error, named_params, len(members)) from error
         own = cores() if threads is None else check_count(threads, "threads")
         if executor is None and reduce is None and save_to is None:
             return Run(rhs, members, options, own).march(progress, cancel)

@@ -13,6 +13,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numba
+import numpy as np
 
 from ..kernels.compile.cache import keep_on_disk
 from ..kernels.compile.captured import Captured, helpers_first
@@ -117,6 +118,8 @@ _ARGUMENTS = {
     ("output", VECTOR): "(t, u, v, p, out), writing out",
 }
 _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
+
+PLACE_OF_P = 3  # among the arguments of a function
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
 _checked: WeakKeyDictionary[Jitted, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
@@ -242,6 +245,13 @@ def compile_present(function: Jitted, arguments: tuple, kind: str, name: str, wa
         if is_write_to_readonly(error):
             read = "p; it may only read it" if kind == "apply" else "u, v or p; it may only read them"
             raise TypeError(f"{name} must not write to {read}.") from error
+        names = [attribute for attribute in attributes_of(function, PLACE_OF_P) if not hasattr(np.ndarray, attribute)]
+        if names:
+            example = ", ".join(f"{attribute!r}: 1.0" for attribute in dict.fromkeys(names))
+            raise TypeError(
+                f"{name} reads p.{names[0]}, but the parameters have no names: give params={{{example}}} or the like, "
+                "to eig3.prepare too."
+            ) from error
         raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
 
 
@@ -278,6 +288,20 @@ def _reads(function: Any, place: int) -> bool:
     name = code.co_varnames[place]
     named = (i.argval if isinstance(i.argval, tuple) else (i.argval,) for i in dis.get_instructions(code))
     return name in code.co_cellvars or any(name in names for names in named)
+
+
+def attributes_of(function: Any, place: int) -> list[str]:
+    """Return the attributes that the bytecode of a function reads of its argument at a place."""
+    code = getattr(function, "py_func", function).__code__
+    found: list[str] = []
+    variable, last = code.co_varnames[place] if place < code.co_argcount else "", None
+    for instruction in dis.get_instructions(code):
+        if instruction.opname in ("LOAD_ATTR", "LOAD_METHOD") and last == variable:
+            found.append(instruction.argval)
+        if instruction.opname not in ("CACHE", "EXTENDED_ARG"):
+            names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
+            last = names[-1] if "LOAD_FAST" in instruction.opname or "LOAD_DEREF" in instruction.opname else None
+    return found
 
 
 def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:

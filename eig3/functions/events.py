@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import check_names
+from .checks import check_names, shown
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,10 @@ def check_events(events: Any) -> Mapping[str, Event]:
     """Return the events by name."""
     if events is None:
         events = {}
-    if not isinstance(events, Mapping) or not all(isinstance(event, Event) for event in events.values()):
+    if not isinstance(events, Mapping):
         raise TypeError("events must be a dictionary of names and events, such as {'impact': eig3.Event(g)}.")
+    for name, event in events.items():
+        if not isinstance(event, Event):
+            raise TypeError(f"events[{name!r}] must be an eig3.Event, not {shown(event)}: write eig3.Event(g).")
     check_names(events, "events")
     return events

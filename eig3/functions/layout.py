@@ -8,7 +8,6 @@ the values, and not for their sizes.
 from __future__ import annotations
 
 import dataclasses
-import dis
 import functools
 import inspect
 from collections import namedtuple
@@ -21,12 +20,11 @@ import numpy as np
 
 from ..kernels.compile.numba_internals import Jitted
 from ..kernels.compile.source import define
-from .callbacks import jit
+from .callbacks import PLACE_OF_P, attributes_of, jit
 from .events import Event
 from .quantities import EnergyLessWork
 from .sparse import Sparse
 
-_PLACE = 3  # of p among the arguments of a function
 _MOST_NAMES = 8  # in an error
 
 
@@ -166,14 +164,14 @@ class Layout:
 
     def _bound(self, function: Any) -> Any:
         arguments = list(inspect.signature(function.py_func).parameters)
-        if len(arguments) <= _PLACE:
+        if len(arguments) <= PLACE_OF_P:
             return function  # its check says which arguments it must have
-        p = arguments[_PLACE]
-        for name in _attributes(function.py_func.__code__, p):
+        p = arguments[PLACE_OF_P]
+        for name in attributes_of(function, PLACE_OF_P):
             if name not in self.names:
                 raise unknown_name(f"{function.__name__} reads {p}.{name}, but params has", name, self.names)
         lines = [f"def {function.__name__}({', '.join(arguments)}):", *self._views(p)]
-        given = [*arguments[:_PLACE], self._tuple, *arguments[_PLACE + 1 :]]
+        given = [*arguments[:PLACE_OF_P], self._tuple, *arguments[PLACE_OF_P + 1 :]]
         text = "\n    ".join([*lines, f"return function_of_names({', '.join(given)})", ""])
         names = {**self._names, "function_of_names": function, "__name__": function.py_func.__module__}
         defined = define(text, "named", names)[function.__name__]
@@ -247,18 +245,6 @@ def unknown_name(
 def _tuple_of(names: tuple[str, ...]) -> Any:
     """Return the class of the tuple that functions get: the same for the same names, so that Numba knows it."""
     return namedtuple("Parameters", names)
-
-
-def _attributes(code: Any, variable: str) -> list[str]:
-    """Return the attributes of a variable that bytecode reads."""
-    found, last = [], None
-    for instruction in dis.get_instructions(code):
-        if instruction.opname in ("LOAD_ATTR", "LOAD_METHOD") and last == variable:
-            found.append(instruction.argval)
-        if instruction.opname not in ("CACHE", "EXTENDED_ARG"):
-            names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
-            last = names[-1] if "LOAD_FAST" in instruction.opname or "LOAD_DEREF" in instruction.opname else None
-    return found
 
 
 def _parts(matrix: Sparse) -> list[np.ndarray]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,7 +19,7 @@ from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_params, check_state
 from ..functions.evaluation import energies
 from ..functions.guard import guarded
-from ..methods import Method
+from ..methods import EIG3, Method
 from ..problem import Problem
 from ..result.solution import Solution, Status
 from ..stepping.stepper import Stepper
@@ -184,6 +184,17 @@ class Pilots:
     def is_surveyed(self) -> bool:
         """Whether states of a run from the start of the span are known."""
         return self._survey is not None
+
+    def states(self, count: int, h: float) -> Iterator[tuple[float, Any, Any, float]]:
+        """Return some states of the whole span, if they are known, each with the step h."""
+        survey = self._survey
+        for i in np.linspace(0, len(survey.t), count, endpoint=False).astype(int) if survey else ():
+            yield survey.t[i], survey.u[i], survey.v[i], h
+
+    @property
+    def acceleration(self) -> Callable[[float, Any, Any], Any]:
+        """The function f(t, u, v)."""
+        return self._stepper(EIG3(), self.span).acceleration
 
     def forget_survey(self) -> None:
         """Forget the states of runs of the whole span, because they are unstable."""

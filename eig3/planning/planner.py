@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_method
 from ..functions.history import constraints_of
 from ..methods import EIG, LIBRARY, Method
@@ -114,6 +117,8 @@ class Plan:
         The beginning and the end of the pilot runs: the whole span, or the part of it in which the motion is fastest.
     seen : float
         The time up to which a run has shown the motion: before the end of the span if the run would take too long.
+    stiff : str
+        A sentence about a stiff motion, for which an implicit method may be faster; otherwise empty.
     """
 
     problem: Problem
@@ -124,6 +129,7 @@ class Plan:
     compile_seconds: float
     window: tuple[float, float]
     seen: float
+    stiff: str = ""
 
     @property
     def best(self) -> Prediction:
@@ -168,7 +174,7 @@ class Plan:
                 lines.append(f"  {name:<{width}} {numbers}" + f"  {p.note}" * bool(p.note))
             else:
                 lines.append(f"  {name:<{width}} {'' if p.note.startswith(_RULED_OUT) else 'not reached: '}{p.note}")
-        return "\n".join(lines)
+        return "\n".join([*lines, f"  {self.stiff}"] if self.stiff else lines)
 
     @property
     def _extent(self) -> list[str]:
@@ -263,7 +269,16 @@ def plan(
         pilots.compiling,
         pilots.window,
         pilots.seen,
+        _stiffness(pilots, predictions[0]),
     )
+
+
+def _stiffness(pilots: Pilots, best: Prediction) -> str:
+    """Describe a motion that is stiff for the fastest method; empty if it is not, or if it takes few steps."""
+    if best.n_steps < MANY_STEPS or not pilots.problem.uses_velocity:
+        return ""
+    states = pilots.states(STATES, best.h)
+    return stiffness(best.method, pilots.acceleration, np.size(pilots.problem.u0), states, "the accuracy")
 
 
 def _in_order_of_trial() -> list[str]:

@@ -42,6 +42,22 @@ def check_history(n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
     )
 
 
+def record_places(length: float, spacing: float, each: int) -> np.ndarray:
+    """Return the places of the samples of a record: 0, spacing, 2 spacing, ... up to a length.
+
+    Raises
+    ------
+    MemoryError
+        If a record that needs `each` bytes for a sample while it is made does not fit.
+    """
+    needed = each * (length / spacing + 1)
+    if not needed <= NOT_WORTH_A_LOOK and not needed <= (free := available_memory()):
+        raise MemoryError(
+            f"a record up to {length:g} needs {needed:.3g} bytes and {free:.3g} are free; take a shorter t_end."
+        )
+    return np.arange(0.0, length + spacing / 2, spacing)
+
+
 def check_disk(directory: Path, n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
     """Raise an OSError if the history does not fit on the disk of a directory; it names a `save_every` that fits."""
     row = 8 * (2 * n + 1 + n_outputs)

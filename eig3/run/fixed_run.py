@@ -120,6 +120,17 @@ class FixedRun(Run):
         growth = self.growth.extended(n_steps, stepper.index)
         return FixedRun(stepper, history, n_steps, t_end, growth, self.save_every, times, place, progress)
 
+    def finer(self, k: int) -> FixedRun:
+        stepper, factor = self.stepper, 2**k
+        start = *stepper.start, guarded(stepper.params), self.times
+        fine = Stepper.of(stepper.system, stepper.t0, stepper.h / factor, *start)
+        every = None if self.save_every is None else factor * stride(self.save_every, self.n_steps)
+        return FixedRun.at_start(fine, factor * self.n_steps, self.t_end, every, self.times, None, False)
+
+    def check(self, solution: Solution) -> str:
+        method = solution.method
+        return self.refinement(solution, 2.0).of_steps(method.label, method.order, solution.h)
+
     def state(self) -> dict[str, Any]:
         stepper = self.stepper
         return {

@@ -126,5 +126,5 @@ def with_functions(
     solution._accelerations = run.stepper.accelerations
     if isinstance(run, VariableRun):
         solution._between = run.between
-    solution._extend = run.extend
+    solution._extend = run.itself
     return solution

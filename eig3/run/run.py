@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.drift import excess
+from ..diagnosis.refinement import Refinement
 from ..functions.checks import check_cancel, check_flag
 from ..functions.evaluation import accelerations
 from ..kernels.compile.interrupt import DeferredInterrupt
@@ -125,6 +126,14 @@ class Run:
 
     def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> Run:
         """Return an independent run to a later end, which stands where this one ended."""
+        raise NotImplementedError
+
+    def finer(self, k: int) -> Run:
+        """Return the run from its start with steps, or tolerances, shorter by the k-th power of a ratio."""
+        raise NotImplementedError
+
+    def check(self, solution: Solution) -> str:
+        """Describe the error of the solution of this run, which it finds by finer runs."""
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:
@@ -291,7 +300,7 @@ class Run:
         assert self.saved is not None
         solution = self._solution(self.saved, self.saved_outputs)
         if not isinstance(error, Exception):
-            solution._extend = self.extend
+            solution._extend = self.itself
             if solution.can_go_on:
                 solution._resume = self.state
         return solution
@@ -356,6 +365,24 @@ class Run:
         """Go on from the end of the run, as `Solution.extend` describes it."""
         return carry_out(lambda: self.extended(t_end, progress, save_to, t_eval), cancel, raise_on_failure)
 
+    def itself(self) -> Run:
+        return self
+
+    def refinement(self, solution: Solution, ratio: float) -> Refinement:
+        """Compare the solution of this run with those of two finer runs.
+
+        Raises
+        ------
+        ValueError
+            If the method adds random numbers.
+        """
+        if self.stepper.method.is_stochastic:
+            raise ValueError(f"check compares runs with other steps, but {self.stepper.method!r} adds random numbers.")
+        fine, finest = (carry_out(partial(self.finer, k), None, raise_on_failure=False) for k in (1, 2))
+        end = min(each.t[-1] for each in (solution, fine, finest))
+        t = solution.t[solution.t <= end]
+        return Refinement.of(t, solution.u[: len(t)], *(_at(t, each) for each in (fine, finest)), ratio)
+
     def _keep(self) -> None:
         """Write now and then what the run has found so far: what is left if its process is killed."""
         assert self.place
@@ -367,6 +394,12 @@ class Run:
         solution.status, solution._resume = Status.INTERRUPTED, self.state
         solution.notes = tuple(self.stepper.notes)
         return solution
+
+
+def _at(t: np.ndarray, finer: Solution) -> np.ndarray:
+    """Return u at the times of the coarser run."""
+    same = np.array_equal(finer.t[: len(t)], t)
+    return finer.u[: len(t)] if same else finer.at(t)[0]
 
 
 def carry_out(begin: Callable[[], Run], cancel: Cancel | None, raise_on_failure: bool) -> Solution:

@@ -66,7 +66,7 @@ def fixed(stepper: Stepper, n_steps: int, t_end: float, every: int, again: Calla
     }
     u, v = (u[:, 0], v[:, 0]) if stepper.form is SCALAR else (u, v)
     fields: dict[str, Any] = {"u": u, "v": v, "h": stepper.h, "outputs": outputs, **ended}
-    fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
+    fields |= {"_extend": partial(_taken, again), "_resume": partial(_state, again)}
     return solution_of(stepper, fields, later)
 
 
@@ -98,7 +98,7 @@ def variable(stepper: VariableStepper, most: int, every: int, rows: int, again: 
     }
     fields |= {"h": (t_last - stepper.t0) / max(1, stepper.index), "n_rejected": int(tally[REJECTED])}
     fields |= {"outputs": outputs, **ended}
-    fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
+    fields |= {"_extend": partial(_taken, again), "_resume": partial(_state, again)}
     return solution_of(stepper, fields, {"notes": partial(_notes, again)})
 
 
@@ -139,7 +139,7 @@ def at_times(stepper: Any, most: int, t_end: float, times: np.ndarray, again: Ca
     for name, values in rows.items():
         fields[name] = values[:count, 0] if values.ndim == 2 and stepper.form is SCALAR else values[:count]
     fields |= ended
-    fields |= {"_extend": partial(_extend, again), "_resume": partial(_state, again)}
+    fields |= {"_extend": partial(_taken, again), "_resume": partial(_state, again)}
     return solution_of(stepper, fields, {"notes": partial(_notes, again)})
 
 
@@ -217,7 +217,3 @@ def _notes(again: Callable[[], Run]) -> tuple[str, ...]:
 
 def _state(again: Callable[[], Run]) -> dict[str, Any]:
     return _taken(again).state()
-
-
-def _extend(again: Callable[[], Run], t_end: float, **options: Any) -> Solution:
-    return _taken(again).extend(t_end, **options)

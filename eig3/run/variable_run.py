@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status
 from ..result.storage import Place, going_on, whole_rows
-from ..stepping.march import Rows
+from ..stepping.march import NEVER, Rows
 from ..stepping.system import System
-from ..stepping.tolerances import Tolerances
+from ..stepping.tolerances import LEAST_RTOL, Tolerances
 from ..stepping.variable_stepper import VariableStepper
 from ..stepping.watching import check_times, further_times
 from .growth import OVERFLOWING
@@ -24,6 +26,7 @@ from .progress import check_progress
 from .run import Run
 
 _NAMED = 5  # degrees of freedom that a note names
+_RATIO = 10  # of the tolerances of runs that show the error
 _NONE = np.empty(0)
 
 
@@ -100,6 +103,17 @@ class VariableRun(Run):
         history = _history(stepper, times, place)
         history.take(self.saved, self.saved_outputs, mark.rows)
         return VariableRun(stepper, history, self.every, times, place, progress)
+
+    def finer(self, k: int) -> VariableRun:
+        stepper, given, factor = self.stepper, self.stepper.tolerances, _RATIO**k
+        rtol = max(LEAST_RTOL, given.rtol / factor)
+        tolerances = replace(given, rtol=rtol, atol=given.atol / factor, max_steps=NEVER)
+        start = *stepper.start, guarded(stepper.params)
+        fine = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
+        return VariableRun.at_start(fine, 1, self.times, None, False)
+
+    def check(self, solution: Solution) -> str:
+        return self.refinement(solution, _RATIO).of_tolerances(self.stepper.tolerances.rtol)
 
     def state(self) -> dict[str, Any]:
         mark = self._mark or self._marked()
@@ -252,7 +266,27 @@ class VariableRun(Run):
                 f"The acceleration was zero up to t = {end:.4g}, and rhs reads t: the steps were held short, but a "
                 f"load that acts for less than {step:.2g} there may have been jumped over; h_max sets the longest step."
             )
-        return notes
+        stiff = self._stiffness()
+        return [*notes, stiff] if stiff else notes
+
+    def _stiffness(self) -> str:
+        """Describe a stiff motion; empty if the run is short or has none."""
+        stepper = self.stepper
+        if stepper.index < MANY_STEPS or not stepper.system.callback.reads_velocity or stepper.system.history:
+            return ""
+        return stiffness(stepper.running, stepper.acceleration, stepper.n, self._states_of_steps(), "rtol")
+
+    def _states_of_steps(self) -> Iterator[tuple[float, Any, Any, float]]:
+        """Return some states with their steps, equal numbers of steps apart, and the last one of a whole step."""
+        assert self.saved is not None
+        rows, scalar = self.saved, self.stepper.form is SCALAR
+        steps = rows["steps"][1:]
+        taken = np.cumsum(np.ones(len(steps)) if self.times is None else 1 / steps)
+        for share in np.linspace(0, 1, STATES, endpoint=False)[1:] if len(steps) > 1 else ():
+            i = 1 + int(np.searchsorted(taken, share * taken[-1]))
+            yield rows["t"][i], *(x[i].item() if scalar else x[i] for x in (rows["u"], rows["v"])), rows["steps"][i]
+        last = self._mark.stepper if self._mark else self.stepper
+        yield last.t, last.u, last.v, last.h
 
     def _total(self) -> tuple[int, str]:
         return 100 - self._progress(), "%"

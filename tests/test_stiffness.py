@@ -1,0 +1,68 @@
+"""Notes about stiff motions: stability, and not the tolerance, decides about the steps."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import eig3
+from eig3 import Status
+
+SPAN = 0, 20
+
+
+@eig3.jit
+def van_der_pol(t, u, v, p):
+    return p[0] * (1 - u * u) * v - u
+
+
+@eig3.jit
+def creep(t, u, v, p, a):
+    """A chain whose first mass hangs in a strong damper."""
+    for j in range(u.size):
+        left, right = u[j - 1] if j else 0.0, u[j + 1] if j < u.size - 1 else 0.0
+        a[j] = left - 2 * u[j] + right
+    a[0] -= p[0] * v[0]
+
+
+@pytest.mark.parametrize("method", ["rk5", "rk8", "eig3"])
+@pytest.mark.parametrize("options", [{}, {"save_every": None}, {"t_eval": np.linspace(*SPAN, 50)}])
+def test_a_stiff_motion_gets_a_note(method, options):
+    solution = eig3.integrate(van_der_pol, SPAN, 2.0, 0.0, params=1000.0, rtol=1e-6, method=method, **options)
+    (note,) = solution.notes
+    assert note.startswith("The motion is stiff: in ")
+    assert re.search(r"decay at a rate of (2\.9e\+03|3e\+03)", note)
+    assert solution.explain().endswith(note)
+
+
+def test_the_call_that_the_note_names_takes_few_steps():
+    (note,) = eig3.integrate(van_der_pol, SPAN, 2.0, 0.0, params=1000.0, rtol=1e-6).notes
+    names = {"rhs": van_der_pol, "p": np.array([1000.0]), "t_span": SPAN, "u0": 2.0, "v0": 0.0, "solve_ivp": solve_ivp}
+    call = note[note.index("solve_ivp(") : note.rindex(".")]
+    assert eval(call, names).t.size < 100
+
+
+def test_many_degrees_of_freedom_and_a_run_that_ends_early():
+    start = np.linspace(0.1, 1, 100)
+    solution = eig3.integrate(creep, (0, 1e4), start, 0 * start, params=1e4, rtol=1e-6, max_steps=3000, save_every=10)
+    assert solution.status is Status.TOO_MANY_STEPS
+    assert "The motion is stiff" in solution.explain()
+
+
+@pytest.mark.parametrize(
+    ("build", "t_end"),
+    [("van_der_pol", 1000), ("duffing", 1000), ("double_pendulum", 300), ("quarter_car", 5), ("spinning_top", 50)],
+)
+@pytest.mark.parametrize("method", ["rk5", "eig3"])
+def test_no_note_about_other_motions(build, t_end, method):
+    problem = getattr(eig3.problems, build)(t_end=t_end)
+    solution = problem.integrate(rtol=1e-6, method=method, save_every=10, invariants={})
+    assert solution.n_steps > 2000
+    assert not any("stiff" in note for note in solution.notes)
+
+
+def test_a_plan_says_that_the_motion_is_stiff():
+    plan = eig3.plan(eig3.problems.van_der_pol(mu=1000.0, t_end=20), 1e-3, methods=["eig3"])
+    assert "stability limits the step of EIG-3 and the accuracy does not" in str(plan)
+    assert not eig3.plan(eig3.problems.duffing(), 1e-6, methods=["eig3"]).stiff
