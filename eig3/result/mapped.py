@@ -191,6 +191,7 @@ class _RowFile:
         return checksum(self.array[last:rows], last * width, self._summed[1])
 
     def close(self, rows: int) -> None:
+        self.checksum(rows)  # while the system has the rows mapped
         self._write_header(rows)
         self.array = np.empty((0, *self._shape))  # a system may refuse to cut a file that is mapped
         self._file.truncate(self._offset + rows * self.row_bytes)
