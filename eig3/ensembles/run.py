@@ -15,6 +15,7 @@ from ..functions.checks import check_cancel, check_count
 from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
+from ..kernels.compile.interrupt import with_solution
 from ..kernels.compile.numba_internals import Jitted, options_of
 from ..methods import Method
 from ..result.labels import Labels
@@ -35,6 +36,7 @@ _REFUSED = {
 }
 
 
+@with_solution
 def ensemble(
     rhs: Any,
     t_span: Sequence[float],
@@ -126,51 +128,46 @@ def ensemble(
     member i has the random numbers of the stream i: ``Langevin(..., stream=i)``.
     """
     _refuse(refused)
-    try:
-        check_progress(progress)
-        check_executor(executor)
-        check_reduce(reduce)
-        if cancel is not None:
-            check_cancel(cancel)
-        if reduce is not None and save_to is not None:
-            raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
-        if has_names(params):
-            params, one = split(params, form_of(rhs), u0, v0, 0.0 if h is None else h)
-            rhs = one.layout.bind(rhs)
-        layout = bound_layout(rhs)  # a problem's function is bound already
-        if layout:
-            method = layout.bind_method(method)
-            events, invariants, outputs = (layout.bind_all(given) for given in (events, invariants, outputs))
-        _refuse_parallel(rhs)
-        members = check_members(rhs, t_span, u0, v0, params, h)
-        options = check_options(
-            rhs,
-            members.form,
-            members.t_span,
-            None if h is None else float(members.steps[0]),
-            rtol=rtol,
-            atol=atol,
-            method=method,
-            save_every=save_every,
-            t_eval=t_eval,
-            events=events,
-            invariants=invariants,
-            outputs=outputs,
-            h_max=h_max,
-            first_step=first_step,
-            max_steps=max_steps,
-            integrals=tuple(integrals),
-            labels=labels,
-        )
-        own = cores() if threads is None else check_count(threads, "threads")
-        if executor is None and reduce is None and save_to is None:
-            return Run(rhs, members, options, own).march(progress, cancel)
-        place = None if save_to is None else Directory(save_to)
-        return _in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
-    except KeyboardInterrupt as error:
-        if not hasattr(error, "solution"):  # it came before the first member began
-            error.solution = None  # type: ignore[attr-defined]
-        raise
+    check_progress(progress)
+    check_executor(executor)
+    check_reduce(reduce)
+    if cancel is not None:
+        check_cancel(cancel)
+    if reduce is not None and save_to is not None:
+        raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
+    if has_names(params):
+        params, one = split(params, form_of(rhs), u0, v0, 0.0 if h is None else h)
+        rhs = one.layout.bind(rhs)
+    layout = bound_layout(rhs)  # a problem's function is bound already
+    if layout:
+        method = layout.bind_method(method)
+        events, invariants, outputs = (layout.bind_all(given) for given in (events, invariants, outputs))
+    _refuse_parallel(rhs)
+    members = check_members(rhs, t_span, u0, v0, params, h)
+    options = check_options(
+        rhs,
+        members.form,
+        members.t_span,
+        None if h is None else float(members.steps[0]),
+        rtol=rtol,
+        atol=atol,
+        method=method,
+        save_every=save_every,
+        t_eval=t_eval,
+        events=events,
+        invariants=invariants,
+        outputs=outputs,
+        h_max=h_max,
+        first_step=first_step,
+        max_steps=max_steps,
+        integrals=tuple(integrals),
+        labels=labels,
+    )
+    own = cores() if threads is None else check_count(threads, "threads")
+    if executor is None and reduce is None and save_to is None:
+        return Run(rhs, members, options, own).march(progress, cancel)
+    place = None if save_to is None else Directory(save_to)
+    return _in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
 
 
 def _refuse_parallel(rhs: Any) -> None:

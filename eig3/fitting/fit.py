@@ -13,6 +13,7 @@ import numpy as np
 from ..functions.checks import check_h, reals, shown
 from ..functions.layout import unknown_name
 from ..functions.quantities import check_functions
+from ..kernels.compile.interrupt import with_solution
 from ..methods import Method
 from ..problem import Problem
 from .data import Series, check_data
@@ -110,6 +111,7 @@ class Fit:
         return "\n".join([*lines, f"  scatter of the residuals: {self.scatter:.4g}", f"  {self.message}"])
 
 
+@with_solution
 def fit(
     problem: Problem,
     data: Any,
@@ -157,6 +159,8 @@ def fit(
         SciPy is not installed.
     IntegrationError
         The run with the first values, or one for the derivatives, diverges.
+    KeyboardInterrupt
+        After Ctrl-C. Its attribute `solution` is the run or the ensemble up to then; None between two of them.
     """
     places = check_places(problem, parameters)
     series = check_data(problem, data, check_functions(None, outputs).outputs, sigma)

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..functions.checks import check_method
 from ..functions.history import constraints_of
+from ..kernels.compile.interrupt import with_solution
 from ..methods import EIG, LIBRARY, Method
 from ..problem import Problem
 from ..result.solution import Solution
@@ -180,6 +181,7 @@ class Plan:
         return [f"  The pilot runs are from t = {begin:g} to {end:g}, and errors are extrapolated{later}."]
 
 
+@with_solution
 def plan(
     problem: Problem,
     accuracy: float,
@@ -210,6 +212,8 @@ def plan(
     ------
     TypeError, ValueError
         If an argument is not valid.
+    KeyboardInterrupt
+        After Ctrl-C. Its attribute `solution` is the pilot run up to then; None between two of them.
 
     Notes
     -----
