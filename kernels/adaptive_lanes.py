@@ -153,7 +153,7 @@ class Control(NamedTuple):
 
 
 def adaptive(rhs, alone, project, count, control, block, starts, ends, sight, look):
-    """Take `count` steps in each lane, or fewer if all trajectories end, or if the log of occurrences is full.
+    """Take `count` steps in each lane, or fewer if all trajectories end, or if the log is full. Return their number.
 
     `rhs` is the address of the right-hand side for lanes, and `alone` of that for one trajectory. `project` is that of
     the projection for lanes, or 0 without constraints.
@@ -164,7 +164,8 @@ def adaptive(rhs, alone, project, count, control, block, starts, ends, sight, lo
     time, h, step, before, error, rejected = of.time, of.h, of.step, of.before, of.error, of.rejected
     taken, trials, bad, ok, square = of.taken, of.trials, of.bad, of.ok, of.square
     there, f, share = of.there, RHS_AT(rhs), least_size(control.rtol)
-    for _ in range(count):
+    steps = 0
+    while steps < count:
         if LOOKS > 0 and sight.logged[0] + LANES * len(sight.events) > len(look.watch.log):
             break
         ended = 0
@@ -222,7 +223,8 @@ def adaptive(rhs, alone, project, count, control, block, starts, ends, sight, lo
         MOVE(ok, y)
         if control.is_relative == 1:
             widen_sizes(atol, of, y)
-    return place[OPEN]
+        steps += 1
+    return steps
 
 
 def end(lane, control, of, y, block, ends):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.ensembles import adaptive, shared
+from eig3.ensembles import adaptive
 from eig3.kernels.protocol import SCALAR
+from eig3.stepping import slices as slices_of_steps
 
 RNG = np.random.default_rng(2)
 M = 150  # which is more than two blocks have lanes
@@ -156,8 +157,8 @@ def test_no_lane_waits(monkeypatch):
     The last members may begin when the others end, which costs the steps of one more.
     """
     calls, kernel = [], adaptive.adaptive_kernel("rk5", SCALAR, 1, adaptive.LANES, 0)
-    monkeypatch.setattr(shared, "_FIRST_CHUNK", 1)
-    monkeypatch.setattr(shared, "_CHUNK_SECONDS", 0.0)  # each call of the kernel is a step
+    monkeypatch.setattr(slices_of_steps, "_SECONDS", 0.0)  # each call of the kernel is a step
+    monkeypatch.setattr(slices_of_steps, "_LONGEST", 0.0)
     monkeypatch.setattr(adaptive, "adaptive_kernel", lambda *_: lambda *given: calls.append(1) or kernel(*given))
     stiff = np.ones((300, 1))
     stiff[5] = 1e4

@@ -72,7 +72,7 @@ def ctrl_c_soon(after_begin):
     after_begin(press)
 
 
-def press(*arguments):
+def press(*arguments, **options):
     os.kill(os.getpid(), signal.SIGINT)
 
 
@@ -133,6 +133,37 @@ def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch):
     with pytest.raises(KeyboardInterrupt) as caught:
         eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)
     assert caught.value.solution is None
+
+
+DECAY = eig3.Problem("decay", oscillator, 1.0, 0.0, (), t_span=(0.0, 1.0))
+WITHOUT_A_RUN = {
+    "plan": ("eig3.planning.planner.Pilots", lambda: eig3.plan(DECAY, 1e-3)),
+    "fit": ("eig3.fitting.fit.check_places", lambda: eig3.fit(DECAY, ([0.5], [1.0]), "u0", h=0.1)),
+    "sensitivities": ("eig3.fitting.sensitivities.check_places", lambda: eig3.sensitivities(DECAY, "u0", h=0.1)),
+    "prepare": ("eig3.run.prepare.remembered", lambda: eig3.prepare(oscillator, h=0.1)),
+    "integrate": ("eig3.run.prepare.remembered", lambda: eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)),
+    "ensemble": ("eig3.ensembles.run.check_members", lambda: eig3.ensemble(oscillator, (0, 1), [1.0], 0.0, h=0.1)),
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_A_RUN)
+def test_an_interrupt_outside_a_run_has_the_attribute_too(name, monkeypatch):
+    place, call = WITHOUT_A_RUN[name]
+    monkeypatch.setattr(place, press)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        call()
+    assert caught.value.solution is None
+
+
+def test_an_interrupt_while_a_file_is_written_has_the_attribute_too(monkeypatch, tmp_path):
+    one = eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)
+    many = eig3.ensemble(oscillator, (0, 1), [1.0], 0.0, h=0.1)
+    monkeypatch.setattr(np, "savez", press)
+    for each in (one, many):
+        with pytest.raises(KeyboardInterrupt) as caught:
+            each.save(tmp_path / "file")
+        assert caught.value.solution is None
+    assert not [*tmp_path.iterdir()]
 
 
 def test_problems_hand_on_the_run_with_its_integrals(monkeypatch):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.result import storage
 from eig3.stepping import watching
 
 from .conftest import coupled, oscillator
@@ -381,32 +380,3 @@ def test_runs_without_a_state_are_loaded_without_functions(tmp_path):
         eig3.load(path, rhs=oscillator)
     with pytest.raises(ValueError, match="this solution cannot be extended"):
         eig3.load(path).extend(3.0)
-
-
-def test_an_older_directory_is_read(tmp_path):
-    """In version 1, a file of its own had the counts, and the record neither outputs in files nor a state."""
-    run = integrate(SCALAR, 2.0, save_to=tmp_path, **FUNCTIONS)
-    record, arrays = record_of(tmp_path / "run.npz")
-    record["version"] = 1
-    for name in ("rows", "outputs"):
-        record.pop(name)
-    record["solution"].pop("_resume")
-    names = list(run.outputs)
-    record["solution"]["outputs"] = {"names": names, "values": [{"array": f"outputs.{k}"} for k in range(len(names))]}
-    for k, name in enumerate(names):
-        arrays[f"outputs.{k}"] = run.outputs[name]
-        (tmp_path / f"outputs.{k}.npy").unlink()
-    np.savez(tmp_path / "run.npz", **arrays, eig3=np.array(storage.json.dumps(record)))
-    counts = ("rows", "n_steps", "n_rhs", "n_iterations", "n_rejected")
-    kinds = np.dtype([*((name, "<i8") for name in counts), ("kernel_seconds", "<f8")])
-    np.save(tmp_path / "counts.npy", np.array((len(run.t), run.n_steps, run.n_rhs, 0, 0, 0.5), dtype=kinds))
-    assert_same(eig3.load(tmp_path), run)
-    record["has_ended"] = False
-    np.savez(tmp_path / "run.npz", **arrays, eig3=np.array(storage.json.dumps(record)))
-    assert eig3.load(tmp_path).status is eig3.Status.INTERRUPTED
-    assert eig3.load(tmp_path).kernel_seconds == 0.5
-
-
-def record_of(path):
-    arrays = dict(np.load(path))
-    return storage.json.loads(str(arrays.pop("eig3"))), arrays

@@ -1,7 +1,9 @@
 """Histories in files: they are those of runs in memory, and a process that is killed leaves what it had computed."""
 
 import errno
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -412,7 +414,7 @@ def test_a_directory_is_sound_at_every_moment_of_a_run(tmp_path, monkeypatch):
 
 
 LIMITED = """
-    import pathlib, resource, sys
+    import json, pathlib, resource, sys
     import numpy as np
     from eig3.result.mapped import MappedRows
 
@@ -427,6 +429,7 @@ LIMITED = """
             rows.grow()
     except OSError as error:
         print(rows.count, error)
+        print(json.dumps(rows.checksums(rows.count)))
 """
 
 
@@ -436,8 +439,7 @@ def test_rows_are_kept_when_the_disk_is_full(tmp_path):
     )
     assert "disk has no space (File too large); free some" in run.stdout
     rows = int(run.stdout.split()[0])
-    arrays = read_mapped(tmp_path, ["t", "u", "steps"], rows)
-    assert list(arrays) == ["t", "u"]
+    arrays = read_mapped(tmp_path, json.loads(run.stdout.splitlines()[1]), rows)
     assert 1000 <= rows <= 200_000 / 24
     np.testing.assert_array_equal(arrays["t"], np.arange(rows))
     np.testing.assert_array_equal(arrays["u"][:, 2], 2 + np.arange(rows))
@@ -481,13 +483,78 @@ def test_what_save_to_does_not_take(tmp_path):
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["u.npy", "run.npz"])
-def test_damage_is_found(name, tmp_path):
-    arguments, options = SCALAR
-    eig3.integrate(*arguments, **options, save_to=tmp_path)
-    os.truncate(tmp_path / name, (tmp_path / name).stat().st_size // 2)
+def inserted(content):
+    return content[:200] + bytes(4) + content[200:]
+
+
+def zeroed(content):
+    return content[:200] + bytes(400) + content[600:]
+
+
+def with_nan(content):
+    return content[:-8] + np.array(np.nan).tobytes()
+
+
+def flipped(content):
+    return content[:300] + bytes([content[300] ^ 1]) + content[301:]
+
+
+def exchanged(content):
+    return content[:-16] + content[-8:] + content[-16:-8]
+
+
+DAMAGES = [inserted, zeroed, with_nan, flipped, exchanged]
+
+
+@pytest.mark.parametrize("options", [SCALAR[1], {"params": (2.0, 0.1), "rtol": 1e-9}], ids=["fixed", "tolerances"])
+def test_damage_is_found(options, tmp_path, monkeypatch):
+    monkeypatch.setattr(storage, "_PAUSE", 0.0)
+    eig3.integrate(*SCALAR[0], **options, outputs={"o": energy}, save_to=tmp_path)
+    for file in tmp_path.glob("*.npy"):
+        sound = file.read_bytes()
+        for damage in (*DAMAGES, lambda content: content[: len(content) // 2]):
+            file.write_bytes(damage(sound))
+            with pytest.raises(ValueError, match=rf"{file.name} is damaged: take a copy of it, or run again\.$"):
+                eig3.load(tmp_path)
+        file.unlink()
+        with pytest.raises(ValueError, match="is damaged: take a copy of it"):
+            eig3.load(tmp_path)
+        file.write_bytes(sound)
+    assert eig3.load(tmp_path).success
+    os.truncate(tmp_path / "run.npz", (tmp_path / "run.npz").stat().st_size // 2)
     with pytest.raises(ValueError, match="damaged"):
         eig3.load(tmp_path)
+
+
+def test_damage_of_a_run_that_was_killed_is_found(tmp_path, monkeypatch):
+    """The rows after the last record may have any numbers, but not those before it."""
+    monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
+    monkeypatch.setattr(storage, "_LARGEST_SHARE", 1e9)
+    monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-6)
+    monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-6)
+    monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-6)
+    keep, records = storage.Place.keep, []
+
+    def copying(place, *arguments):
+        if len(records) < 9:  # there could be one after each step
+            keep(place, *arguments)
+            records.append(tmp_path / f"after {len(records)}")
+            shutil.copytree(place.directory, records[-1])
+
+    monkeypatch.setattr(storage.Place, "keep", copying)
+    whole = eig3.integrate(*SCALAR[0], params=(2.0, 0.1), h=H, save_every=3, save_to=tmp_path / "run")
+    assert len(records) > 3
+    rows = [len(eig3.load(record).t) for record in records]
+    assert rows == sorted(rows)
+    assert rows[-1] > 1
+    for record, count in zip(records, rows, strict=True):
+        for name in ("t", "u", "v"):
+            saved = np.load(record / f"{name}.npy", mmap_mode="r+")
+            saved[count:] = np.nan
+            np.testing.assert_array_equal(getattr(eig3.load(record), name), getattr(whole, name)[:count])
+        saved[count - 1] = np.nextafter(saved[count - 1], 1.0)
+        with pytest.raises(ValueError, match=r"v\.npy is damaged"):
+            eig3.load(record)
 
 
 @pytest.mark.parametrize("save_every", [1, 7, None])

@@ -223,10 +223,10 @@ def rewritten(path, change):
     np.savez(path, **{**arrays, "eig3": np.array(json.dumps(record))})
 
 
-def test_newer_files_and_broken_records_are_refused(tmp_path):
+def test_files_of_another_version_and_broken_records_are_refused(tmp_path):
     path = oscillate().save(tmp_path / "run")
-    rewritten(path, lambda record, arrays: record.update(version=storage._NEWEST + 1, solution="of another form"))
-    with pytest.raises(ValueError, match=r"was written by a newer eig3, in version 5 .*update eig3"):
+    rewritten(path, lambda record, arrays: record.update(version=storage._VERSION + 1, solution="of another form"))
+    with pytest.raises(ValueError, match=r"has version 6 of its format, and not 5: use the eig3 that wrote it"):
         eig3.load(path)
     changes = [
         lambda record, arrays: record.pop("version"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -35,7 +34,8 @@ from ..kernels.lanes import Lanes, Layout
 from ..kernels.protocol import EVENTS, SEARCHES
 from ..result.memory import aligned
 from ..run.prepare import Prepared
-from ..stepping.march import Cancel
+from ..stepping.march import NEVER, Cancel
+from ..stepping.slices import Slices
 from ..stepping.system import System
 from ..stepping.tolerances import Tolerances
 from .alone import Alone
@@ -43,7 +43,6 @@ from .block_sight import BlockSight
 from .histories import Histories
 from .lanewise import constrained_of, keeping_of, lanes_of
 from .members import Members
-from .shared import Pace
 
 LANES = 64
 FEWEST = 16  # members; for fewer, the lanes do not pay
@@ -188,14 +187,12 @@ class AdaptiveBlock:
         ends = Ends(u, v, np.zeros((m, 4), dtype=np.int64))
         project = shared.project.address if shared.project else 0
         addresses, control = (shared.rhs.address, shared.callback.address, project), shared.control
-        block, pace = self._block(m), Pace()
+        looks = (sight.given, sight.look) if sight else (None, None)
+        block, slices = self._block(m), Slices(None)
         while block.place[OPEN] and not stop.is_set():
-            begin = time.perf_counter()
-            looks = (sight.given, sight.look) if sight else (None, None)
-            shared.kernel(*addresses, pace.steps, control, block, starts, ends, *looks)
-            taken = time.perf_counter() - begin
-            self.seconds += taken
-            pace.note(pace.steps, taken)
+            count, *begun = slices.begin(NEVER)
+            taken = shared.kernel(*addresses, count, control, block, starts, ends, *looks)
+            self.seconds += slices.end(taken, *begun)
             if sight:
                 sight.collect()
         return ends

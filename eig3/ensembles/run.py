@@ -14,6 +14,7 @@ from ..functions.checks import check_cancel, check_count, check_span
 from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
+from ..kernels.compile.interrupt import with_solution
 from ..kernels.compile.numba_internals import Jitted, options_of
 from ..methods import Method
 from ..result.labels import Labels
@@ -34,6 +35,7 @@ _REFUSED = {
 }
 
 
+@with_solution
 def ensemble(
     rhs: Any,
     t_span: Sequence[float],
@@ -126,55 +128,50 @@ def ensemble(
     has the random numbers of the stream i of `Langevin`: ``Langevin(..., stream=i)``.
     """
     _refuse(refused)
+    check_progress(progress)
+    check_executor(executor)
+    check_reduce(reduce)
+    if cancel is not None:
+        check_cancel(cancel)
+    if reduce is not None and save_to is not None:
+        raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
+    named_params = params
+    if has_names(params):
+        params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
+        rhs = one.layout.bind(rhs)
+    layout = bound_layout(rhs)  # a problem's function is bound already
+    if layout:
+        method = layout.bind_method(method)
+        events, invariants, outputs = (layout.bind_all(given) for given in (events, invariants, outputs))
+    _refuse_parallel(rhs)
+    members = check_members(rhs, t_span, u0, v0, params, h)
     try:
-        check_progress(progress)
-        check_executor(executor)
-        check_reduce(reduce)
-        if cancel is not None:
-            check_cancel(cancel)
-        if reduce is not None and save_to is not None:
-            raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
-        named_params = params
-        if has_names(params):
-            params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
-            rhs = one.layout.bind(rhs)
-        layout = bound_layout(rhs)  # a problem's function is bound already
-        if layout:
-            method = layout.bind_method(method)
-            events, invariants, outputs = (layout.bind_all(given) for given in (events, invariants, outputs))
-        _refuse_parallel(rhs)
-        members = check_members(rhs, t_span, u0, v0, params, h)
-        try:
-            options = check_options(
-                rhs,
-                members.form,
-                members.t_span,
-                None if h is None else float(members.steps[0]),
-                rtol=rtol,
-                atol=atol,
-                method=method,
-                save_every=save_every,
-                t_eval=t_eval,
-                events=events,
-                invariants=invariants,
-                outputs=outputs,
-                h_max=h_max,
-                first_step=first_step,
-                max_steps=max_steps,
-                integrals=tuple(integrals),
-                labels=labels,
-            )
-        except TypeError as error:
-            raise with_lengths(error, named_params, len(members)) from error
-        own = cores() if threads is None else check_count(threads, "threads")
-        if executor is None and reduce is None and save_to is None:
-            return Run(rhs, members, options, own).march(progress, cancel)
-        place = None if save_to is None else Directory(save_to)
-        return _in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
-    except KeyboardInterrupt as error:
-        if not hasattr(error, "solution"):  # it came before the first member began
-            error.solution = None  # type: ignore[attr-defined]
-        raise
+        options = check_options(
+            rhs,
+            members.form,
+            members.t_span,
+            None if h is None else float(members.steps[0]),
+            rtol=rtol,
+            atol=atol,
+            method=method,
+            save_every=save_every,
+            t_eval=t_eval,
+            events=events,
+            invariants=invariants,
+            outputs=outputs,
+            h_max=h_max,
+            first_step=first_step,
+            max_steps=max_steps,
+            integrals=tuple(integrals),
+            labels=labels,
+        )
+    except TypeError as error:
+        raise with_lengths(error, named_params, len(members)) from error
+    own = cores() if threads is None else check_count(threads, "threads")
+    if executor is None and reduce is None and save_to is None:
+        return Run(rhs, members, options, own).march(progress, cancel)
+    place = None if save_to is None else Directory(save_to)
+    return _in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
 
 
 def _refuse_parallel(rhs: Any) -> None:

@@ -18,6 +18,7 @@ from ..functions.evaluation import accelerations
 from ..functions.extremes import Extremes
 from ..functions.guard import guarded
 from ..functions.history import history_of
+from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method
 from ..result import frames
@@ -267,6 +268,7 @@ class EnsembleSolution:
             )
         return self._again(t_end, t_eval, progress, cancel)
 
+    @with_solution
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the ensemble to a file of NumPy arrays, which `eig3.load` reads.
 

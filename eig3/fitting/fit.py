@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..functions.quantities import check_functions
+from ..kernels.compile.interrupt import with_solution
 from ..methods import Method
 from ..problem import Problem
 from .data import Series, check_data
@@ -111,6 +112,7 @@ class Fit:
         return "\n".join([*lines, f"  scatter of the residuals: {self.scatter:.4g}", f"  {self.message}"])
 
 
+@with_solution
 def fit(
     problem: Problem,
     data: Any,
@@ -163,6 +165,8 @@ def fit(
     IntegrationError
         The run with the first values, or one for the derivatives, diverges. The error names the values and, where one
         was found, a step h with which the run does not diverge.
+    KeyboardInterrupt
+        After Ctrl-C. Its attribute `solution` is the run or the ensemble up to then; None between two of them.
     """
     places = check_places(problem, parameters)
     series = check_data(problem, data, check_functions(None, outputs).outputs, sigma)

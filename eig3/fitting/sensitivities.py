@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import check_h, reals
 from ..functions.layout import unknown_name
+from ..kernels.compile.interrupt import with_solution
 from ..methods import Method
 from ..problem import Problem
 from .history import History
@@ -62,6 +63,7 @@ class Sensitivities:
         return "\n".join([*lines, "  The error of the steps is not in these: compare with the derivatives for h / 2."])
 
 
+@with_solution
 def sensitivities(
     problem: Problem,
     parameters: str | Iterable[str],
@@ -106,6 +108,8 @@ def sensitivities(
         An argument is not valid.
     IntegrationError
         A member diverged.
+    KeyboardInterrupt
+        After Ctrl-C. Its attribute `solution` is the run or the ensemble up to then; None between two of them.
     """
     places = check_places(problem, parameters)
     times = None if t_eval is None else _check_times(problem, t_eval, t_end)

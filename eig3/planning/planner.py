@@ -12,6 +12,7 @@ import numpy as np
 from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_method
 from ..functions.history import constraints_of
+from ..kernels.compile.interrupt import with_solution
 from ..methods import EIG, LIBRARY, Method
 from ..problem import Problem
 from ..result.solution import Solution
@@ -186,6 +187,7 @@ class Plan:
         return [f"  The pilot runs are from t = {begin:g} to {end:g}, and errors are extrapolated{later}."]
 
 
+@with_solution
 def plan(
     problem: Problem,
     accuracy: float,
@@ -216,6 +218,8 @@ def plan(
     ------
     TypeError, ValueError
         If an argument is not valid.
+    KeyboardInterrupt
+        After Ctrl-C. Its attribute `solution` is the pilot run up to then; None between two of them.
 
     Notes
     -----

@@ -11,6 +11,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from ..kernels.checksum import checksum
+
 _MOST_BYTES = 2**26  # for which space is reserved at a time in a file that grows
 _NO_FALLOCATE = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)  # errors of a file system that cannot reserve space
 
@@ -28,6 +30,13 @@ def output_files(names: Iterable[str]) -> dict[str, str]:
 
 def _taken(path: Path, what: str) -> FileExistsError:
     return FileExistsError(f"save_to must name a new or an empty directory, but {path} {what}: name another one.")
+
+
+class DamagedFileError(ValueError):
+    """A file does not have what was written to it."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(f"{path} is damaged: take a copy of it, or run again.")
 
 
 class MappedRows:
@@ -113,6 +122,10 @@ class MappedRows:
         most = _MOST_BYTES // max(file.row_bytes for file in self._files.values())
         self.reserve(held + min(max(held, 4), max(4, most)))
 
+    def checksums(self, rows: int) -> dict[str, int]:
+        """Return the checksum of the first `rows` rows of each array, for `read_mapped`."""
+        return {name: file.checksum(rows) for name, file in self._files.items()}
+
     def close(self) -> None:
         """Cut the files after the last row. The arrays are then maps of the files that can only be read."""
         for file in self._files.values():
@@ -123,22 +136,34 @@ class MappedRows:
         self.arrays = {name: file.array for name, file in self._files.items()}
 
 
-def read_mapped(directory: Path, names: Iterable[str], rows: int) -> dict[str, np.ndarray]:
-    """Return the first `rows` rows of the arrays with these names, which can only be read.
+def read_mapped(directory: Path, checksums: Mapping[str, int], rows: int) -> dict[str, np.ndarray]:
+    """Return the first `rows` rows of arrays, which can only be read. They are read once, for their checksums.
 
-    Those without a file are left out.
+    Parameters
+    ----------
+    directory : Path
+    checksums : dict of str to int
+        Those of these rows, by the names of the arrays.
+    rows : int
 
     Raises
     ------
-    OSError, ValueError
-        If a file is damaged.
+    DamagedFileError
+        If a file does not have these rows, or other numbers than the run has written.
     """
-    files = {name: directory / f"{name}.npy" for name in names}
-    arrays = {name: np.load(path, mmap_mode="r") for name, path in files.items() if path.exists()}
-    for name, array in arrays.items():
-        if array.dtype != np.float64 or not array.ndim or len(array) < rows:
-            raise ValueError(f"{name}.npy has the shape {array.shape} and the type {array.dtype}, not {rows} rows.")
-    return {name: array[:rows] for name, array in arrays.items()}
+    arrays = {}
+    for name, expected in checksums.items():
+        path = directory / f"{name}.npy"
+        try:
+            array = np.load(path, mmap_mode="r")
+            has_rows = array.dtype == np.float64 and array.flags.aligned and len(array) >= rows
+            is_sound = has_rows and checksum(array[:rows]) == expected
+        except Exception as error:  # many kinds, from the header of a file
+            raise DamagedFileError(path) from error
+        if not is_sound:
+            raise DamagedFileError(path)
+        arrays[name] = array[:rows]
+    return arrays
 
 
 class _RowFile:
@@ -150,6 +175,7 @@ class _RowFile:
         self._file: BinaryIO = path.open("x+b", buffering=0)
         self._offset = self._write_header(0)
         self.array = np.empty((0, *shape))
+        self._summed = 0, 0  # a number of rows and their checksum
 
     def reserve(self, rows: int) -> None:
         # A write to a map of a file without space on the disk would end the process with SIGBUS.
@@ -157,7 +183,15 @@ class _RowFile:
         self._write_header(rows)
         self.array = np.asarray(np.memmap(self._file, np.float64, "r+", self._offset, (rows, *self._shape)))
 
+    def checksum(self, rows: int) -> int:
+        """Return the checksum of the first rows. From one call to the next, the last of them may change."""
+        rows_before, before = self._summed if self._summed[0] < rows else (0, 0)
+        last, width = max(0, rows - 1), self.row_bytes // 8
+        self._summed = last, checksum(self.array[rows_before:last], rows_before * width, before)
+        return checksum(self.array[last:rows], last * width, self._summed[1])
+
     def close(self, rows: int) -> None:
+        self.checksum(rows)  # while the system has the rows mapped
         self._write_header(rows)
         self.array = np.empty((0, *self._shape))  # a system may refuse to cut a file that is mapped
         self._file.truncate(self._offset + rows * self.row_bytes)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
+from ..kernels.compile.interrupt import with_solution
 from ..methods import Method
 from . import frames
 from .interpolation import Knots
@@ -439,6 +440,7 @@ class Solution:
 
         return accelerations
 
+    @with_solution
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the solution to a file of NumPy arrays, which `eig3.load` reads.
 

@@ -21,17 +21,14 @@ from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..methods import METHODS, Method, shown
 from .labels import Labels
-from .mapped import check_directory, output_files, read_mapped
+from .mapped import DamagedFileError, MappedRows, check_directory, output_files, read_mapped
 from .solution import TRANSIENT, Solution, Status, separated
 from .soundness import check_fields
 
-_VERSION = 3  # raise it with every change that an older eig3 would read wrongly
-_NEWEST = 4  # that of ensembles, which older ones do not know
-_GOES_ON_FROM = 3  # the first version whose runs can go on in this one
+_VERSION = 5  # raise it with every change that another eig3 would read wrongly
 _RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
 _ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there, as those of outputs have
-_COUNTS = "counts.npy"  # a file of version 1 with the number of rows, and with what a run had counted up to there
 _TRIALS, _PAUSE = 5, 0.02  # to read or replace a file that another process uses, and the seconds between them
 _LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and the part of its time they may take
 _FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
@@ -80,27 +77,29 @@ class Place:
         check_directory(directory)
         return cls(directory, labels, integrals)
 
-    def keep(self, rows: int, solution: Callable[[], Solution]) -> None:
+    def keep(self, files: MappedRows, rows: int, solution: Callable[[], Solution]) -> None:
         """Write now and then what a run has found so far: what is left if its process is killed.
 
         Parameters
         ----------
+        files : MappedRows
         rows : int
-            Number of rows that are complete.
+            Number of rows that are complete in them.
         solution : callable
             It returns the run up to these rows.
         """
         begin = time.perf_counter()
         if begin >= self._next:
-            self.write(solution(), rows, has_ended=False)
+            self.write(solution(), files, rows, has_ended=False)
             end = time.perf_counter()
             self._next = end + max(_LEAST_PAUSE, (end - begin) / _LARGEST_SHARE)
 
-    def write(self, solution: Solution, rows: int, *, has_ended: bool) -> None:
-        """Write what a solution has beside its rows, whose number is `rows`."""
+    def write(self, solution: Solution, files: MappedRows, rows: int, *, has_ended: bool) -> None:
+        """Write what a solution has beside its rows, whose number in the files is `rows`."""
         state = {name: None if name in _ROWS else value for name, value in solution._fields().items()}
         state |= dict.fromkeys(TRANSIENT) | {"_resume": solution._state, "labels": self.labels, "outputs": {}}
-        rest = {"rows": rows, "outputs": list(solution.outputs), "integrals": self.integrals, "has_ended": has_ended}
+        rest = {"outputs": list(solution.outputs), "integrals": self.integrals, "has_ended": has_ended}
+        rest |= {"rows": rows, "checksums": files.checksums(rows)}
         _write(solution, state, self.directory / _RUN, is_lasting=has_ended, **rest)
 
 
@@ -121,8 +120,7 @@ def write(method: Method, state: dict[str, Any], target: Path, *, is_lasting: bo
         state["notes"] = *state["notes"], WITHOUT_JACOBIAN
     arrays: dict[str, np.ndarray] = {}
     fields = {name: _plain(value, name.lstrip("_"), arrays) for name, value in state.items()}
-    version = _NEWEST if "kind" in rest else _VERSION
-    arrays[_RECORD] = np.array(json.dumps({"version": version, "solution": fields, **rest}))
+    arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "solution": fields, **rest}))
     temporary = target.with_name(f".{uuid.uuid4().hex}.part")
     try:
         with temporary.open("xb") as stream:
@@ -171,23 +169,18 @@ def _load_directory(directory: Path) -> Solution:
     for _ in range(_TRIALS - 1):
         try:
             return _read(directory / _RUN, partial(_solution_in, directory))
-        except ValueError as error:
-            if error.__cause__ is None:  # it is not damaged
-                raise
-        time.sleep(_PAUSE)
+        except DamagedFileError:
+            time.sleep(_PAUSE)
     return _read(directory / _RUN, partial(_solution_in, directory))
 
 
 def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str, np.ndarray]) -> Solution:
     """Return the solution from the files of a directory, and the record and arrays that are not rows."""
-    if record["version"] == 1:
-        counts = _counts_of_version_1(directory)
-        rows, files = counts.pop("rows"), {}
-    else:
-        rows, files, counts = record["rows"], output_files(record["outputs"]), {}
+    rows, files = record["rows"], output_files(record["outputs"])
     if not (isinstance(rows, int) and rows >= 0):
         raise ValueError(f"{rows} is not a number of rows.")
-    arrays = read_mapped(directory, [*_ROWS, *files.values()], rows)
+    checksums = {name: record["checksums"][name] for name in (*_ROWS, *files.values()) if name in record["checksums"]}
+    arrays = read_mapped(directory, checksums, rows)
     given: dict[str, Any] = {name: arrays.get(name) for name in _ROWS}
     whole, names = (given["u"], given["v"]), [str(name) for name in record["integrals"]]
     if names:
@@ -197,20 +190,12 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
     result = _solution(record["solution"], others, given)
     result._whole = whole if names else None
     if not record["has_ended"]:
-        vars(result).update(counts)
-        if counts and result.steps is not None:  # with tolerances, h is the mean of the steps
-            result.h = float(result.t[-1] - result.t[0]) / max(1, result.n_steps)
         result.status = Status.INTERRUPTED
         result.message = (
             f"The process of this run was killed after t = {result.t[-1]:g}, the last state here, or it is still "
             "running."
         )
     return result
-
-
-def _counts_of_version_1(directory: Path) -> dict[str, Any]:
-    record = np.load(directory / _COUNTS)
-    return {name: record[name].item() for name in record.dtype.names}
 
 
 def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.ndarray]], Any]) -> Any:
@@ -225,15 +210,15 @@ def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.n
         try:
             record = json.loads(text)
             version = int(record["version"])
-            if version < _GOES_ON_FROM:
-                record["solution"].pop("_resume", None)
-            if version <= _NEWEST:
+            if version == _VERSION:
                 return solution(record, arrays)
         except _UnknownMethodError as error:
             raise ValueError(f"{target} {error}") from None
+        except DamagedFileError:
+            raise
         except Exception as error:
-            raise ValueError(f"{target} is damaged: take a copy of it, or run again.") from error
-    raise ValueError(f"{target} was written by a newer eig3, in version {version} of its format: update eig3.")
+            raise DamagedFileError(target) from error
+    raise ValueError(f"{target} has version {version} of its format, and not {_VERSION}: use the eig3 that wrote it.")
 
 
 class _Members(Mapping[str, np.ndarray]):

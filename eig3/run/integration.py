@@ -105,27 +105,23 @@ def integrate(
     """
     u, v, form = check_state(u0, v0)
     params = named(params)
-    try:
-        prepared = Prepared(
-            rhs,
-            form,
-            h=h,
-            rtol=rtol,
-            atol=atol,
-            method=method,
-            save_every=save_every,
-            t_eval=t_eval,
-            events=events,
-            invariants=invariants,
-            outputs=outputs,
-            h_max=h_max,
-            first_step=first_step,
-            max_steps=max_steps,
-            inline=inline,
-            layout=getattr(params, "layout", None),
-        )
-    except KeyboardInterrupt as error:  # while a function was compiled
-        error.solution = None  # type: ignore[attr-defined]
-        raise
+    prepared = Prepared(
+        rhs,
+        form,
+        h=h,
+        rtol=rtol,
+        atol=atol,
+        method=method,
+        save_every=save_every,
+        t_eval=t_eval,
+        events=events,
+        invariants=invariants,
+        outputs=outputs,
+        h_max=h_max,
+        first_step=first_step,
+        max_steps=max_steps,
+        inline=inline,
+        layout=getattr(params, "layout", None),
+    )
     options: dict[str, Any] = {"progress": progress, "raise_on_failure": raise_on_failure}
     return prepared(t_span, u, v, params, cancel=cancel, save_to=save_to, **options)

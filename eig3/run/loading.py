@@ -49,7 +49,8 @@ def load(
     Solution or EnsembleSolution
         The numbers are the saved ones, to the last bit. Without rhs, `explain` returns what it had found before, and
         `at` takes the saved accelerations. A directory has none of these, so that `at` is a cubic polynomial. Its t, u,
-        v and outputs are maps of files that can only be read. If the process of its run was killed, or is still
+        v and outputs are maps of files that can only be read. `load` reads these files once, to compare the checksum
+        of their rows with that which the run has written. If the process of its run was killed, or is still
         running, the status is INTERRUPTED, and the solution is the run up to the last record that it wrote: some tenths
         of a second of computing before, or somewhat more for a large system, so that records take at most a twentieth
         of the time. An ensemble needs rhs for `at` of its members. Of a directory, it has the members of the parts that
@@ -60,9 +61,9 @@ def load(
     OSError
         If the file cannot be read.
     TypeError, ValueError
-        If it is not a file of `Solution.save`, is damaged or comes from a newer eig3, or if its method is a class of
-        the user that is not imported yet. With rhs, if the run cannot go on, or the functions are not those of the run:
-        their names are checked, but not what they compute. The parameters are those of the file.
+        If it is not a file of `Solution.save`, is damaged or comes from another version of eig3, or if its method is a
+        class of the user that is not imported yet. With rhs, if the run cannot go on, or the functions are not those of
+        the run: their names are checked, but not what they compute. The parameters are those of the file.
 
     Notes
     -----

@@ -28,6 +28,7 @@ from ..functions.guard import guarded
 from ..functions.layout import Layout
 from ..functions.named import has_names, in_layout, named
 from ..functions.quantities import Functions, check_functions
+from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
 from ..methods import Method
 from ..result.labels import Labels
@@ -66,6 +67,7 @@ class Prepared:
         Its options, which later changes of the arrays and dictionaries of the caller do not change.
     """
 
+    @with_solution
     def __init__(
         self,
         rhs: Any,
@@ -340,6 +342,8 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
     ------
     TypeError, ValueError
         If an option is not valid.
+    KeyboardInterrupt
+        After Ctrl-C. Its attribute `solution` is None.
 
     Notes
     -----

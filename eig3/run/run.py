@@ -386,7 +386,8 @@ class Run:
     def _keep(self) -> None:
         """Write now and then what the run has found so far: what is left if its process is killed."""
         assert self.place
-        self.place.keep(self.history.count, self._so_far)
+        assert self.history.files
+        self.place.keep(self.history.files, self.history.count, self._so_far)
 
     def _so_far(self) -> Solution:
         """Return a run that goes on; its rows are in files."""
@@ -457,7 +458,8 @@ def _after(run: Run, error: BaseException) -> Solution:
 def _write(run: Run, solution: Solution) -> None:
     """Write the solution, whose rows are written, to the place of the run."""
     assert run.place
-    run.place.write(solution, len(solution.t), has_ended=True)
+    assert run.history.files
+    run.place.write(solution, run.history.files, len(solution.t), has_ended=True)
 
 
 def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:

@@ -19,6 +19,7 @@ _GROWTH = 16  # largest factor from the steps of one slice to the steps of the n
 _FIRST_SECONDS = 3e-5  # the time per step may be known from a run with other parameters
 _WAITING = 10  # least duration of a slice as a multiple of the time for which it waits for the interpreter,
 _LONGEST = 0.05  # up to this duration, because longer slices are interrupted more often by other processes
+_LAST = 9  # slices whose median wait counts: the threads of an ensemble wait for each other now and then
 _SLOW_STEP = 0.01  # seconds of a step from which on a slice does not last for a whole turn
 
 
@@ -48,6 +49,7 @@ class Slices:
     def __init__(self, pace: float | None, turn: int = 1) -> None:
         self.steps = max(1, int(_FIRST_SECONDS / pace)) if pace else 1
         self._turn, self._waits = turn, math.nan
+        self._waited = _LAST * (0.0,)  # for how long each of the last slices has waited
 
     def begin(self, left: int) -> tuple[int, float, float]:
         """Begin the next slice of a call that has `left` steps left; return its steps and two times for `end`."""
@@ -65,14 +67,15 @@ class Slices:
         seconds = time.perf_counter() - begin
         if busy_at_begin:  # the last slice of a call is followed by other work
             busy = time.thread_time() - busy_at_begin
-            wanted = max(_SECONDS, min(_LONGEST, _WAITING * self._waited(seconds - busy)))
+            self._waited = *self._waited[1:], self._wait_in(seconds - busy)
+            wanted = max(_SECONDS, min(_LONGEST, _WAITING * sorted(self._waited)[_LAST // 2]))
             self.steps = self._whole_turns(max(1, done) * min(_GROWTH, wanted / (busy + 1e-9)))
         return seconds
 
     def copy(self) -> Slices:
         return copy.copy(self)
 
-    def _waited(self, idle: float) -> float:
+    def _wait_in(self, idle: float) -> float:
         """Return for how long a slice that was idle for some time waited for the interpreter.
 
         Another thread may have kept the interpreter, and slices must be long in comparison. They need not be long where

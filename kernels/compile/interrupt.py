@@ -11,9 +11,28 @@ import sys
 
 # The functions of the module signal convert to enums, which takes 10 microseconds a run.
 from _signal import getsignal, signal  # type: ignore[import-not-found]
+from collections.abc import Callable
+from functools import wraps
 from signal import SIGINT, default_int_handler
 from threading import get_ident, main_thread
-from typing import Any
+from typing import Any, TypeVar
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def with_solution(function: _Function) -> _Function:
+    """Decorate a function whose KeyboardInterrupt has the attribute `solution`: None if no run has given it one."""
+
+    @wraps(function)
+    def call(*arguments: Any, **options: Any) -> Any:
+        try:
+            return function(*arguments, **options)
+        except KeyboardInterrupt as error:
+            if not hasattr(error, "solution"):
+                error.solution = None  # type: ignore[attr-defined]
+            raise
+
+    return call  # type: ignore[return-value]
 
 
 class DeferredInterrupt:
