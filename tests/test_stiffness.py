@@ -48,6 +48,7 @@ def test_many_degrees_of_freedom_and_a_run_that_ends_early():
     solution = eig3.integrate(creep, (0, 1e4), start, 0 * start, params=1e4, rtol=1e-6, max_steps=3000, save_every=10)
     assert solution.status is Status.TOO_MANY_STEPS
     assert "The motion is stiff" in solution.explain()
+    assert "solve_ivp(fun, t_span, [*u0, *v0]" in solution.explain()
 
 
 @pytest.mark.parametrize(

@@ -27,9 +27,7 @@ _DAMPED = 0.7  # damping ratio from which on a mode decays within its period
 _LEAST = 0.5  # no method of the library is unstable for a smaller rate times a step that decays
 
 
-def stiffness(
-    method: Method, f: Callable, n: int, states: Iterable[tuple[float, Any, Any, float]], limited: str
-) -> str:
+def stiffness(method: Method, f: Callable, states: Iterable[tuple[float, Any, Any, float]], limited: str) -> str:
     """Describe a motion that is stiff; empty if it is not.
 
     Parameters
@@ -38,23 +36,23 @@ def stiffness(
         The record that takes the steps.
     f : callable
         ``f(t, u, v)``, the acceleration.
-    n : int
-        Number of degrees of freedom.
     states : iterable of (t, u, v, h)
         States, each with the step there.
     limited : str
         What would decide about the steps otherwise.
     """
+    states = list(states)
     looked = [_stiff_rate(method, f, *state) for state in states]
     rates = [rate for rate in looked if rate]
     if not rates or len(rates) < _MOST * len(looked):
         return ""
-    fun, start = ("lambda t, y: (y[1], rhs(t, *y, p))", "(u0, v0)") if n == 1 else ("fun", "[*u0, *v0]")
+    call, where = "fun, t_span, [*u0, *v0]", ", where fun(t, [*u, *v]) returns [*v, *a]"
+    if np.ndim(states[0][1]) == 0:
+        call, where = "lambda t, y: (y[1], rhs(t, *y, p)), t_span, (u0, v0)", ""
     return (
         f"The motion is stiff: in {len(rates)} of {len(looked)} states, stability limits the step of {method.label} "
         f"and {limited} does not, because disturbances decay at a rate of {np.median(rates):.2g}. An implicit method "
-        f'may take far fewer steps: scipy.integrate.solve_ivp({fun}, t_span, {start}, method="Radau")'
-        f"{'' if n == 1 else ', where fun(t, [*u, *v]) returns [*v, *a]'}."
+        f'may take far fewer steps: scipy.integrate.solve_ivp({call}, method="Radau"){where}.'
     )
 
 

@@ -188,7 +188,9 @@ class Pilots:
     def states(self, count: int, h: float) -> Iterator[tuple[float, Any, Any, float]]:
         """Return some states of the whole span, if they are known, each with the step h."""
         survey = self._survey
-        for i in np.linspace(0, len(survey.t), count, endpoint=False).astype(int) if survey else ():
+        if survey is None:
+            return
+        for i in np.linspace(0, len(survey.t), count, endpoint=False).astype(int):
             yield survey.t[i], survey.u[i], survey.v[i], h
 
     @property

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_method
 from ..functions.history import constraints_of
@@ -282,7 +280,7 @@ def _stiffness(pilots: Pilots, best: Prediction) -> str:
     if best.n_steps < MANY_STEPS or not pilots.problem.uses_velocity:
         return ""
     states = pilots.states(STATES, best.h)
-    return stiffness(best.method, pilots.acceleration, np.size(pilots.problem.u0), states, "the accuracy")
+    return stiffness(best.method, pilots.acceleration, states, "the accuracy")
 
 
 def _in_order_of_trial() -> list[str]:

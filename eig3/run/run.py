@@ -381,7 +381,7 @@ class Run:
         fine, finest = (carry_out(partial(self.finer, k), None, raise_on_failure=False) for k in (1, 2))
         end = min(each.t[-1] for each in (solution, fine, finest))
         t = solution.t[solution.t <= end]
-        return Refinement.of(t, solution.u[: len(t)], *(_at(t, each) for each in (fine, finest)), ratio)
+        return Refinement.of(t, solution.u[: len(t)], _at(t, fine), _at(t, finest), ratio)
 
     def _keep(self) -> None:
         """Write now and then what the run has found so far: what is left if its process is killed."""

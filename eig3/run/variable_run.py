@@ -274,7 +274,7 @@ class VariableRun(Run):
         stepper = self.stepper
         if stepper.index < MANY_STEPS or not stepper.system.callback.reads_velocity or stepper.system.history:
             return ""
-        return stiffness(stepper.running, stepper.acceleration, stepper.n, self._states_of_steps(), "rtol")
+        return stiffness(stepper.running, stepper.acceleration, self._states_of_steps(), "rtol")
 
     def _states_of_steps(self) -> Iterator[tuple[float, Any, Any, float]]:
         """Return some states with their steps, equal numbers of steps apart, and the last one of a whole step."""
