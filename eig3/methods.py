@@ -106,7 +106,7 @@ class Method:
         """Return the record that takes the steps of the member of an ensemble with this number."""
         return self
 
-    def for_masses(self, masses: np.ndarray, owner: str) -> "Method":
+    def for_masses(self, masses: "np.ndarray", owner: str) -> "Method":
         """Return the record for degrees of freedom with these masses, those of the problem `owner`."""
         return self
 
@@ -552,7 +552,7 @@ class Langevin(Method):
     def of_member(self, member: int) -> Method:
         return dataclasses.replace(self, stream=self.stream + member)
 
-    def for_masses(self, masses: np.ndarray, owner: str) -> Method:
+    def for_masses(self, masses: "np.ndarray", owner: str) -> Method:
         if self.mass is not None and not (np.size(self.mass) in (1, masses.size) and np.all(masses == self.mass)):
             raise ValueError(f"mass of Langevin must be that of the degrees of freedom of {owner}: leave it out.")
         is_same = bool((masses == masses[0]).all())

@@ -73,7 +73,7 @@ def duffing(
     """
     if not delta >= 0:
         raise ValueError(f"delta must not be negative, not {delta}.")
-    is_damped, is_forced = delta != 0, gamma != 0
+    is_damped, is_forced = bool(delta), bool(gamma)
     return Problem(
         name="duffing",
         rhs=((undamped, forced), (damped, damped_forced))[is_damped][is_forced],

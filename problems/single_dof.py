@@ -69,7 +69,7 @@ def single_dof(
     """
     if not omega > 0:
         raise ValueError(f"omega must be positive, not {omega}.")
-    is_damped, is_forced = xi != 0, force != 0
+    is_damped, is_forced = bool(xi), bool(force)
     return Problem(
         name="single_dof",
         rhs=((undamped, forced), (damped, damped_forced))[is_damped][is_forced],

@@ -122,10 +122,9 @@ def ensemble(
 
     Notes
     -----
-    The numbers of a member do not depend on the other members, on its place or on the number of threads, to the last
-    bit. A single member keeps these bits if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). With `rtol`,
-    fewer than 16 members run one at a time, with the bits of `eig3.integrate`, which may differ by round-off. Member i
-    has the random numbers of the stream i of `Langevin`: ``Langevin(..., stream=i)``.
+    The bits of a member do not depend on the other members, on its place or on the number of threads. A single member
+    keeps them if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). With `rtol`, fewer than 16 members run one
+    at a time, with the bits of `eig3.integrate`. Member i has the stream i of random numbers of `Langevin`.
     """
     _refuse(refused)
     check_progress(progress)

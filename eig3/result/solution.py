@@ -148,7 +148,7 @@ class Solution:
     labels: Labels | None = None
     reason: Reason | None = None
     _accelerations: functools.partial[np.ndarray] | None = None  # of the right-hand side and its parameters
-    _extend: Callable[[], Any] | None = None  # returns the run at its end, which can go on, and is checked
+    _extend: Callable[..., Any] | None = None  # returns the run at its end, which can go on, and is checked
     _between: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     _explanation: str = ""
     _resume: Any = None  # the state from which the run can go on, or a function that returns it

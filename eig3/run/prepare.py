@@ -96,7 +96,6 @@ class Prepared:
             "h": h,
             "rtol": rtol,
             "atol": atol,
-            "method": method,
             "save_every": save_every,
             "t_eval": t_eval,
             "events": events,
@@ -112,7 +111,8 @@ class Prepared:
                 own[name] = _own(name, value)
         atol, t_eval = own["atol"], own["t_eval"]
         events, invariants, outputs = own["events"], own["invariants"], own["outputs"]
-        self.options = own | {"labels": labels, "integrals": integrals, "defaults": defaults, "layout": layout}
+        others = {"labels": labels, "integrals": integrals, "defaults": defaults, "layout": layout}
+        self.options = {**own, "method": method, **others}
         if layout:
             rhs, method = layout.bind(rhs), layout.bind_method(method)
             events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
@@ -360,9 +360,9 @@ def _own(name: str, value: Any) -> Any:
     """Return an option, or a copy of it if the caller can change it."""
     if name in ("atol", "t_eval"):
         return reals(value, name)
-    if isinstance(value, Mapping):
-        return dict(value)
-    return value.copy() if isinstance(value, np.ndarray) else value
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    return dict(value) if isinstance(value, Mapping) else value
 
 
 def _refuse(given: dict[str, Any]) -> None:
