@@ -12,16 +12,16 @@ otherwise its loops are already prepared for any n.
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
-import numpy as np
 from numba.extending import intrinsic
 from numba.types import float64, int64, none
 
@@ -131,8 +131,9 @@ def written(t, u, v, p, out, low, high, t_low, t_high):
 def watched(t, u, v, p, out, low, high, t_low, t_high):
     """Look whether the function of an event has changed its sign: then `low` is not positive. Most looks see nothing.
 
-    Changes in the other direction than DIRECTION do not count. `out` has the side of the zero. At the first call, all
-    of it is NaN, and `high` is -inf. If STOPS is 1, it also has rows with the time and the states of `Crossing`.
+    Changes in the other direction than DIRECTION do not count. The first that counts is at `t_low`, and `t_high` is the
+    side of the zero before it. `out` has the side of the latest state. At the first call, all of it is NaN, and `high`
+    is -inf.
     """
     velocities = v
     if HAS_OWN_STEP > 0:
@@ -145,53 +146,28 @@ def watched(t, u, v, p, out, low, high, t_low, t_high):
     if changed > 0:
         for lane in range(LANES):
             g = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
-            least, side, is_first = low[lane], out[lane], high[lane] < 0
-            counts = not (is_first or side * g > 0 or (side * g < 0 and DIRECTION * g < 0))
-            if STOPS > 0 and g == 0 and not is_first:  # the next step shows the sign
-                counts, g = False, side
-            if STOPS > 0 and counts and least > 0:
-                out[LANES + lane], out[2 * LANES + lane] = t, side
-                for j in range(N):
-                    k, size = j * LANES + lane, N * LANES
-                    first = 3 * LANES + k
-                    out[first], out[first + size] = out[first + 4 * size], out[first + 5 * size]
-                    out[first + 2 * size], out[first + 3 * size] = u[k], velocities[k]
-            low[lane] = abs(g) if is_first else (-1.0 if counts else least)
-            out[lane], high[lane] = g, 1.0
-    if STOPS > 0:
-        for k in range(N * LANES):
-            out[(3 + 4 * N) * LANES + k] = u[k]
-        for k in range(N * LANES):
-            out[(3 + 5 * N) * LANES + k] = velocities[k]
+            side = out[lane]
+            if high[lane] < 0:
+                low[lane], high[lane], out[lane] = abs(g), 1.0, g
+            elif g != 0 or STOPS == 0:  # if a change ends the run, the step after a zero shows the sign
+                counts = not (side * g > 0 or (side * g < 0 and DIRECTION * g < 0))
+                if counts and low[lane] > 0:
+                    low[lane], t_low[lane], t_high[lane] = -1.0, t, side
+                out[lane] = g
 
 
-class Crossing(NamedTuple):
-    """The first step in which the function of an event that ends runs has changed its sign, in each lane.
+def caught(t, u, v, p, out, low, high, t_low, t_high):
+    """Keep each value of u in `out`, and of v in `t_low`, at the first step after a time of its own.
 
-    Attributes
-    ----------
-    t : ndarray, shape (lanes,)
-        The time of the kernel at its end; NaN if there is none.
-    side : ndarray, shape (lanes,)
-        The side of the zero before it.
-    states : ndarray, shape (4, n, lanes)
-        u and v at its start, and at its end.
+    `low` has these times in their order, and `high` the places of the values to which they belong. `t_high[0]` is the
+    number of those that have passed.
     """
-
-    t: Any
-    side: Any
-    states: Any
-
-    @classmethod
-    def of(cls, values: Any) -> Crossing:
-        """Take it from the values of `watched`, shape (`rows`, lanes)."""
-        n, t = (len(values) - 3) // 6, values[1]
-        return cls(t, np.where(np.isnan(t), values[0], values[2]), values[3 : 3 + 4 * n].reshape(4, n, -1))
-
-    @staticmethod
-    def rows(n: int) -> int:
-        """Return the number of rows that `watched` needs for n degrees of freedom: it also keeps u and v."""
-        return 3 + 6 * n
+    k = int(t_high[0])
+    while k < out.size and low[k] < t:
+        j = int(high[k])
+        out[j], t_low[j] = u[j], v[j]
+        k += 1
+    t_high[0] = k
 
 
 def time_of_own_step(t, p, lane):
@@ -358,10 +334,16 @@ def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...],
 def compile_watched(function: Callable, layout: Layout, direction: int, stops: bool, is_checked: bool = False) -> Lanes:
     """Compile the look for a change of sign of the function of an event. It is called as a quantity.
 
-    With `stops`, it keeps the states of the step in which this is so, see `Crossing`.
+    With `stops`, a zero does not count as a change.
     """
     names = {"DIRECTION": float(direction), "STOPS": int(stops)}
     return compile_template(watched, function, layout, _QUANTITY.args, is_checked, names)
+
+
+@functools.cache
+def compile_caught() -> Lanes:
+    """Compile `caught`. It is called as a quantity."""
+    return compile_block(caught, _QUANTITY.args, KERNEL_OPTIONS)
 
 
 def compile_template(

@@ -774,3 +774,13 @@ def test_events_that_end_members_are_found_in_lanes(options, own_step):
                 for field in ("t", "u", "v", "u_after", "v_after"):
                     ours = getattr(member.events[name], field)
                     np.testing.assert_allclose(ours, getattr(found, field), rtol=1e-9, atol=1e-11)
+
+
+def test_members_that_begin_at_the_zero_of_an_event_end_as_single_runs():
+    """A look in lanes does not see the first change of sign of a g that is zero at the start."""
+    events = {"bound": eig3.Event(above_bound, -1, terminal=True), "late": eig3.Event(after_four, terminal=True)}
+    runs = eig3.ensemble(spring, (0, 5), 1.0, np.ones(70), h=0.02, params=[1.0, 1.0], events=events)
+    one = eig3.integrate(spring, (0, 5), 1.0, 1.0, h=0.02, params=[1.0, 1.0], events=events, save_every=None)
+    assert one.t[-1] == pytest.approx(np.pi / 2, rel=1e-3)
+    for member in runs:
+        assert (member.message, member.t[-1]) == (one.message, one.t[-1])

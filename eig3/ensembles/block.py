@@ -9,8 +9,7 @@ import numpy as np
 
 from ..diagnosis.divergence import became_non_finite, lost_constraints
 from ..functions.guard import not_finite_at_start
-from ..kernels.lanes import Crossing
-from ..kernels.protocol import LOW, SCALAR, TERMINAL, VECTOR
+from ..kernels.protocol import LOW, SCALAR, T_HIGH, T_LOW, TERMINAL, VECTOR
 from ..result.solution import Status
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
 from ..run.run import ended_by_event, unwritten_entry
@@ -134,7 +133,7 @@ class Block:
             reached = state.index
             failed = self._runs & ~state.is_finite
             if failed.any():
-                crossing, _ = self._crossings()
+                crossing = self._crossings()
                 stop_before = failed & (crossing > before[0]) & (crossing < reached)
                 self._ends[stop_before] = crossing[stop_before]  # an event may end them first
                 state.restore(before)
@@ -142,7 +141,7 @@ class Block:
                 state.restore(before)
             else:
                 self._observe(before[0], *states)
-                self._stop_lanes(before[0])
+                self._stop_lanes(before)
                 if reached - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
                     self.shared.pace.note(reached - before[0], time.perf_counter() - begin)
         except Exception:
@@ -150,27 +149,33 @@ class Block:
             raise
         self._end(self._runs & (self._ends == state.index))
 
-    def _crossings(self) -> tuple[np.ndarray, list[Crossing]]:
-        """Return the step index at the end of the first step that may end each lane, or -1; and what each event has."""
-        if not self.shared.stops:
-            return np.full(len(self._runs), -1), []
-        found = [Crossing.of(self._state.tracks.latest(name)) for name in self.shared.quantities]
-        index = np.fmin.reduce([self._state.index_of(crossing.t) for crossing in found])
-        return np.where(np.isnan(index), -1, index).astype(np.int64), found
+    def _crossings(self) -> np.ndarray:
+        """Return the step index at the end of the first step that may end each lane, or -1.
 
-    def _stop_lanes(self, before: int) -> None:
-        """End the members that an event has ended since the step index `before`."""
-        index, found_by = self._crossings()
-        lanes = np.flatnonzero(self._runs & (index > before))
-        histories, stops = self.shared.histories, self.shared.stops
+        It is also -1 where it is not known, because a g was zero or NaN at the start: such a member runs alone.
+        """
+        tracks, first = self._state.tracks, np.full(len(self._runs), np.inf)
+        for name in self.shared.quantities if self.shared.stops else ():
+            low, _, t, _ = tracks.extremes(name)[:, 0]
+            index = np.where(np.isnan(t), -1, self._state.index_of(t))
+            first = np.minimum(first, np.where(low > 0, np.inf, index))
+        return np.where(first < np.inf, first, -1).astype(np.int64)
+
+    def _stop_lanes(self, before: tuple) -> None:
+        """End the members that an event has ended since the state `before`."""
+        index, histories, stops = self._crossings(), self.shared.histories, self.shared.stops
+        lanes = np.flatnonzero(self._runs & (index > before[0]))
         if not (stops and lanes.size):
             return
-        sides = np.column_stack([crossing.side[lanes] for crossing in found_by])
-        states = np.empty((4, lanes.size, self.shared.layout.n))
-        for crossing in found_by:
-            mine = self._state.index_of(crossing.t[lanes]) == index[lanes]
-            states[:, mine] = crossing.states[..., lanes[mine]].swapaxes(1, 2)
-        found = stops.search(self._members[lanes], index[lanes], sides, states)
+        tracks, now = self._state.tracks, self._state.save()
+        self._state.restore(before)
+        u, v = self._state.catch(np.array([index - 1, index]), int(index[lanes].max()), self._stop)
+        self._state.restore(now)
+        if self._stop.is_set():  # some states may be missing
+            return
+        looks = [(tracks.latest(name)[0, lanes], tracks.extremes(name)[:, 0, lanes]) for name in self.shared.quantities]
+        sides = np.column_stack([np.where(np.isnan(ends[T_LOW]), side, ends[T_HIGH]) for side, ends in looks])
+        found = stops.search(self._members[lanes], index[lanes], sides, u[..., lanes], v[..., lanes])
         lanes = lanes[found.chosen]
         members = self._members[lanes]
         histories.stop(members, index[lanes] - 1, found.t, found.u, found.v, found.n_rhs)

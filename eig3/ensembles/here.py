@@ -23,7 +23,7 @@ from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
 from ..kernels.constraint_lanes import Straight
-from ..kernels.lanes import Crossing, Lanes, Layout, compile_quantity, compile_rhs, compile_watched
+from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS, VECTOR
 from ..run.progress import Progress
@@ -177,9 +177,8 @@ class Run:
             return None
         method, straight = options.method.for_force(self._callback.reads_velocity, members.n), self._straight
         method = method.with_constraints() if straight else method
-        is_stopped = self._is_stopped()
-        followed = self._followed(Crossing.rows(members.n) if is_stopped else 1)
-        rows = sum(name.rows if isinstance(name, SignOf) else ROWS_FOLLOWED * q.width for name, q in followed.items())
+        followed = self._followed()
+        rows = sum(1 if isinstance(name, SignOf) else ROWS_FOLLOWED * q.width for name, q in followed.items())
         rows += straight.room + members.n if straight else 0
         layout = layout_of(members, method, rows, self.threads)
         if layout is None:
@@ -201,7 +200,7 @@ class Run:
         kernel = wide_kernel(method.formulas, looks, method.second)
         plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "invariants": {}, "outputs": {}}
         alone = Singles(self.rhs, members, options, **plain)
-        stops = Stops(self._single.prepared(0).system, members, method) if is_stopped else None
+        stops = Stops(self._single.prepared(0).system, members, method) if self._is_stopped() else None
         given = rhs, keeping, quantities, stops, self.histories, alone, self._single
         return Shared(members, layout, method, kernel, *given)
 
@@ -215,17 +214,14 @@ class Run:
         """Compile a quantity, or the function of an event, for lanes."""
         if isinstance(name, SignOf):
             direction = int(self.options.events[name.event].direction)
-            return lanes_of(q.function, q.callback, layout, compile_watched, direction, name.rows > 1)
+            return lanes_of(q.function, q.callback, layout, compile_watched, direction, self._is_stopped())
         return lanes_of(q.function, q.callback, layout, compile_quantity, q.shape)
 
-    def _followed(self, rows: int = 1) -> dict[Any, Quantity]:
-        """Return what is evaluated at each step: the invariants, the outputs, and the functions of the events.
-
-        The look for an event has `rows` values for each lane.
-        """
+    def _followed(self) -> dict[Any, Quantity]:
+        """Return what is evaluated at each step: the invariants, the outputs, and the functions of the events."""
         form = self.members.form
         events = {
-            SignOf(name, rows): Quantity(f"events[{name!r}].g", event.g, form=form)
+            SignOf(name): Quantity(f"events[{name!r}].g", event.g, form=form)
             for name, event in self.options.events.items()
         }
         return {**self._invariants, **self._outputs, **events}

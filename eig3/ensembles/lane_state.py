@@ -50,7 +50,7 @@ class LaneState:
         self.h = np.ascontiguousarray(everyone.steps[members])
         self._unit = self.h if layout.has_own_step else np.ones(layout.lanes)
         self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
-        self._rhs, self._kernel, keeping = shared.rhs, shared.kernel, shared.keeping
+        self._rhs, self._kernel, self._stops, keeping = shared.rhs, shared.kernel, shared.stops, shared.keeping
         leap = keeping.function.address if keeping and keeping.is_leap else None
         project = keeping.function.address if keeping and not keeping.is_leap else 0
         self._callbacks = shared.rhs.address, leap
@@ -167,6 +167,28 @@ class LaneState:
         if self.layout.has_own_step:
             self._v[:states] /= self._unit
         return self._u[:states], self._v[:states], {name: rows[:states] for name, rows in self._outputs.items()}
+
+    def catch(self, indices: np.ndarray, target: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray]:
+        """Go on to a step index, without the quantities, and return u and v of some states of each lane.
+
+        Their step indices have the shape (k, lanes), and u and v (k, n, lanes).
+        """
+        (h, t0), size, k = self._clock, self._rows[0].size, len(indices)
+        u, v = (np.repeat(row[None], k, axis=0) for row in self._rows[:2])  # those at the present step index
+        places = np.broadcast_to(indices[:, None], u.shape).reshape(k, size)
+        order = np.argsort(places, axis=1)
+        t = t0 + (np.take_along_axis(places, order, axis=1) - 0.5) * h
+        passed = np.repeat((places <= self.index).sum(axis=1), size)
+        caught = np.array([t.ravel(), order.ravel(), v.ravel(), passed])
+        address = self._stops.caught.address
+        table = np.array([[address, size, i * size, i * size, 0, -1] for i in range(k)])
+        usual = self._look
+        self._look = Look(_NO_WATCH, self.tracks.record._replace(table=table, out=u.reshape(-1), extremes=caught))
+        try:
+            self.advance(target, target + 1, stop)  # which saves no state
+        finally:
+            self._look = usual
+        return u, caught[T_LOW].reshape(v.shape) / self._unit
 
     def _reserve(self, states: int) -> None:
         """Make room for states to save, and for the outputs in them."""

@@ -28,12 +28,9 @@ class SignOf(NamedTuple):
     Attributes
     ----------
     event : str
-    rows : int
-        The number of values of its look for each lane.
     """
 
     event: str
-    rows: int = 1
 
 
 class Pace:

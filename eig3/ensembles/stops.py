@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..kernels.lane_stops import STOP_COST, STOP_EVENT, STOP_ROWS, STOP_TIME, stops_kernel
+from ..kernels.lanes import compile_caught
 from ..kernels.loops.fixed import work_rows
 from ..kernels.protocol import EVENT_VALUES, EVENTS, VECTOR
 from ..methods import Method
@@ -50,16 +51,24 @@ class Stops:
     members : Members
     method : Method
         The record that takes the steps.
+
+    Attributes
+    ----------
+    system : System
+    caught : Lanes
+        What keeps the states of the steps, compiled for lanes.
     """
 
     def __init__(self, system: System, members: Members, method: Method) -> None:
         self.system, self._members, self._method = system, members, method
         self._kernel = stops_kernel(method.formulas, system.method.order, members.form)
+        self.caught = compile_caught()
 
-    def search(self, chosen: np.ndarray, index: np.ndarray, sides: np.ndarray, states: np.ndarray) -> Found:
+    def search(self, chosen: np.ndarray, index: np.ndarray, sides: np.ndarray, u: np.ndarray, v: np.ndarray) -> Found:
         """Search the step of some members that ends with step index `index`.
 
-        `sides` has the shape (members, events), and `states` (4, members, n): see `eig3.kernels.lanes.Crossing`.
+        `sides` has the shape (members, events): the side of the zero on which each g was before. u and v have the shape
+        (2, n, members): they are those at the start and at the end of the step.
         """
         system, members, m, n = self.system, self._members, len(chosen), self._members.n
         t0, h, count = members.t_span[0], members.steps[chosen], len(system.event_table)
@@ -67,7 +76,7 @@ class Stops:
         log = np.empty(((m + 1) * count, 2 + 4 * n))
         look = look._replace(watch=look.watch._replace(log=log))
         times = np.column_stack([t0 + (index - 1) * h, t0 + index * h])
-        sides, states = np.ascontiguousarray(sides), np.ascontiguousarray(states)
+        sides, states = np.ascontiguousarray(sides), np.array([u[0].T, v[0].T, u[1].T, v[1].T])
         params = (members.params[chosen] if members.has_own_params else members.params[None]).copy()
         found = np.empty((m, 4))
         tally = np.zeros(EVENTS + EVENT_VALUES * count)

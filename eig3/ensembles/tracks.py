@@ -11,15 +11,9 @@ from ..functions.guard import are_untouched
 from ..functions.quantities import Quantity
 from ..kernels.lanes import Lanes, Layout
 from ..kernels.protocol import ADDRESS, COLUMN, HIGH, LOW, OUT, ROWS, WIDTH, WORK, Follow
-from .shared import SignOf
 
 _GUARD_ROWS = 4  # of NaN on each side of the values of a quantity
 _NONE = np.empty((2, 0))
-
-
-def rows_of(name: Any, quantity: Quantity) -> int:
-    """Return the number of values of a quantity for each lane."""
-    return name.rows if isinstance(name, SignOf) else quantity.width
 
 
 class Tracks:
@@ -47,8 +41,8 @@ class Tracks:
         self._quantities, self._lanes = quantities, layout.lanes
         self._table = np.zeros((len(quantities), 6), dtype=np.int64)
         column, place = 0, _GUARD_ROWS * layout.lanes
-        for row, (name, (quantity, function)) in zip(self._table, quantities.items(), strict=True):
-            width = rows_of(name, quantity) * layout.lanes
+        for row, (quantity, function) in zip(self._table, quantities.values(), strict=True):
+            width = quantity.width * layout.lanes
             row[[ADDRESS, WIDTH, COLUMN, OUT, WORK]] = function.address, width, column, place, -1
             column, place = column + width, place + width + _GUARD_ROWS * layout.lanes
         self.numbers = np.full(place + 4 * column, np.nan)
