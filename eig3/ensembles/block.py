@@ -141,7 +141,8 @@ class Block:
                 state.restore(before)
             else:
                 self._observe(before[0], *states)
-                self._stop_lanes(before)
+                if self.shared.stops:
+                    self._stop_lanes(before)
                 if reached - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
                     self.shared.pace.note(reached - before[0], time.perf_counter() - begin)
         except Exception:
@@ -164,8 +165,9 @@ class Block:
     def _stop_lanes(self, before: tuple) -> None:
         """End the members that an event has ended since the state `before`."""
         index, histories, stops = self._crossings(), self.shared.histories, self.shared.stops
+        assert stops
         lanes = np.flatnonzero(self._runs & (index > before[0]))
-        if not (stops and lanes.size):
+        if not lanes.size:
             return
         tracks, now = self._state.tracks, self._state.save()
         self._state.restore(before)

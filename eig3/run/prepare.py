@@ -362,7 +362,7 @@ def _own(name: str, value: Any) -> Any:
         return reals(value, name)
     if isinstance(value, np.ndarray):
         return value.copy()
-    return dict(value) if isinstance(value, Mapping) else value
+    return dict(value) if type(value) is dict or isinstance(value, Mapping) else value
 
 
 def _refuse(given: dict[str, Any]) -> None:
