@@ -41,11 +41,10 @@ from ..stepping.tolerances import Tolerances
 from .alone import Alone
 from .block_sight import BlockSight
 from .histories import Histories
-from .lanewise import constrained_of, keeping_of, lanes_of
+from .lanewise import FEWEST_MEMBERS, constrained_of, keeping_of, lanes_of
 from .members import Members
 
 LANES = 64
-FEWEST = 16  # members; for fewer, the lanes do not pay
 _MOST_DEGREES = 8  # with more, the stages of a block leave the first-level cache
 _MOST_PARAMS = 64  # of a member, for the same reason
 
@@ -95,7 +94,7 @@ class Adaptive:
 def runs_in_lanes(members: Members, straight: Straight | None) -> bool:
     """Whether members with tolerances run in lanes. Most of the parameters of constraints are not read there."""
     has_many = members.has_own_params and members.params.shape[1] > _MOST_PARAMS and straight is None
-    return members.n <= _MOST_DEGREES and not has_many and len(members) >= FEWEST
+    return members.n <= _MOST_DEGREES and not has_many and len(members) >= FEWEST_MEMBERS
 
 
 def in_lanes(

@@ -14,6 +14,7 @@ from ..kernels.lanes import Lanes, Layout
 from ..methods import Method
 from .members import Members
 
+FEWEST_MEMBERS = 16  # with tolerances; for fewer, lanes do not pay
 MOST_DEGREES = 24  # with more degrees of freedom, a member alone is as fast as in lanes
 _CACHE = 2**15  # bytes of the first-level cache for the rows of a block
 ROWS_FOLLOWED = 5  # of each value that is followed: it, its extremes and their times

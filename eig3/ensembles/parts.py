@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ..stepping.march import Cancel
-from .adaptive import FEWEST
 from .files import Directory
+from .lanewise import FEWEST_MEMBERS
 from .members import Members
 from .options import Options
 from .solution import EnsembleSolution, Reduce
@@ -55,7 +55,7 @@ def parts_of(members: Members, options: Options) -> list[Part]:
     given = 2 * members.n + members.params.shape[-1] * members.has_own_params
     most = min(_MOST_MEMBERS, _MOST_SAVED // (8 * (2 * members.n + n_outputs) * rows), _MOST_GIVEN // (8 * given))
     count = _UNIT * max(1, min(-(-len(members) // (_PARTS * _UNIT)), most // _UNIT))
-    firsts = [0, *range(count, len(members) - FEWEST + 1, count), len(members)]
+    firsts = [0, *range(count, len(members) - FEWEST_MEMBERS + 1, count), len(members)]
     return [Part(number, members.part(slice(*ends))) for number, ends in enumerate(itertools.pairwise(firsts))]
 
 
