@@ -173,6 +173,7 @@ class LaneState:
 
         Their step indices have the shape (k, lanes), and u and v (k, n, lanes).
         """
+        assert self._stops
         (h, t0), size, k = self._clock, self._rows[0].size, len(indices)
         u, v = (np.repeat(row[None], k, axis=0) for row in self._rows[:2])  # those at the present step index
         places = np.broadcast_to(indices[:, None], u.shape).reshape(k, size)

@@ -96,7 +96,7 @@ def check_options(rhs: Any, form: Form, t_span: tuple[float, float], h: float | 
         If an option is not valid, or two exclude each other.
     """
     prepared = Prepared(rhs, form, h=h, **given)
-    own = {name: prepared.options.get(name) for name in _NAMES}
+    own: dict[str, Any] = {name: prepared.options.get(name) for name in _NAMES}
     own |= {"method": prepared.method, "events": prepared.system.events, "functions": prepared.system.functions}
     own["t_eval"] = check_times(own["t_eval"], *t_span)
     own["save_every"] = None if own["save_every"] is None else check_count(own["save_every"], "save_every")

@@ -85,7 +85,8 @@ class Stops:
         t, event, cost, ends = found[ended].T[[STOP_TIME, STOP_EVENT, STOP_COST, STOP_ROWS]]
         row_of = np.repeat(np.arange(len(t)), np.diff(ends, prepend=0).astype(np.int64))
         n_rhs = 1 + self._evaluations(index[ended]) + cost.astype(np.int64)
-        return Found(ended, t, event.astype(np.int64), *states[2:, ended], n_rhs, log[: len(row_of)], row_of)
+        u_end, v_end = states[2:, ended]
+        return Found(ended, t, event.astype(np.int64), u_end, v_end, n_rhs, log[: len(row_of)], row_of)
 
     def _evaluations(self, index: Any) -> Any:
         """Return the number of evaluations of the steps up to a step index."""
