@@ -44,11 +44,7 @@ def rod_chain(n: int = 20, length: float = 1.0, mass: float = 1.0, angle: float 
 
 def draw(figure, solution, joints):
     x = joints.of(solution.u)
-    plane = drawing.picture(figure, aspect="equal")
-    drawing.path(plane, *x[:, -1].T, "C0", "path of the end")
-    plane.plot(0, 0, "k^", label="support")
-    plane.set(xlabel="x (m)", ylabel="y (m)")
-    drawing.legend(plane)
+    drawing.plane(figure, {"path of the end": x[:, -1].T}, fixed="support")
     for k, name in enumerate("xy"):
         places = x[:, [len(joints) // 2, -1], k]
         drawing.lines(drawing.time_panel(figure, f"{name} (m)"), solution.t, places, ["middle", "end"])

@@ -97,8 +97,4 @@ def draw(figure, solution, bodies):
     others = [2, 4, 6]
     rest = drawing.time_panel(figure, "angle since the start\n(rad)")
     drawing.lines(rest, solution.t, np.column_stack([angles[k] - angles[k][0] for k in others]), ["K3", "K5", "K7"])
-    plane = drawing.picture(figure, aspect="equal")
-    for color, name, k in (("C0", "K2", 1), ("C1", "K4", 3), ("C2", "K6", 5)):
-        drawing.path(plane, *bodies[k].centre.of(solution.u).T, color, f"path of {name}")
-    plane.set(xlabel="x (m)", ylabel="y (m)")
-    drawing.legend(plane)
+    drawing.plane(figure, {f"path of K{k + 1}": bodies[k].centre.of(solution.u).T for k in (1, 3, 5)})

@@ -11,13 +11,13 @@ import pytest
 
 import eig3
 from eig3 import problems
-from eig3.account import run
 from eig3.bench import BENCHMARKS, article_runs, loops, paper, precision, stability, text, timing
 from eig3.bench.article import TABLES, Table
 from eig3.bench.sweep import WorkPrecisionSet
 from eig3.cli import main
 from eig3.methods import LIBRARY
 from eig3.options import Files
+from eig3.run_report import run
 
 WITH_OUT = ("paper", "precision", "stability", "scenes", "report")
 
