@@ -1,6 +1,5 @@
 """A chain of rods with masses at its joints."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -33,9 +32,7 @@ def rod_chain(n: int = 20, length: float = 1.0, mass: float = 1.0, angle: float 
     scene.add(Rod(), scene.fixed((0.0, 0.0)), joints[0])
     scene.add(Rod(), joints[:-1], joints[1:])
     scene.add(Gravity((0.0, -G)))
-    problem = scene.problem((0.0, t_end), name="rod_chain")
-    return replace(
-        problem,
+    return scene.problem((0.0, t_end), name="rod_chain").with_(
         h=0.02 / n * np.sqrt(length),
         source="what the article leaves to future work: rigid rods",
         draw=partial(draw, joints=joints),

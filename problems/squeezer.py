@@ -1,6 +1,5 @@
 """Andrews' squeezer mechanism: seven bodies in the plane that a motor turns against a spring."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -82,8 +81,7 @@ def squeezer(t_end: float = 0.03) -> Problem:
         s.
     """
     scene, bodies = mechanism()
-    return replace(
-        scene.problem((0.0, t_end), name="squeezer"),
+    return scene.problem((0.0, t_end), name="squeezer").with_(
         h=1e-6,
         source="E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., section VII.7",
         draw=partial(draw, bodies=bodies),
