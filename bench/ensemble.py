@@ -6,7 +6,6 @@ The heyoka, JAX and diffrax of the extra "rivals" are measured beside them where
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import math
 import statistics
 import subprocess
@@ -32,6 +31,7 @@ from .ensemble_rivals import ENSEMBLE_RIVALS, Run, jax_eig3
 from .ensemble_tolerances import tolerance_tables
 from .environment import in_words
 from .options import add_problems, add_repeats, choose
+from .rivals.rival import is_installed
 from .timing import interleave, medians, seconds_of
 
 SUMMARY = "ns a step of ensembles, and seconds to an accuracy beside heyoka, JAX and diffrax"
@@ -107,7 +107,7 @@ def benchmark(
     cases = [CASES[name] for name in chosen if name in CASES]
     write(f"Machine: {in_words()}")
     absent = [rival.label for rival in ENSEMBLE_RIVALS if not rival.is_installed]
-    absent += [] if _has_jax() else ["JAX"]
+    absent += [] if is_installed("jax") else ["JAX"]
     if absent:
         write(f'Not installed, and left out: {", ".join(absent)}. `pip install "eig3[rivals]"` installs them.')
     write("\n## The time of a step\n")
@@ -128,10 +128,6 @@ def benchmark(
     found = {name: at_equal_error(every[name], accurate, repeats) for name in chosen}
     write(text.table(["method", *found], accuracy_rows(found)))
     write("\n" + verdict(found))
-
-
-def _has_jax() -> bool:
-    return importlib.util.find_spec("jax") is not None
 
 
 # The time of a step
@@ -165,7 +161,7 @@ def speed_row(case: Case, method: str, m: int, n_steps: int, repeats: int) -> li
     }
     if method == "eig3":
         runs["by hand"] = case.run_by_hand(m, n_steps)
-        if _has_jax():
+        if is_installed("jax"):
             runs["jax"] = jax_eig3(case, m, n_steps)
     cpu: list[float] = []
     title = f"{case.problem.name}, {METHODS[method]().label}"

@@ -6,7 +6,6 @@ They get the parameters that all members share as constants.
 from __future__ import annotations
 
 import copy
-import importlib.util
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +18,7 @@ import numpy as np
 from .ensemble_cases import SAMPLES, Case
 from .rivals.events import heyoka_events
 from .rivals.expressions import EXPRESSIONS
+from .rivals.rival import is_installed
 from .rivals.symbolic import jax_symbols, jax_with_doubles
 from .timing import seconds_of
 
@@ -39,7 +39,7 @@ class EnsembleRival:
 
     @property
     def is_installed(self) -> bool:
-        return importlib.util.find_spec(self.package) is not None
+        return is_installed(self.package)
 
     def cannot(self, case: Case) -> str:
         """Return what of the problem the package cannot express, if there is something."""

@@ -12,7 +12,9 @@ import numpy
 
 from eig3 import __version__
 
-_OTHERS = ("scipy", "heyoka", "CyRK", "jax", "diffrax", "rebound")  # the packages of rivals
+from .rivals import RIVALS
+
+_OTHERS = dict.fromkeys(["jax", *(rival.package for rival in RIVALS.values())])
 
 
 def environment() -> dict[str, str | int]:

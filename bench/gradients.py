@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import importlib.util
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ import eig3
 from . import text
 from .environment import in_words
 from .options import add_repeats
+from .rivals.rival import is_installed
 from .rivals.symbolic import jax_with_doubles
 from .timing import medians, seconds_of
 
@@ -118,7 +118,7 @@ def search(label: str, at: Callable[[float], Run], settings: Sequence[float], ex
 def benchmark(repeats: int, write: Callable[[str], None] = print) -> None:
     """Print a table for each span."""
     write(f"Machine: {in_words()}")
-    has_diffrax = importlib.util.find_spec("diffrax") is not None
+    has_diffrax = is_installed("diffrax")
     if not has_diffrax:
         write('Not installed, and left out: diffrax. `pip install "eig3[rivals]"` installs it.')
     for t_end in _SPANS:

@@ -221,23 +221,6 @@ def ab3_pair(f, u, v, p, h, n, u_rows, v_rows):
             u_rows[i, j], v_rows[i, j] = u[j], v[j]
 
 
-def pendulum_in_registers(f, u, v, p, h, n, u_rows, v_rows):
-    """EIG-3 with the equations of the pendulum in local variables, which no loop over arrays can match."""
-    m, l0, k, g = p[0], p[1], p[2], p[3]
-    r, theta, vr, vt = u[0], u[1], v[0], v[1]
-    r_past = r * vt * vt - k / m * (r - l0) + g * math.cos(theta)
-    t_past = -(2 * vr * vt + g * math.sin(theta)) / r
-    for i in range(n):
-        ar = r * vt * vt - k / m * (r - l0) + g * math.cos(theta)
-        at = -(2 * vr * vt + g * math.sin(theta)) / r
-        r += h * vr - h * h / 2 * r_past + h * h * ar
-        theta += h * vt - h * h / 2 * t_past + h * h * at
-        vr += 1.5 * h * ar - h / 2 * r_past
-        vt += 1.5 * h * at - h / 2 * t_past
-        r_past, t_past = ar, at
-        u_rows[i, 0], u_rows[i, 1], v_rows[i, 0], v_rows[i, 1] = r, theta, vr, vt
-
-
 def floor_scalar(f, u, v, p, h, n, u_rows, v_rows):
     """A lower bound of the time of a step: one evaluation and one multiply-add, on the stored states of another run."""
     for i in range(n):

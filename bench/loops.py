@@ -13,15 +13,15 @@ from eig3.kernels.compile.jit import OPTIONS
 from eig3.kernels.protocol import SCALAR, VECTOR
 from eig3.problem import Problem
 
-from . import handwritten, handwritten_high
+from . import handwritten
 from .article import method_of
 from .options import ARTICLE_METHODS
 from .timing import Storage, kernel_run
 
 #: Steps of a timed run.
 N_STEPS = 500_000
-#: The methods with a loop written by hand.
-METHODS_BY_HAND = (*ARTICLE_METHODS, "eig5", "eig9", "rk5", "rk8", "bm6")
+#: The methods whose steps are timed. Those of the article have loops written by hand.
+METHODS = (*ARTICLE_METHODS, "eig5", "eig9", "rk5", "rk8", "bm6")
 #: The article's problems, each with a step that is small enough for every method.
 ARTICLE_PROBLEMS = (
     (problems.single_dof, 1e-3),
@@ -37,9 +37,8 @@ def is_vector(problem: Problem) -> bool:
 
 
 def by_hand(problem: Problem, method: str) -> Callable | None:
-    """The loop written by hand of a method for a problem; None for BM6 if the force reads the velocity."""
-    name = f"{method}_{'pair' if is_vector(problem) else 'scalar'}"
-    return getattr(handwritten, name, None) or getattr(handwritten_high, name, None)
+    """The loop written by hand of a method for a problem; None if there is none."""
+    return getattr(handwritten, f"{method}_{'pair' if is_vector(problem) else 'scalar'}", None)
 
 
 def initial_state(problem: Problem) -> tuple[Any, Any]:

@@ -260,8 +260,12 @@ def repeatable(problem: Problem, prediction: Prediction, storage: Storage | None
     if prediction.rtol is not None:
         every = 1 if storage else None
         return lambda: problem.integrate(**prediction.options, save_every=every, invariants={}).kernel_seconds
-    n_steps, h = divide(problem.t_span[1] - problem.t_span[0], prediction.h)
-    start = problem.stepper(h=h, method=prediction.method)
+    return _with_step(problem, prediction.method, prediction.h, storage)
+
+
+def _with_step(problem: Problem, method: Method, h: float, storage: Storage | None) -> Callable[[], float]:
+    n_steps, h = divide(problem.t_span[1] - problem.t_span[0], h)
+    start = problem.stepper(h=h, method=method)
     return kernel_run(start, n_steps, every=max(1, n_steps // STATES), storage=storage)
 
 
@@ -271,13 +275,7 @@ def compare(
     """Time the first choice and the contenders in turn."""
     problem = plan.problem
     storage = Storage.for_steps(problem, 2 * STATES)
-
-    def timed(method: Method, h: float) -> Callable[[], float]:
-        n_steps, h = divide(problem.t_span[1] - problem.t_span[0], h)
-        start = problem.stepper(h=h, method=method)
-        return kernel_run(start, n_steps, every=max(1, n_steps // STATES), storage=storage)
-
-    runs = {label: timed(method, h) for label, method, h in contenders}
+    runs = {label: _with_step(problem, method, h, storage) for label, method, h in contenders}
     if checked:
         runs["first choice"] = repeatable(problem, plan.best, storage)
     seconds = medians(runs, repeats, problem.name)

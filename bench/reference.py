@@ -1,6 +1,5 @@
 """The trajectories that errors are measured against, and the errors of a run."""
 
-import importlib.util
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from eig3.result.solution import Solution
 
 from .rivals.expressions import EXPRESSIONS
 from .rivals.general import scipy_form
-from .rivals.rival import Answer
+from .rivals.rival import Answer, is_installed
 from .rivals.symbolic import heyoka_form
 
 METRICS = {
@@ -50,7 +49,7 @@ def reference(problem: Problem, omega: float) -> Reference:
             _known[problem] = _exact(problem)
         elif problem.name == "hertz_impact":
             _known[problem] = _hertz(problem)
-        elif problem.name in EXPRESSIONS and np.size(problem.u0) <= _FEW and importlib.util.find_spec("heyoka"):
+        elif problem.name in EXPRESSIONS and np.size(problem.u0) <= _FEW and is_installed("heyoka"):
             _known[problem] = _taylor(problem)
         else:
             _known[problem] = _checked_dop853(problem, omega)

@@ -1,4 +1,4 @@
-"""Measure the time per step (ns) of every method on the article's problems in both modes, and of loops by hand."""
+"""Measure the time per step (ns) of kernels on the article's problems in both modes, and of loops by hand."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -9,11 +9,11 @@ from eig3.problem import Problem
 
 from . import loops, text
 from .environment import in_words
-from .handwritten import pendulum_in_registers
 from .options import add_repeats, choose
 from .timing import Storage, medians
 
 SUMMARY = "ns/step of every method, compared with loops written by hand"
+MODES = ("pointer", "inline")
 HEADER = ["problem, method", "pointer", "by hand", "ratio", "inline", "by hand", "ratio"]
 
 
@@ -28,40 +28,35 @@ def run(options: argparse.Namespace) -> None:
 
 def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print) -> None:
     """Print the table of these methods, or of all if None."""
-    chosen = choose(methods, loops.METHODS_BY_HAND)
+    chosen = choose(methods, loops.METHODS)
     write(f"Machine: {in_words()}")
     write(f"ns/step with every state stored: medians of {repeats} interleaved runs of {loops.N_STEPS} steps.\n")
     problems = [(build(), h) for build, h in loops.ARTICLE_PROBLEMS]
-    rows = [row for problem, h in problems for name in chosen for row in compare(problem, h, name, repeats)]
+    rows = [
+        compare(problem, h, name, repeats)
+        for problem, h in problems
+        for name in chosen
+        if not (METHODS[name]().ignores_velocity and problem.uses_velocity)
+    ]
     write(text.table(HEADER, rows))
     ratios = [float(row[i]) for row in rows for i in (3, 6) if row[i] != "-"]
-    write(f"\nRatio of the kernel to the loop by hand: {min(ratios):.2f} to {max(ratios):.2f}.")
+    if ratios:
+        write(f"\nRatio of the kernel to the loop by hand: {min(ratios):.2f} to {max(ratios):.2f}.")
 
 
-def compare(problem: Problem, h: float, name: str, repeats: int) -> list[list[str]]:
-    """The row of one method on one problem. EIG-3 on the pendulum has a second row, for a loop in registers.
-
-    BM6 has no row on the pendulum, whose force reads the velocity.
-    """
+def compare(problem: Problem, h: float, name: str, repeats: int) -> list[str]:
+    """The row of one method on one problem, with dashes where no loop is written by hand."""
     by_hand = loops.by_hand(problem, name)
-    if by_hand is None:
-        return []
     storage = Storage.for_steps(problem, loops.N_STEPS)
-    runs = {
-        "pointer": loops.kernel_loop(problem, h, name, storage, inline=False),
-        "pointer by hand": loops.hand_loop(problem, h, by_hand, storage, inline=False),
-        "inline": loops.kernel_loop(problem, h, name, storage, inline=True),
-        "inline by hand": loops.hand_loop(problem, h, by_hand, storage, inline=True),
-    }
-    if loops.is_vector(problem) and name == "eig3":
-        runs["registers"] = loops.hand_loop(problem, h, pendulum_in_registers, storage, inline=True)
+    runs = {}
+    for mode in MODES:
+        runs[mode] = loops.kernel_loop(problem, h, name, storage, inline=mode == "inline")
+        if by_hand:
+            runs[f"{mode} by hand"] = loops.hand_loop(problem, h, by_hand, storage, inline=mode == "inline")
     title = f"{problem.name}, {METHODS[name]().label}"
     ns = {key: 1e9 * seconds / loops.N_STEPS for key, seconds in medians(runs, repeats, title).items()}
     row = [title]
-    for mode in ("pointer", "inline"):
-        ours, theirs = ns[mode], ns[f"{mode} by hand"]
-        row += [f"{ours:.1f}", f"{theirs:.1f}", f"{ours / theirs:.2f}"]
-    rows = [row]
-    if "registers" in ns:
-        rows.append([f"{title}, its equations in registers", "-", "-", "-", "-", f"{ns['registers']:.1f}", "-"])
-    return rows
+    for mode in MODES:
+        ours, theirs = ns[mode], ns.get(f"{mode} by hand")
+        row += [f"{ours:.1f}", *([f"{theirs:.1f}", f"{ours / theirs:.2f}"] if theirs else ["-", "-"])]
+    return row

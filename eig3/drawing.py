@@ -5,7 +5,7 @@ Every function works on the figure it is given, so that this module does not imp
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -125,6 +125,28 @@ def path(axes: Any, x: np.ndarray, y: np.ndarray, color: str, name: str) -> None
     start = None if axes.lines else "start"  # one entry in the legend for all paths of a picture
     axes.plot(x, y, color=color, linewidth=0.6, marker="." if len(x) < _FEW else "", label=name)
     axes.plot(x[0], y[0], color=color, marker="o", linestyle="none", label=start)
+
+
+def plane(
+    figure: Any,
+    paths: Mapping[str, Sequence[np.ndarray]],
+    labels: tuple[str, str] = ("x (m)", "y (m)"),
+    fixed: str = "",
+) -> Any:
+    """Add a picture of paths in a plane, each (x, y) by its name; `fixed` names what stays at the origin.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    axes = picture(figure, aspect="equal")
+    for k, (name, (x, y)) in enumerate(paths.items()):
+        path(axes, x, y, f"C{k}", name)
+    if fixed:
+        axes.plot(0, 0, "k^", label=fixed)
+    axes.set(xlabel=labels[0], ylabel=labels[1])
+    legend(axes)
+    return axes
 
 
 def histories(figure: Any, solution: Solution, names: Sequence[str] = (), units: tuple[str, str] | None = None) -> None:

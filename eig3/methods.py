@@ -342,88 +342,52 @@ class CentralDifference(Method):
 
 
 class _NamedAsClass(Method):
-    """Base class of the records whose name, label and kernel have the name of the class."""
+    """Base class of the records without options. Name, label and kernel have the name of the class."""
 
-    def __init_subclass__(cls) -> None:
-        if not hasattr(cls, "kernel"):  # a subclass of RK4 keeps what it inherits
+    def __init_subclass__(cls, **facts: Any) -> None:
+        if facts:  # a subclass of RK4 keeps what it inherits
             cls.name, cls.label = cls.__name__.lower(), cls.__name__
             cls.kernel = f"eig3.kernels.methods.{cls.name}"
+            for name, value in facts.items():
+                setattr(cls, name, value)
+            dataclass(frozen=True)(cls)
         super().__init_subclass__()
 
 
-@dataclass(frozen=True)
-class RK2(_NamedAsClass):
+class RK2(_NamedAsClass, order=2, evaluations=2):
     """RK2, Heun's method, which the article uses: two evaluations per step; unstable at every step without damping."""
 
-    order: ClassVar[int] = 2
-    evaluations: ClassVar[int] = 2
 
-
-@dataclass(frozen=True)
-class RK3(_NamedAsClass):
+class RK3(_NamedAsClass, order=3, evaluations=3):
     """RK3, Kutta's third-order method: three evaluations per step; stable up to omega h = sqrt 3 without damping."""
 
-    order: ClassVar[int] = 3
-    evaluations: ClassVar[int] = 3
 
-
-@dataclass(frozen=True)
-class RK4(_NamedAsClass):
+class RK4(_NamedAsClass, order=4, evaluations=4):
     """RK4, the classical Runge-Kutta method: four evaluations per step; stable up to omega h = 2 sqrt 2 undamped."""
 
-    order: ClassVar[int] = 4
-    evaluations: ClassVar[int] = 4
 
-
-@dataclass(frozen=True)
-class AB2(_NamedAsClass):
+class AB2(_NamedAsClass, order=2):
     """AB2, Adams-Bashforth of second order: one evaluation per step; unstable at every step without damping."""
 
-    order: ClassVar[int] = 2
 
-
-@dataclass(frozen=True)
-class AB3(_NamedAsClass):
+class AB3(_NamedAsClass, order=3):
     """AB3, Adams-Bashforth of third order: one evaluation per step; stable up to omega h = 0.7236 without damping."""
 
-    order: ClassVar[int] = 3
 
-
-@dataclass(frozen=True)
-class RK5(_NamedAsClass):
+class RK5(_NamedAsClass, order=5, evaluations=6, variable="rk5"):
     """RK5, the fifth-order formula of Tsitouras' pair 5(4), with six evaluations per step."""
 
-    variable: ClassVar[str] = "rk5"
-    order: ClassVar[int] = 5
-    evaluations: ClassVar[int] = 6
 
-
-@dataclass(frozen=True)
-class RK8(_NamedAsClass):
+class RK8(_NamedAsClass, order=8, evaluations=12, variable="rk8"):
     """RK8, the eighth-order formula of Dormand and Prince's DOP853, with twelve evaluations per step."""
 
-    variable: ClassVar[str] = "rk8"
-    order: ClassVar[int] = 8
-    evaluations: ClassVar[int] = 12
 
-
-@dataclass(frozen=True)
-class RKN12(_NamedAsClass):
+class RKN12(_NamedAsClass, order=12, evaluations=17, variable="rkn12", ignores_velocity=True):
     """RKN12, Dormand, El-Mikkawy and Prince's method of order 12, with 17 evaluations per step, for f(t, u)."""
 
-    variable: ClassVar[str] = "rkn12"
-    order: ClassVar[int] = 12
-    evaluations: ClassVar[int] = 17
-    ignores_velocity: ClassVar[bool] = True
 
-
-@dataclass(frozen=True)
-class BM6(_NamedAsClass):
+class BM6(_NamedAsClass, order=6, evaluations=11, ignores_velocity=True):
     """BM6, Blanes and Moan's symplectic method of order 6, with eleven evaluations per step, for f(t, u)."""
-
-    order: ClassVar[int] = 6
-    evaluations: ClassVar[int] = 11
-    ignores_velocity: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)

@@ -85,8 +85,5 @@ def arenstorf(
 
 
 def draw(figure, solution):
-    plane = drawing.picture(figure, aspect="equal")
-    drawing.path(plane, *solution.u.T, "C0", "path of the spacecraft")
-    plane.set(xlabel="x (-)", ylabel="y (-)")
-    drawing.legend(plane)
+    drawing.plane(figure, {"path of the spacecraft": solution.u.T}, ("x (-)", "y (-)"))
     drawing.histories(figure, solution, ["x", "y"], units=("-", "-"))

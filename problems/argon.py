@@ -48,8 +48,7 @@ def argon(
     atoms = scene.mass(MASS, places, v - v.mean(axis=0))
     scene.add(LennardJones(DEPTH, SIZE, reach=2.5 * SIZE), atoms)
     problem = scene.problem((0.0, t_end), name="argon")
-    return replace(
-        problem,
+    return problem.with_(
         source="the liquid of A. Rahman, Physical Review 136 (1964) A405, with a shifted force",
         h=4e-15,
         draw=draw,

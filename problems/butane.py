@@ -1,6 +1,5 @@
 """Butane in a box: chains of four atoms, with bonds, angles and dihedral angles."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -61,8 +60,7 @@ def butane(
     for normal in (*np.eye(3), *-np.eye(3)):
         scene.add(PlaneContact(WALL, normal, -box / 2))
     problem = scene.problem((0.0, t_end), name="butane")
-    return replace(
-        problem,
+    return problem.with_(
         source="atoms of Ryckaert and Bellemans (1975), with bonds of OPLS (Jorgensen et al., 1984)",
         h=1e-15,
         draw=partial(draw, n=n),

@@ -1,6 +1,5 @@
 """A curtain that falls: a net of springs in air, held at two corners."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -68,8 +67,7 @@ def curtain(
     scene.add(Gravity((0, 0, -G)))
     scene.add(QuadraticDrag(drag / n**2))
 
-    return replace(
-        scene.problem((0.0, t_end), name="curtain", work=work),
+    return scene.problem((0.0, t_end), name="curtain", work=work).with_(
         source="mass-spring cloth of computer graphics, after Provot (1995)",
         h=2e-4,
         draw=partial(draw, n=n, side=side),

@@ -1,6 +1,6 @@
 """A quarter of a vehicle on a double wishbone: two arms, an upright, a tie rod, a spring and a damper."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -96,8 +96,7 @@ def double_wishbone(spring: float = 60e3, damper: float = 4e3, tie: float = 0.01
         s.
     """
     scene, bodies = suspension(spring, damper, tie)
-    return replace(
-        scene.problem((0.0, t_end), name="double_wishbone"),
+    return scene.problem((0.0, t_end), name="double_wishbone").with_(
         h=2e-4,
         source="the double wishbone of vehicle dynamics",
         draw=partial(draw, bodies=bodies),

@@ -76,9 +76,6 @@ def places(t: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def draw(figure, solution):
-    plane = drawing.picture(figure, aspect="equal")
-    for i in range(3):
-        drawing.path(plane, *places(solution.t, solution.u)[:, i].T, f"C{i}", f"body {i + 1}")
-    plane.set(xlabel="x (-)", ylabel="y (-)")
-    drawing.legend(plane)
+    paths = {f"body {i + 1}": places(solution.t, solution.u)[:, i].T for i in range(3)}
+    drawing.plane(figure, paths, ("x (-)", "y (-)"))
     drawing.histories(figure, solution, units=("-", "-"))

@@ -1,6 +1,5 @@
 """A flag in the wind: a sheet of triangles that bends."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -67,9 +66,7 @@ def flag(
     scene.add(LinearDamper(damping), *cloth[ends[:, ends[1] >= n]])
     scene.add(WindPressure(1.2, (wind, 0.0, 0.0), coefficient=1.2), *cloth[cells.T])
     scene.add(Gravity((0, 0, -G)))
-    problem = scene.problem((0.0, t_end), name="flag", work=work)
-    return replace(
-        problem,
+    return scene.problem((0.0, t_end), name="flag", work=work).with_(
         source="constant-strain triangles in plane stress; hinges of Grinspun et al. (2003); pressure of the wind",
         h=1e-4,
         draw=partial(draw, cloth=flat.reshape(m, n, 3)),

@@ -1,6 +1,5 @@
 """A four-bar linkage in the plane: a motor turns the crank, and the rocker swings with a load."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -54,8 +53,7 @@ def four_bar(torque: float = 1.5, damping: float = 20.0, t_end: float = 5.0) -> 
         s.
     """
     scene, bars = linkage(torque, damping)
-    return replace(
-        scene.problem((0.0, t_end), name="four_bar"),
+    return scene.problem((0.0, t_end), name="four_bar").with_(
         h=5e-4,
         source="a crank-rocker after Grashof's condition",
         draw=partial(draw, bars=bars),

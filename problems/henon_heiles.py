@@ -63,8 +63,5 @@ def henon_heiles(E: float = 1 / 12, y0: float = 0.1, t_end: float = 600.0) -> Pr
 
 
 def draw(figure, solution):
-    plane = drawing.picture(figure, aspect="equal")
-    drawing.path(plane, *solution.u.T, "C0", "path of the star")
-    plane.set(xlabel="x (-)", ylabel="y (-)")
-    drawing.legend(plane)
+    drawing.plane(figure, {"path of the star": solution.u.T}, ("x (-)", "y (-)"))
     drawing.histories(figure, solution, ["x", "y"], units=("-", "-"))

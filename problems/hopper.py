@@ -1,6 +1,5 @@
 """A hopper: discs that fall through the opening of a funnel onto the floor."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -55,9 +54,7 @@ def hopper(
     scene.add(HertzMindlin(E, NU, DIAMETER, friction, RESTITUTION), grains, near=walls)
     scene.add(PlaneContact(FLOOR_STIFFNESS, (0, 1), -FLOOR * DIAMETER, DAMPING, friction, SLIP), grains)
     scene.add(Gravity((0, -G)))
-    problem = scene.problem((0.0, t_end), name="hopper")
-    return replace(
-        problem,
+    return scene.problem((0.0, t_end), name="hopper").with_(
         source="contacts of Hertz and Mindlin with friction",
         h=1e-4,
         draw=partial(draw, n=n),

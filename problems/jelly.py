@@ -1,6 +1,5 @@
 """A cube of jelly that falls on a table."""
 
-from dataclasses import replace
 from functools import partial
 from itertools import permutations
 
@@ -60,9 +59,7 @@ def jelly(
     scene.add(LinearDamper(damping), *body[edges(cells)])
     scene.add(PlaneContact(2e4, (0, 0, 1), damping=0.5, friction=0.3, slip=0.1), body)
     scene.add(Gravity((0, 0, -G)))
-    problem = scene.problem((0.0, t_end), name="jelly", work=work)
-    return replace(
-        problem,
+    return scene.problem((0.0, t_end), name="jelly", work=work).with_(
         source="a neo-Hookean solid of constant-strain tetrahedra; contact of Hertz with each point of the surface",
         h=2.5e-5,
         draw=partial(draw, n=n),

@@ -1,6 +1,5 @@
 """Two buildings of three storeys that strike each other in an earthquake."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -63,8 +62,7 @@ def pounding_buildings(
         buildings.append(floors)
     scene.add(MassImpact(restitution=restitution), *buildings)
 
-    return replace(
-        scene.problem((0.0, t_end), name="pounding_buildings", work=work),
+    return scene.problem((0.0, t_end), name="pounding_buildings", work=work).with_(
         source="after S. A. Anagnostopoulos, Pounding of buildings in series during earthquakes, Earthquake "
         "Engineering and Structural Dynamics 16 (1988), 443-456, with rigid impacts in place of impact elements; "
         "record: Kanai (1957) and Tajimi (1960)",

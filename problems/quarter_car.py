@@ -1,6 +1,5 @@
 """A quarter of a car on a sampled road: the wheel on the tyre and the body on the suspension."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -75,8 +74,7 @@ def quarter_car(
     scene.add(LinearDamper(damper), axle, seat)
     scene.add(SampledMotion(x / speed, z), ground)
 
-    return replace(
-        scene.problem((0.0, t_end), name="quarter_car", work=work),
+    return scene.problem((0.0, t_end), name="quarter_car", work=work).with_(
         source="the quarter-car model of vehicle dynamics; road: ISO 8608",
         h=2e-5,
         draw=partial(draw, times=x / speed, profile=z, tyre=tyre, weight=G * (body + wheel)),

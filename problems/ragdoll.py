@@ -1,7 +1,7 @@
 """A ragdoll of 15 rigid bodies that falls down stairs."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -139,8 +139,7 @@ def ragdoll(push: float = 1.0, t_end: float = 3.0) -> Problem:
     """
     scene, bodies, ends = person(push)
     problem = scene.problem((0.0, t_end), name="ragdoll")
-    return replace(
-        problem,
+    return problem.with_(
         h=2e-4,
         view=from_the_side(problem.view, ends),
         source="masses of limbs after P. de Leva, Journal of Biomechanics 29 (1996)",

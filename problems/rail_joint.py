@@ -108,8 +108,7 @@ def rail_joint(
     scene.add(meeting, head, centre)
 
     problem = scene.problem((0.0, t_end), name="rail_joint", work=work)
-    return replace(
-        problem,
+    return problem.with_(
         source="Jenkins and others, The effect of track and vehicle parameters on wheel/rail vertical dynamic forces "
         "(1974), with two layers of track",
         h=1e-5,

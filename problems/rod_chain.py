@@ -1,6 +1,5 @@
 """A chain of rods with masses at its joints."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -33,9 +32,7 @@ def rod_chain(n: int = 20, length: float = 1.0, mass: float = 1.0, angle: float 
     scene.add(Rod(), scene.fixed((0.0, 0.0)), joints[0])
     scene.add(Rod(), joints[:-1], joints[1:])
     scene.add(Gravity((0.0, -G)))
-    problem = scene.problem((0.0, t_end), name="rod_chain")
-    return replace(
-        problem,
+    return scene.problem((0.0, t_end), name="rod_chain").with_(
         h=0.02 / n * np.sqrt(length),
         source="what the article leaves to future work: rigid rods",
         draw=partial(draw, joints=joints),
@@ -44,11 +41,7 @@ def rod_chain(n: int = 20, length: float = 1.0, mass: float = 1.0, angle: float 
 
 def draw(figure, solution, joints):
     x = joints.of(solution.u)
-    plane = drawing.picture(figure, aspect="equal")
-    drawing.path(plane, *x[:, -1].T, "C0", "path of the end")
-    plane.plot(0, 0, "k^", label="support")
-    plane.set(xlabel="x (m)", ylabel="y (m)")
-    drawing.legend(plane)
+    drawing.plane(figure, {"path of the end": x[:, -1].T}, fixed="support")
     for k, name in enumerate("xy"):
         places = x[:, [len(joints) // 2, -1], k]
         drawing.lines(drawing.time_panel(figure, f"{name} (m)"), solution.t, places, ["middle", "end"])

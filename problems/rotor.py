@@ -77,8 +77,6 @@ def rotor(
 
 
 def draw(figure, solution):
-    plane = drawing.picture(figure, aspect="equal")
-    drawing.path(plane, *solution.u.T, "C0", "path of the disc")
-    plane.set(xlabel="x in turning axes (m)", ylabel="y in turning axes (m)")
-    drawing.legend(plane)
+    labels = ("x in turning axes (m)", "y in turning axes (m)")
+    drawing.plane(figure, {"path of the disc": solution.u.T}, labels)
     drawing.histories(figure, solution, ["x", "y"])

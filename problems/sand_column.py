@@ -1,6 +1,5 @@
 """A column of spheres that collapses and spreads on the floor."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -48,9 +47,7 @@ def sand_column(n: int = 20_000, friction: float = 0.5, seed: int = 2004, t_end:
     scene.add(HertzMindlin(E, NU, diameters, friction, RESTITUTION), grains)
     scene.add(PlaneContact(FLOOR, (0, 0, 1), 0.0, DAMPING, friction, SLIP), grains)
     scene.add(Gravity((0, 0, -G)))
-    problem = scene.problem((0.0, t_end), name="sand_column")
-    return replace(
-        problem,
+    return scene.problem((0.0, t_end), name="sand_column").with_(
         source="contacts of Hertz and Mindlin with friction; the collapse of G. Lube et al., J. Fluid Mech. 508 (2004)",
         h=1e-4,
         draw=partial(draw, n=len(places)),

@@ -1,6 +1,5 @@
 """A building of three storeys in an earthquake."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -84,8 +83,7 @@ def shear_building(
         scene.add(LinearDamper(damping), below, above)
     scene.add(SampledMotion(t, x), ground)
 
-    return replace(
-        scene.problem((0.0, t_end), name="shear_building", work=work),
+    return scene.problem((0.0, t_end), name="shear_building", work=work).with_(
         source="the shear building of structural dynamics; record: Kanai (1957) and Tajimi (1960)",
         h=1e-4,
         draw=partial(draw, times=t, ground=x),

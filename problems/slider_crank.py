@@ -1,6 +1,5 @@
 """A slider crank: a crank with a flywheel, a connecting rod and a piston on a straight line."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -46,8 +45,7 @@ def slider_crank(spin: float = 50.0, torque: float = 0.0, t_end: float = 0.5) ->
         s.
     """
     scene, *parts = engine(spin, torque)
-    return replace(
-        scene.problem((0.0, t_end), name="slider_crank"),
+    return scene.problem((0.0, t_end), name="slider_crank").with_(
         h=1e-4,
         source="the kinetic energy is a function of the angle and the speed of the crank",
         draw=partial(draw, parts=parts),
@@ -56,12 +54,8 @@ def slider_crank(spin: float = 50.0, torque: float = 0.0, t_end: float = 0.5) ->
 
 def draw(figure, solution, parts):
     crank, rod, piston = parts
-    plane = drawing.picture(figure, aspect="equal")
-    drawing.path(plane, *rod.centre.of(solution.u).T, "C0", "middle of the rod")
-    drawing.path(plane, *piston.of(solution.u).T, "C1", "piston")
-    plane.plot(0, 0, "k^", label="bearing")
-    plane.set(xlabel="x (m)", ylabel="y (m)")
-    drawing.legend(plane)
+    paths = {"middle of the rod": rod.centre.of(solution.u).T, "piston": piston.of(solution.u).T}
+    drawing.plane(figure, paths, fixed="bearing")
     drawing.lines(
         drawing.time_panel(figure, "spin of the\ncrank (rad/s)"), solution.t, crank.spin(solution.u, solution.v)
     )

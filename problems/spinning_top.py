@@ -1,6 +1,5 @@
 """A spinning top: a heavy symmetric body that turns about a fixed point of its axis."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -44,8 +43,7 @@ def spinning_top(spin: float = 150.0, tilt: float = 0.5, t_end: float = 2.0) -> 
         s.
     """
     scene, body = top(spin, tilt)
-    return replace(
-        scene.problem((0.0, t_end), name="spinning_top"),
+    return scene.problem((0.0, t_end), name="spinning_top").with_(
         h=5e-5,
         source="H. Goldstein, Classical Mechanics, section 5.7: the heavy symmetrical top with one point fixed",
         draw=partial(draw, body=body),
@@ -54,11 +52,7 @@ def spinning_top(spin: float = 150.0, tilt: float = 0.5, t_end: float = 2.0) -> 
 
 def draw(figure, solution, body):
     x, y, z = body.centre.of(solution.u).T / HEIGHT
-    plane = drawing.picture(figure, aspect="equal")
-    drawing.path(plane, x, y, "C0", "axis")
-    plane.plot(0, 0, "k^", label="support")
-    plane.set(xlabel="x (-)", ylabel="y (-)")
-    drawing.legend(plane)
+    drawing.plane(figure, {"axis": (x, y)}, ("x (-)", "y (-)"), fixed="support")
     drawing.lines(drawing.time_panel(figure, "tilt of the axis\n(rad)"), solution.t, np.arccos(z))
     turned = np.unwrap(np.arctan2(x, -y))
     drawing.lines(drawing.time_panel(figure, "precession (rad)"), solution.t, turned)

@@ -81,10 +81,6 @@ def places(t, u):
 
 def draw(figure, solution):
     r, theta = solution.u.T
-    plane = drawing.picture(figure, aspect="equal")
-    drawing.path(plane, r * np.sin(theta), -r * np.cos(theta), "C0", "path of the mass")
-    plane.plot(0, 0, "k^", label="support")
-    plane.set(xlabel="x (m)", ylabel="y (m)")
-    drawing.legend(plane)
+    drawing.plane(figure, {"path of the mass": (r * np.sin(theta), -r * np.cos(theta))}, fixed="support")
     drawing.lines(drawing.time_panel(figure, "length r (m)"), solution.t, r)
     drawing.lines(drawing.time_panel(figure, r"angle $\theta$ (rad)"), solution.t, theta)

@@ -1,6 +1,5 @@
 """Andrews' squeezer mechanism: seven bodies in the plane that a motor turns against a spring."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -82,8 +81,7 @@ def squeezer(t_end: float = 0.03) -> Problem:
         s.
     """
     scene, bodies = mechanism()
-    return replace(
-        scene.problem((0.0, t_end), name="squeezer"),
+    return scene.problem((0.0, t_end), name="squeezer").with_(
         h=1e-6,
         source="E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., section VII.7",
         draw=partial(draw, bodies=bodies),
@@ -97,8 +95,4 @@ def draw(figure, solution, bodies):
     others = [2, 4, 6]
     rest = drawing.time_panel(figure, "angle since the start\n(rad)")
     drawing.lines(rest, solution.t, np.column_stack([angles[k] - angles[k][0] for k in others]), ["K3", "K5", "K7"])
-    plane = drawing.picture(figure, aspect="equal")
-    for color, name, k in (("C0", "K2", 1), ("C1", "K4", 3), ("C2", "K6", 5)):
-        drawing.path(plane, *bodies[k].centre.of(solution.u).T, color, f"path of {name}")
-    plane.set(xlabel="x (m)", ylabel="y (m)")
-    drawing.legend(plane)
+    drawing.plane(figure, {f"path of K{k + 1}": bodies[k].centre.of(solution.u).T for k in (1, 3, 5)})

@@ -1,6 +1,5 @@
 """A steel frame of ten storeys in an earthquake."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -54,9 +53,7 @@ def ten_storey_frame(
 
     t, a = shaking(max(t_end, 10.0), 0.01, peak, record)
     damping = Rayleigh(xi, 2 * np.pi * 0.75, 2 * np.pi * 8.0) if xi else None
-    problem = frame.problem((0.0, t_end), ground=(t, a), damping=damping, work=work)
-    return replace(
-        problem,
+    return frame.problem((0.0, t_end), ground=(t, a), damping=damping, work=work).with_(
         name="ten_storey_frame",
         source="a moment frame of steel; record: Kanai (1957) and Tajimi (1960)",
         h=1e-3,

@@ -1,6 +1,5 @@
 """A box in free flight that turns about its intermediate axis, and flips again and again."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -46,8 +45,7 @@ def tumbling_box(
         s.
     """
     scene, box = scene_of_box(sides, mass, spin, tilt)
-    return replace(
-        scene.problem((0.0, t_end), name="tumbling_box"),
+    return scene.problem((0.0, t_end), name="tumbling_box").with_(
         h=1e-3,
         source="L. D. Landau and E. M. Lifshitz, Mechanics, section 37: Euler's equations of an asymmetrical top",
         draw=partial(draw, box=box),

@@ -167,10 +167,10 @@ def python_handler():
 def few_reported(monkeypatch):
     """A report of a user's problem runs some methods of each kind: to compile more kernels would only take time."""
     few = "eig3", "cd", "rk4", "rk8", "bm6", "eig9"
-    monkeypatch.setattr("eig3.bench.report.own._INLINED", 1)
+    monkeypatch.setattr("eig3.bench.report.own_problem._INLINED", 1)
     monkeypatch.setattr("eig3.bench.report.parts.MODES", ("prepared", "pointer"))
 
     def plan(*given, methods, **options):
         return eig3.plan(*given, methods=few, **options)
 
-    monkeypatch.setattr("eig3.bench.report.own.plan", plan)
+    monkeypatch.setattr("eig3.bench.report.own_problem.plan", plan)

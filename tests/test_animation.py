@@ -16,9 +16,8 @@ from mpl_toolkits.mplot3d import art3d
 from PIL import Image
 
 import eig3
-from eig3 import account as run_module
 from eig3 import problems
-from eig3.account import _resolved, _steps
+from eig3 import run_report as run_module
 from eig3.animation import Curves, Film, Mechanism, Portrait
 from eig3.animation import animate as animate_module
 from eig3.animation import film as film_module
@@ -38,6 +37,7 @@ from eig3.effects import (
     SampledMotion,
     SupportMotion,
 )
+from eig3.run_report import _resolved, _steps
 from eig3.scene import Scene
 
 

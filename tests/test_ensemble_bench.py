@@ -144,7 +144,7 @@ def test_verdict_names_the_rivals_that_are_ahead():
 
 def test_command_without_rivals(capsys, monkeypatch):
     monkeypatch.setattr(EnsembleRival, "is_installed", False)
-    monkeypatch.setattr(ensemble, "_has_jax", lambda: False)
+    monkeypatch.setattr(ensemble, "is_installed", lambda package: False)
     sizes = ["--members", "3", "--steps", "20", "--accurate", "3", "--repeats", "1"]
     main(["bench", "ensemble", "--problem", "duffing", *sizes])
     printed = capsys.readouterr().out

@@ -22,7 +22,7 @@ from eig3.bench.article import TABLES
 from eig3.bench.hard_cases import HARD_CASES
 from eig3.bench.plan import Outcome
 from eig3.bench.problem_set import BenchmarkProblem
-from eig3.bench.report import own, parts, truth
+from eig3.bench.report import own_problem, parts, true_motion
 from eig3.bench.report.comparison import Comparison, ratio_and_noise
 from eig3.bench.report.record import Record, RecordError
 from eig3.bench.rivals.general import scipy_form
@@ -454,8 +454,8 @@ def test_a_slow_rival_has_no_ratio_of_zero():
 @pytest.mark.usefixtures("few_reported")
 def test_a_users_problem_with_the_name_of_another_is_not_taken_for_it(tmp_path, monkeypatch):
     """And where the time is short, something is measured all the same."""
-    monkeypatch.setattr(own, "_INLINED", 0)
-    monkeypatch.setattr(own, "_TIMING", 0.0)
+    monkeypatch.setattr(own_problem, "_INLINED", 0)
+    monkeypatch.setattr(own_problem, "_TIMING", 0.0)
     problem = eig3.Problem("kepler", springs, [1.0, 0.5], [0.0, 0.0], [4.0], (0.0, 20.0))
     page = eig3.report(problem, tmp_path, accuracies=[1e-4], rivals=["heyoka", "scipy dop853"], repeats=1)
     (result,) = Record.open(page.parent).results
@@ -471,8 +471,8 @@ def test_a_users_problem_with_the_name_of_another_is_not_taken_for_it(tmp_path, 
 
 def test_the_truth_of_a_users_problem_is_known_to_its_uncertainty():
     problem = oscillator()
-    grid = own.Grid.of(problem)
-    truth = own.find_truth(problem, grid, 1e-8)
+    grid = own_problem.Grid.of(problem)
+    truth = own_problem.find_truth(problem, grid, 1e-8)
     t = np.linspace(0, 20, grid.count + 1)
     error = np.abs(truth.u(t) - exact(t)[0]).max()
     # of the two runs of RK8 that differ by the uncertainty, the better one errs by 1/255 of it, and by round-off
@@ -483,9 +483,9 @@ def test_the_truth_of_a_users_problem_is_known_to_its_uncertainty():
 
 def test_runs_that_contradict_each_other_leave_the_larger_uncertainty(monkeypatch):
     differences = iter((1e-4, 1e-7, 5e-5))
-    monkeypatch.setattr(truth, "_run", lambda *_: SimpleNamespace(success=True, n_steps=_[-1]))
-    monkeypatch.setattr(truth, "_difference", lambda one, two: next(differences))
-    solution, uncertainty = truth._halved(None, own.Grid((0.0, 1.0), 976), 1e-12)
+    monkeypatch.setattr(true_motion, "_run", lambda *_: SimpleNamespace(success=True, n_steps=_[-1]))
+    monkeypatch.setattr(true_motion, "_difference", lambda one, two: next(differences))
+    solution, uncertainty = true_motion._halved(None, own_problem.Grid((0.0, 1.0), 976), 1e-12)
     assert (solution.n_steps, uncertainty) == (8 * 976, 5e-5)
 
 
@@ -496,10 +496,10 @@ def test_an_energy_without_relative_errors_is_left_out():
     assert abs(parabola.energy_of(parabola.u0, parabola.v0)) < 1e-15 * mu
     kicked = orbit.with_(events={"kick": eig3.Event(lambda t, u, v, p: u[0], apply=lambda t, u, v, p: None)})
     for problem, reason in ((parabola, "at the start, so that relative errors"), (kicked, "events may take some")):
-        judged, skipped = own._judged(problem)
+        judged, skipped = own_problem._judged(problem)
         assert judged.energy is None
         assert reason in " ".join(skipped)
-    assert own._judged(orbit)[0].energy is orbit.energy
+    assert own_problem._judged(orbit)[0].energy is orbit.energy
 
 
 def test_a_rival_reads_parameters_that_are_a_number():
@@ -508,7 +508,7 @@ def test_a_rival_reads_parameters_that_are_a_number():
 
 
 def test_a_run_compares_enough_states_of_the_grid():
-    grid = own.Grid((0.0, 1.0), 976)
+    grid = own_problem.Grid((0.0, 1.0), 976)
     for n_steps in (1, 61, 100, 600, 5000, 123_456):
         fitted = grid.fit(n_steps)
         steps = grid.steps(fitted)
@@ -563,7 +563,7 @@ def test_a_wrong_name_of_a_users_problem_gets_a_sentence(name, message, tmp_path
         command("--out", "new", "--problem", name)
     assert "\n" not in str(caught.value)
     for module in ("mine", "needs", "wrong"):
-        report.own.sys.modules.pop(module, None)
+        report.own_problem.sys.modules.pop(module, None)
 
 
 def test_wrong_arguments_of_a_users_report_are_refused_before_it_begins(tmp_path):
@@ -638,7 +638,7 @@ def test_a_users_problem_that_cannot_be_run_says_why(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="too late"):
         eig3.report(late, tmp_path)
     unbounded = eig3.Problem("unbounded", explodes, 1.0, 1.0, [], (0.0, 5.0))
-    monkeypatch.setattr("eig3.bench.report.truth._SECONDS", 0.0)
+    monkeypatch.setattr("eig3.bench.report.true_motion._SECONDS", 0.0)
     with pytest.raises(ValueError, match=r"problem unbounded does not reach the end of t_span with RK8: .*non-finite"):
         eig3.report(unbounded, tmp_path)
 

@@ -99,16 +99,16 @@ def compare(problem, expected, tolerance):
 @pytest.mark.parametrize("threads", [None, 1])
 def test_lammps_has_the_same_forces(threads):
     problem = near_pairs.spheres(200)
-    compare(problem, near_pairs.spheres_in_lammps.simulation(problem, threads).forces().T.ravel(), 1e-12)
+    compare(problem, near_pairs.in_lammps.spheres(problem, threads).forces().T.ravel(), 1e-12)
     problem = shaken_argon()
-    compare(problem, accelerations(near_pairs.atoms_in_lammps.simulation(problem, threads).forces()), 1e-12)
+    compare(problem, accelerations(near_pairs.in_lammps.argon(problem, threads).forces()), 1e-12)
 
 
 def test_openmm_has_the_same_forces():
     pytest.importorskip("openmm")
     problem = shaken_argon()
-    compare(problem, accelerations(near_pairs.atoms_in_openmm.simulation(problem).forces()), 1e-12)
-    in_single_precision = near_pairs.atoms_in_openmm.simulation(problem, "CPU").forces()
+    compare(problem, accelerations(near_pairs.in_openmm.simulation(problem).forces()), 1e-12)
+    in_single_precision = near_pairs.in_openmm.simulation(problem, "CPU").forces()
     compare(problem, accelerations(in_single_precision), 1e-3)
 
 

@@ -11,7 +11,7 @@ from eig3.problem import Problem
 
 from ..rivals import exudyn, lammps, openmm
 from ..timing import kernel_run, seconds_of
-from . import atoms_in_lammps, atoms_in_openmm, spheres_in_lammps
+from . import in_lammps, in_openmm
 from .atoms import liquid
 from .contest import SCENE, Contest, Run, Who, table
 from .spheres import REACH, STIFFNESS, H, linear, rows, spheres
@@ -56,7 +56,7 @@ def hertz(n: int) -> Contest:
     runs["loop by hand", 1] = lambda steps: seconds_of(partial(loop, steps))
     if lammps.is_there():
         for cores in _CORES:
-            runs["LAMMPS", cores] = spheres_in_lammps.simulation(problem, cores).run
+            runs["LAMMPS", cores] = in_lammps.spheres(problem, cores).run
     return Contest.of(n, runs)
 
 
@@ -77,12 +77,12 @@ def argon(side: int) -> Contest:
     runs: Runs = {(SCENE, cores): scene_run(liquid(side, cores), problem.h or H) for cores in _CORES}
     if lammps.is_there():
         for cores in _CORES:
-            runs["LAMMPS", cores] = atoms_in_lammps.simulation(problem, cores).run
+            runs["LAMMPS", cores] = in_lammps.argon(problem, cores).run
     if openmm.is_there():
-        runs["OpenMM, Reference", 1] = atoms_in_openmm.simulation(problem).run
+        runs["OpenMM, Reference", 1] = in_openmm.simulation(problem).run
         for jumps, kind in ((False, "single precision"), (True, "single precision, jumping force")):
             for cores in _CORES:
-                runs[f"OpenMM, CPU, {kind}", cores] = atoms_in_openmm.simulation(problem, "CPU", cores, jumps=jumps).run
+                runs[f"OpenMM, CPU, {kind}", cores] = in_openmm.simulation(problem, "CPU", cores, jumps=jumps).run
     return Contest.of(np.size(problem.u0) // 3, runs, cost=_OF_AN_ATOM)
 
 

@@ -27,7 +27,7 @@ from ..options import add_accuracies, choose
 from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
 from ..rivals import RIVALS
 from ..typed import checked
-from . import own
+from . import own_problem
 from .comparison import Comparison
 from .markdown import draw_pictures
 from .markdown import page as markdown_page
@@ -147,8 +147,8 @@ def _check_names(settings: Settings) -> None:
     """Refuse names that are not known, and load the user's own problems."""
     _check_files(settings.problems or ())
     for name in settings.problems or ():
-        if own.is_own(name):
-            own.load(name)
+        if own_problem.is_own(name):
+            own_problem.load(name)
         else:
             choose([name], [*PROBLEM_SET, *VARIABLE_SPEED, "your own as module:name"], "--problem")
     choose(settings.methods, list(LIBRARY))
@@ -219,7 +219,7 @@ def draw(record: Record, out: Path, comparison: Comparison | None, write: Callab
 def report(
     problem: Problem,
     out: str | os.PathLike[str] = "report",
-    accuracies: Sequence[float] = own.ACCURACIES,
+    accuracies: Sequence[float] = own_problem.ACCURACIES,
     rivals: bool | Sequence[str] = True,
     repeats: int = _DEFAULTS.repeats,
 ) -> Path:
@@ -262,7 +262,7 @@ def report(
     The errors are those against `problem.exact`, or else against RK8 with steps that are halved until two runs agree to
     a tenth of the smallest accuracy. No method is said to reach an accuracy below three times their difference.
     """
-    own.check(problem)
+    own_problem.check(problem)
     settings = _own_settings(problem, accuracies, rivals, repeats)
     _check_packages("eig3.report", ImportError)
     name, changed = problem.name, settings.changed

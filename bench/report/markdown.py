@@ -15,7 +15,7 @@ from ..matrix import Matrix, in_units, power
 from ..modes import MODES
 from ..reach import Contest
 from ..sweep import WorkPrecisionSet
-from . import own
+from . import own_problem
 from .comparison import Comparison
 from .record import Record, part_name
 
@@ -69,7 +69,7 @@ def how_measured(record: Record) -> list[str]:
     if any(result.is_of_the_library for result in record.results):
         found.append(precision.how_measured(repeats, settings["longest"], modes))
     if not all(result.is_of_the_library for result in record.results):
-        found.append(own.how_measured(repeats))
+        found.append(own_problem.how_measured(repeats))
     return found
 
 

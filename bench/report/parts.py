@@ -23,9 +23,9 @@ from ..article_runs import measure as measure_table
 from ..modes import MODES
 from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
 from ..sweep import measure
-from . import own
+from . import own_problem
 from .record import Record, motion_file, part_name
-from .truth import VALUES
+from .true_motion import VALUES
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -111,7 +111,7 @@ def parts_of(settings: Settings) -> list[Part]:
 
 
 def _precision(name: str, settings: Settings) -> Part:
-    if own.is_own(name):
+    if own_problem.is_own(name):
         command = command_line("DIR", {**settings.changed, "problems": [name]})
         return Part(part_name("precision", name), command, lambda record: _own(name, settings, record))
     command = f"eig3 bench precision --problem {name} {settings.options}"
@@ -127,7 +127,7 @@ def _of_the_set(name: str, settings: Settings, record: Record) -> dict[str, Any]
 
 
 def _own(name: str, settings: Settings, record: Record) -> dict[str, Any]:
-    problem, about = own.load(name)
+    problem, about = own_problem.load(name)
     try:
         return measure_own(record, name, problem, about, settings)
     except Exception as error:  # of the user's functions too
@@ -137,9 +137,9 @@ def _own(name: str, settings: Settings, record: Record) -> dict[str, Any]:
 def measure_own(record: Record, name: str, problem: Problem, about: str, settings: Settings) -> dict[str, Any]:
     """Draw the motion of a user's problem, and measure it."""
     draw_motion(record, name, problem)
-    accuracies, modes = settings.accuracies or own.ACCURACIES, settings.modes or list(MODES)
+    accuracies, modes = settings.accuracies or own_problem.ACCURACIES, settings.modes or list(MODES)
     options: dict[str, Any] = {"repeats": settings.repeats, "rivals": settings.rivals, "methods": settings.methods}
-    return own.measure(problem, accuracies, name=name, about=about, modes=modes, **options).as_json()
+    return own_problem.measure(problem, accuracies, name=name, about=about, modes=modes, **options).as_json()
 
 
 def draw_motion(record: Record, name: str, problem: Problem) -> None:

@@ -7,9 +7,9 @@ Its time is that of the whole call, without compiling.
 from functools import partial
 from typing import Any
 
-from .bodies import DIMENSIONS, ORBITS, ias15, whfast
 from .expressions import EXPRESSIONS
 from .general import cyrk, scipy, verlet
+from .rebound import DIMENSIONS, ORBITS, ias15, whfast
 from .rival import Rival, without_events, without_velocity
 from .symbolic import diffrax, heyoka
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from .rival import is_installed
+
 INSTALL = "exudyn is not installed: `pip install exudyn`."
+is_there = partial(is_installed, "exudyn")
 _CELL = 2.5  # of the search for contacts, in diameters: the fastest of 1 to 2.5
-
-
-def is_there() -> bool:
-    """Return whether exudyn is installed."""
-    return importlib.util.find_spec("exudyn") is not None
 
 
 class Simulation:

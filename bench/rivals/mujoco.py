@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from .rival import is_installed
+
 INSTALL = "MuJoCo is not installed: `pip install mujoco`."
-
-
-def is_there() -> bool:
-    """Return whether MuJoCo is installed."""
-    return importlib.util.find_spec("mujoco") is not None
+is_there = partial(is_installed, "mujoco")
 
 
 class Chain:

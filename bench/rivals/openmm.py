@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from .rival import is_installed
+
 INSTALL = "OpenMM is not installed: `pip install openmm`."
-
-
-def is_there() -> bool:
-    """Return whether OpenMM is installed."""
-    return importlib.util.find_spec("openmm") is not None
+is_there = partial(is_installed, "openmm")
 
 
 class Simulation:

@@ -11,6 +11,10 @@ import numpy as np
 from eig3.problem import Problem
 
 
+def is_installed(package: str) -> bool:
+    return importlib.util.find_spec(package) is not None
+
+
 @dataclass(frozen=True)
 class Answer:
     """One run of a rival: seconds, states at the given times, and evaluations if the rival counts them."""
@@ -61,7 +65,7 @@ class Rival:
 
     @property
     def is_installed(self) -> bool:
-        return importlib.util.find_spec(self.package) is not None
+        return is_installed(self.package)
 
     def settings(self, times: np.ndarray) -> Sequence[float]:
         """The tolerances, or the steps, of the runs that compute the states at these times."""

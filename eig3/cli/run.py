@@ -26,7 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Return the exit status: 1 if the run failed, for example if it diverged."""
-    from ..account import run
+    from ..run_report import run
 
     build = builder(options.problem, "run")
     if options.format and not options.animate:

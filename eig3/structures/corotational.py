@@ -17,7 +17,7 @@ from .members import DIRECTIONS, Member
 
 
 def chords(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> dict[str, np.ndarray]:
-    """Return the parameters of corotational members in the plane.
+    """Return the parameters of corotational members in the plane, or those that members in space have too.
 
     Parameters
     ----------
@@ -29,22 +29,21 @@ def chords(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> 
     Returns
     -------
     dict
-        `ends`, shape (members, 6): the degrees of freedom of both nodes, -1 where they are fixed; `chords`, shape
-        (members, 2): the vectors between the nodes, m; `stiffness`, shape (members, 9): see
+        `ends`, shape (members, 6 or 12): the degrees of freedom of both nodes, -1 where they are fixed; `chords`, shape
+        (members, 2 or 3): the vectors between the nodes, m; `stiffness`, shape (members, 9 or 36): see
         `Member.stiffness_of_chord`.
     """
+    number = {name: i for i, name in enumerate(names)}
     return {
-        "ends": ends_of(names, members, 2),
+        "ends": np.array(
+            [
+                [number.get(f"{node}.{d}", -1) for node in nodes for d in DIRECTIONS[member.start.size]]
+                for *nodes, member in members
+            ]
+        ),
         "chords": np.array([member.end - member.start for *_, member in members]),
         "stiffness": np.array([member.stiffness_of_chord.ravel() for *_, member in members]),
     }
-
-
-def ends_of(names: Sequence[str], members: Sequence[tuple[str, str, Member]], dimension: int) -> np.ndarray:
-    """Return the degrees of freedom of both nodes of each member, -1 where they are fixed."""
-    number = {name: i for i, name in enumerate(names)}
-    directions = DIRECTIONS[dimension]
-    return np.array([[number.get(f"{node}.{d}", -1) for node in ends for d in directions] for *ends, _ in members])
 
 
 @element

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..functions.callbacks import jit
 from ..kernels.compile.jit import element
-from .corotational import ends_of, entry
+from .corotational import chords, entry
 from .members import Member
 
 _SMALL = 1e-4  # squares of angles below it have series, whose next terms are below the rounding errors
@@ -28,20 +28,11 @@ _SMALL = 1e-4  # squares of angles below it have series, whose next terms are be
 def chords_in_space(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> dict[str, np.ndarray]:
     """Return the parameters of corotational members in space.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Those of all degrees of freedom.
-    members : sequence of (start, end, Member)
-        The names of its nodes, and the member.
-
     Returns
     -------
     dict
-        `ends`, shape (members, 12): the degrees of freedom of both nodes, -1 where they are fixed; `chords`, shape
-        (members, 3): the vectors between the nodes, m; `axes`, shape (members, 9): the members' own at rest;
-        `stiffness`, shape (members, 36): see `Member.stiffness_of_chord`; `rotations`: the degree of freedom rx of each
-        node that can turn, before its ry and rz.
+        Those of `chords`; `axes`, shape (members, 9): the members' own at rest; `rotations`: the degree of freedom rx
+        of each node that can turn, before its ry and rz.
 
     Raises
     ------
@@ -52,10 +43,8 @@ def chords_in_space(names: Sequence[str], members: Sequence[tuple[str, str, Memb
         if count < 3:
             raise ValueError(f"corotational members in space need all rotations of {node} fixed, or none.")
     return {
-        "ends": ends_of(names, members, 3),
-        "chords": np.array([member.end - member.start for *_, member in members]),
+        **chords(names, members),
         "axes": np.array([member.axes.ravel() for *_, member in members]),
-        "stiffness": np.array([member.stiffness_of_chord.ravel() for *_, member in members]),
         "rotations": np.array([i for i, name in enumerate(names) if name.endswith(".rx")], dtype=int),
     }
 

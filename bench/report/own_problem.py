@@ -24,7 +24,7 @@ from ..rivals import RIVALS
 from ..rivals.rival import Rival
 from ..sweep import Point, Repeatable, WorkPrecisionSet, is_stable, sweep_tolerances, warm
 from ..timing import Storage, interleave, kernel_run
-from .truth import Grid, find_truth
+from .true_motion import Grid, find_truth
 
 ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
 _TIMING = 15.0  # seconds for the interleaved runs of the library, as predicted,
