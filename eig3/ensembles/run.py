@@ -21,7 +21,7 @@ from ..result.labels import Labels
 from ..run.progress import check_progress
 from ..stepping.march import Cancel
 from .files import Directory
-from .here import Run, at_start, cores
+from .in_process import Run, at_start, cores
 from .members import Members, check_members
 from .named_members import split, with_lengths
 from .options import Options, check_options

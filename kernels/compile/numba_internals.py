@@ -255,30 +255,6 @@ def _codegen() -> Any:
 
 
 @contextmanager
-def addresses_of_arrays() -> Iterator[None]:
-    """A block in which Numba computes an address with a stride from the address of its array, as it does from 0.67 on.
-
-    Earlier versions compute with integers: LLVM cannot tell to which array such an address belongs.
-    """
-    if numba.version_info[:2] >= (0, 67):
-        yield
-        return
-
-    def pointer_add(builder: Any, pointer: Any, offset: Any, return_type: Any = None) -> Any:
-        offset = cgutils.intp_t(offset) if isinstance(offset, int) else offset
-        address = builder.gep(builder.bitcast(pointer, cgutils.voidptr_t), [offset])
-        return builder.bitcast(address, return_type or pointer.type)
-
-    with global_compiler_lock:
-        usual = cgutils.pointer_add
-        cgutils.pointer_add = pointer_add
-        try:
-            yield
-        finally:
-            cgutils.pointer_add = usual
-
-
-@contextmanager
 def compilations() -> Iterator[list[Jitted]]:
     """A block with a list of the jitted functions that Numba compiles in it; those from a cache are not in the list."""
 

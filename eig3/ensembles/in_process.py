@@ -31,13 +31,13 @@ from ..stepping.march import Cancel, March
 from ..stepping.team import alone
 from ..stepping.watching import further_times
 from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
-from .alone import Alone, Singles
 from .block import Block
+from .block_setup import BlockSetup, SignOf
 from .histories import Histories
 from .lanewise import MOST_DEGREES, ROWS_FOLLOWED, constrained_of, keeping_of, lanes_of, layout_of
 from .members import Members
 from .options import Options
-from .shared import Shared, SignOf
+from .single_members import Alone, Singles
 from .solution import EnsembleSolution
 from .stops import Stops
 
@@ -164,7 +164,7 @@ class Run:
             self.notes.append(f"rhs is not vectorised: {adaptive.rhs.obstacle}.")
         return adaptive
 
-    def _shared(self) -> Shared | None:
+    def _shared(self) -> BlockSetup | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
         options, members = self.options, self.members
         if options.has_tolerances:
@@ -202,7 +202,7 @@ class Run:
         alone = Singles(self.rhs, members, options, **plain)
         stops = Stops(self._single.prepared(0).system, members, method) if self._is_stopped() else None
         given = rhs, keeping, quantities, stops, self.histories, alone, self._single
-        return Shared(members, layout, method, kernel, *given)
+        return BlockSetup(members, layout, method, kernel, *given)
 
     def _is_stopped(self) -> bool:
         """Whether members in lanes with fixed steps look for events that do nothing but end them, and for no more."""
