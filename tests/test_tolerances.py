@@ -532,6 +532,9 @@ def test_failures_raise_if_asked():
 # EIG-3 ---------------------------------------------------------------------------------------------------------------
 
 
+trial = eig3_variable.variable.functions()["trial"].py_func
+
+
 def eig3_steps(accelerate, steps, u, v):
     """The states after steps of EIG-3, from the formulas of the kernel in Python."""
     y = np.zeros((9, 1))
@@ -540,7 +543,7 @@ def eig3_steps(accelerate, steps, u, v):
     y[8] = y[2]
     t, h_before, states = 0.0, 0.0, []
     for h in steps:
-        eig3_variable.trial(accelerate, t, h, h_before, None, 1, y)
+        trial(accelerate, t, h, h_before, None, 1, y)
         eig3_variable.advance(y, 1)
         t, h_before = t + h, h
         states.append((y[0, 0], y[1, 0]))
@@ -571,7 +574,7 @@ def growth_in_two_steps(h1, h2):
         y[0], y[1], y[8] = unit
         y[2] = -y[0]
         for h, h_before in ((h1, h2), (h2, h1)):
-            eig3_variable.trial(minus_u, 0.0, h, h_before, None, 1, y)
+            trial(minus_u, 0.0, h, h_before, None, 1, y)
             eig3_variable.advance(y, 1)
         columns.append([y[0, 0], y[1, 0], y[8, 0]])
     return np.abs(np.linalg.eigvals(np.transpose(columns))).max()

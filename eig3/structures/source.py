@@ -16,7 +16,7 @@ import numba
 from ..effects.sampled_motion import interval
 from ..functions.callbacks import jit
 from ..kernels.compile.jit import element
-from ..kernels.compile.source import define
+from ..kernels.compile.source import Writer, define
 from .factors import solution
 from .products import product
 
@@ -29,25 +29,25 @@ INTEGRALS = "work", "dissipated"
 _LOADS = frozenset({"force", "table"})  # of single degrees of freedom, which are computed first
 
 _TABLE = """\
-    place, part = weight(t, p.force_times)
-    if place >= 0:
-        for k in range(p.degrees.size):
-            low, high = p.forces[place, k], p.forces[place + 1, k]
-            a[p.degrees[k]] += p.force_scale * (low + part * (high - low))
+place, part = weight(t, p.force_times)
+if place >= 0:
+    for k in range(p.degrees.size):
+        low, high = p.forces[place, k], p.forces[place + 1, k]
+        a[p.degrees[k]] += p.force_scale * (low + part * (high - low))
 """
 _GROUND = """\
-    place, part = weight(t, p.ground_times)
-    g = 0.0
-    if place >= 0:
-        g = p.ground_scale * (p.ground[place] + part * (p.ground[place + 1] - p.ground[place]))
+place, part = weight(t, p.ground_times)
+g = 0.0
+if place >= 0:
+    g = p.ground_scale * (p.ground[place] + part * (p.ground[place + 1] - p.ground[place]))
 """
 _MODAL = """\
-    for j in range(p.modes.shape[0]):
-        speed = 0.0
-        for i in range(n):
-            speed += p.rates[j, i] * v[i]
-        for i in range(n):
-            a[i] -= p.modes[j, i] * speed
+for j in range(p.modes.shape[0]):
+    speed = 0.0
+    for i in range(n):
+        speed += p.rates[j, i] * v[i]
+    for i in range(n):
+        a[i] -= p.modes[j, i] * speed
 """
 
 
@@ -85,29 +85,33 @@ def weight(t: Any, times: Any) -> Any:
 def right_hand_side(parts: Parts, force: Any) -> Any:
     """Return the jitted right-hand side of a structure that has these parts: structures of the same parts share it."""
     has, edge = parts.has, parts.edge
-    lines = ["def rhs(t, u, v, p, a):", "    n = p.size"]
-    if has & _LOADS:
-        lines += ["    for i in range(a.size):", "        a[i] = 0.0"]
-    lines += ["    force(t, u, v, p, a)"] * ("force" in has)
-    text = "\n".join([*lines, ""]) + _TABLE * ("table" in has) + _GROUND * ("ground" in has)
-    lines = _arrays("K", "C", has=has)
-    rows, own = f"n // {edge}", ["m", "influence"]
-    lines += [f"    {name} = p.{name}" for name, part in zip(own, ("lumped", "ground"), strict=True) if part in has]
-    lines += ["    rate, decay = p.b, p.a"] * ("rayleigh" in has)
-    if parts.threads == 1:
-        lines.append(f"    for row in range({rows}):")
-        lines += [f"        {line}" for line in _row(parts)]
-    else:
-        lines += [f"    rows = {rows}", f"    for part in prange({parts.threads}):"]
-        share = f"part * rows // {parts.threads}, (part + 1) * rows // {parts.threads}"
-        lines.append(f"        for row in range({share}):")
-        lines += [f"            {line}" for line in _row(parts)]
-    if "consistent" in has:
-        lines.append("    solution(p.order, p.panels, p.rows, p.values, p.inverse, a)")
-        later = _without_mass(parts, "i")
-        lines += ["    for i in range(n):", f"        a[i] -= {later}"] if later else []
-    text += "\n".join([*lines, ""]) + _MODAL * ("modal" in has)
-    text += "\n".join(_power(parts)) * ("work" in has)
+    out = Writer()
+    with out.block("def rhs(t, u, v, p, a)"):
+        out.line("n = p.size")
+        if has & _LOADS:
+            with out.block("for i in range(a.size)"):
+                out.line("a[i] = 0.0")
+        out.line(*["force(t, u, v, p, a)"] * ("force" in has))
+        out.insert(_TABLE * ("table" in has) + _GROUND * ("ground" in has))
+        out.line(*(_arrays(name) for name in "KC" if name in has), *["m = p.m"] * ("lumped" in has))
+        out.line(*["influence = p.influence"] * ("ground" in has), *["rate, decay = p.b, p.a"] * ("rayleigh" in has))
+        if parts.threads == 1:
+            with out.block(f"for row in range(n // {edge})"):
+                out.line(*_row(parts))
+        else:
+            out.line(f"rows = n // {edge}")
+            share = f"part * rows // {parts.threads}, (part + 1) * rows // {parts.threads}"
+            with out.block(f"for part in prange({parts.threads})"), out.block(f"for row in range({share})"):
+                out.line(*_row(parts))
+        if "consistent" in has:
+            out.line("solution(p.order, p.panels, p.rows, p.values, p.inverse, a)")
+            if later := _without_mass(parts, "i"):
+                with out.block("for i in range(n)"):
+                    out.line(f"a[i] -= {later}")
+        out.insert(_MODAL * ("modal" in has))
+        if "work" in has:
+            with out.block("if u.size > n"):
+                _power(parts, out)
     names = {
         "__name__": __name__,
         "prange": numba.prange,
@@ -118,26 +122,29 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
         "of_mass": product(1, False),
         "solution": solution(parts.copies),
     }
-    return jit(define(text, "structure", names)["rhs"], parallel=parts.threads > 1)
+    return jit(define(str(out), "structure", names)["rhs"], parallel=parts.threads > 1)
 
 
 @functools.lru_cache(_KEPT)
 def energy(parts: Parts) -> Any:
     """Return the jitted energy of a structure: kinetic and elastic, less the work if a run follows it."""
-    lines = ["def energy(t, u, v, p):", "    n, energy = p.size, 0.0"]
-    if "consistent" in parts.has:
-        lines += [*_arrays("M", has={"M"}), "    for i in range(n):"]
-        lines.append("        energy += 0.5 * v[i] * of_mass(M_data, M_indices, M_indptr, i, v)[0]")
-    else:
-        lines += ["    for i in range(n):", "        energy += 0.5 * p.m[i] * v[i] * v[i]"]
-    if "K" in parts.has:
-        lines += [*_arrays("K", has={"K"}), f"    for row in range(n // {parts.edge}):"]
-        lines.append("        sums = product(K_data, K_indices, K_indptr, row, u)")
-        lines += [f"        energy += 0.5 * u[{_at(parts.edge, i)}] * sums[{i}]" for i in range(parts.edge)]
-    if "work" in parts.has:
-        lines += ["    if v.size > n:", "        energy -= v[n]"]
+    out, is_consistent = Writer(), "consistent" in parts.has
+    with out.block("def energy(t, u, v, p)"):
+        out.line("n, energy = p.size, 0.0", *[_arrays("M")] * is_consistent)
+        with out.block("for i in range(n)"):
+            double = f"v[i] * {_of_mass(parts, 'v')}" if is_consistent else "p.m[i] * v[i] * v[i]"
+            out.line(f"energy += 0.5 * {double}")
+        if "K" in parts.has:
+            out.line(_arrays("K"))
+            with out.block(f"for row in range(n // {parts.edge})"):
+                out.line("sums = product(K_data, K_indices, K_indptr, row, u)")
+                out.line(*(f"energy += 0.5 * u[{_at(parts.edge, i)}] * sums[{i}]" for i in range(parts.edge)))
+        if "work" in parts.has:
+            with out.block("if v.size > n"):
+                out.line("energy -= v[n]")
+        out.line("return energy")
     names = {"__name__": __name__, "product": product(parts.edge, False), "of_mass": product(1, False)}
-    return jit(define("\n".join([*lines, "    return energy", ""]), "structure", names)["energy"])
+    return jit(define(str(out), "structure", names)["energy"])
 
 
 def _row(parts: Parts) -> list[str]:
@@ -167,35 +174,33 @@ def _without_mass(parts: Parts, i: str) -> str:
     return " + ".join(terms)
 
 
-def _power(parts: Parts) -> list[str]:
-    """Return the lines of the powers which only a run that follows them needs.
+def _power(parts: Parts, out: Writer) -> None:
+    """Write the powers which only a run that follows them needs.
 
     That of loads, ground and damping is v (M a + K u), and that of the damping alone is v (C v + ...).
     """
-    has, lines = parts.has, ["    if u.size > n:", "        power, lost = 0.0, 0.0"]
-    inertia, momentum = "m[i] * a[i]", "m[i] * v[i]"
-    if "consistent" in has:
-        lines += [f"    {line}" for line in _arrays("M", has={"M"})]
-        inertia, momentum = (f"of_mass(M_data, M_indices, M_indptr, i, {x})[0]" for x in "av")
-    lines += ["        for i in range(n):", f"            power += v[i] * {inertia}"]
-    lines += [f"            lost += decay * v[i] * {momentum}"] * ("rayleigh" in has)
-    for name, x, powers in (
-        ("K", "u", {"power": ""}),
-        ("K", "v", {"lost": "rate * "} if "rayleigh" in has else {}),
-        ("C", "v", {"lost": ""}),
-    ):
-        if name in has and powers:
-            lines += [f"        for row in range(n // {parts.edge}):"]
-            lines.append(f"            sums = product({name}_data, {name}_indices, {name}_indptr, row, {x})")
-            for power, factor in powers.items():
-                lines += [
-                    f"            {power} += {factor}v[{_at(parts.edge, k)}] * sums[{k}]" for k in range(parts.edge)
-                ]
+    has, edge = parts.has, parts.edge
+    out.line("power, lost = 0.0, 0.0", *[_arrays("M")] * ("consistent" in has))
+    with out.block("for i in range(n)"):
+        out.line(f"power += v[i] * {_of_mass(parts, 'a')}")
+        out.line(*[f"lost += decay * v[i] * {_of_mass(parts, 'v')}"] * ("rayleigh" in has))
+    for name, x, power in (("K", "u", "power += "), ("K", "v", "lost += rate * "), ("C", "v", "lost += ")):
+        if name in has and ("rate" not in power or "rayleigh" in has):
+            with out.block(f"for row in range(n // {edge})"):
+                out.line(f"sums = product({name}_data, {name}_indices, {name}_indptr, row, {x})")
+                out.line(*(f"{power}v[{_at(edge, k)}] * sums[{k}]" for k in range(edge)))
     if "modal" in has:
-        lines += ["        for j in range(p.modes.shape[0]):", "            speed, amount = 0.0, 0.0"]
-        lines += ["            for i in range(n):", "                speed += p.rates[j, i] * v[i]"]
-        lines += [f"                amount += p.modes[j, i] * {momentum}", "            lost += speed * amount"]
-    return [*lines, "        a[n] = power", "        a[n + 1] = lost", ""]
+        with out.block("for j in range(p.modes.shape[0])"):
+            out.line("speed, amount = 0.0, 0.0")
+            with out.block("for i in range(n)"):
+                out.line("speed += p.rates[j, i] * v[i]", f"amount += p.modes[j, i] * {_of_mass(parts, 'v')}")
+            out.line("lost += speed * amount")
+    out.line("a[n] = power", "a[n + 1] = lost")
+
+
+def _of_mass(parts: Parts, x: str) -> str:
+    """Return the text of an entry of the product of the mass and x."""
+    return f"of_mass(M_data, M_indices, M_indptr, i, {x})[0]" if "consistent" in parts.has else f"m[i] * {x}[i]"
 
 
 def _at(edge: int, k: int) -> str:
@@ -203,10 +208,6 @@ def _at(edge: int, k: int) -> str:
     return "row" if edge == 1 else f"{edge} * row + {k}"
 
 
-def _arrays(*names: str, has: Any) -> list[str]:
-    """Return the lines that take the arrays of matrices: a parallel loop takes arrays, but not tuples of tuples."""
-    return [
-        f"    {name}_data, {name}_indices, {name}_indptr = p.{name}.data.reshape(-1), p.{name}.indices, p.{name}.indptr"
-        for name in names
-        if name in has
-    ]
+def _arrays(name: str) -> str:
+    """Return the line that takes the arrays of a matrix: a parallel loop takes arrays, but not tuples of tuples."""
+    return f"{name}_data, {name}_indices, {name}_indptr = p.{name}.data.reshape(-1), p.{name}.indices, p.{name}.indptr"

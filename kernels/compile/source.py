@@ -71,6 +71,17 @@ class Writer:
         with self.block(f"if {condition}") if condition else nullcontext():
             yield
 
+    def loop(self, rows: Mapping[str, str], many: bool = True) -> None:
+        """Write a loop over n, which writes an entry of each of the `rows` from a text with other entries.
+
+        Each entry is read once, before the first is written: this compiles in less time than a text with many indices.
+        Without `many`, n is 1, and the lines are those of the only pass: a loop takes as long to compile as they do.
+        """
+        entry, to = re.compile(r"(\w+)\[j\]"), "j" if many else "0"
+        with self.block("for j in range(n)") if many else nullcontext():
+            self.line(*(f"{name}_j = {name}[{to}]" for name in dict.fromkeys(entry.findall(" ".join(rows.values())))))
+            self.line(*(f"{name}[{to}] = " + entry.sub(r"\1_j", text) for name, text in rows.items()))
+
 
 def is_beside(code: Any, function: Any) -> bool:
     """Return whether a function is defined in the same written source as some code."""
@@ -91,21 +102,10 @@ class Constants:
             self._values.append(value)
         return f"c[{self._values.index(value)}]"
 
-    def source(self) -> str:
-        """Return the source of the function `constants` of a method's file."""
-        return f"def constants(settings, h, work):\n    return ({''.join(f'{value}, ' for value in self._values)})\n"
-
-
-def loop(rows: Mapping[str, str], many: bool = True) -> list[str]:
-    """Return the lines of a loop over n, which writes an entry of each of the `rows` from a text with other entries.
-
-    Each entry is read once, before the first is written: this compiles in less time than a text with many indices.
-    Without `many`, n is 1, and the lines are those of the only pass: a loop takes as long to compile as they do.
-    """
-    entry, to = re.compile(r"(\w+)\[j\]"), "j" if many else "0"
-    lines = [f"{name}_j = {name}[{to}]" for name in dict.fromkeys(entry.findall(" ".join(rows.values())))]
-    lines += [f"{name}[{to}] = " + entry.sub(r"\1_j", text) for name, text in rows.items()]
-    return ["for j in range(n):", *(f"    {line}" for line in lines)] if many else lines
+    def write(self, out: Writer) -> None:
+        """Write the function `constants` of a method's file."""
+        with out.block("def constants(settings, h, work)"):
+            out.line(f"return ({''.join(f'{value}, ' for value in self._values)})")
 
 
 def after_sum(base: str, terms: Sequence[tuple[str, str]], sign: str = "+") -> str:

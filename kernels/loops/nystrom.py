@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 
-from .pair import Pair, total
+from .pair import Pair, Text, weighted_sum
 from .tableau import Row, Tableau
 
 
@@ -36,17 +36,13 @@ class NystromPair(Pair):
 
     known_terms = 6
 
-    def _polynomials(self) -> list[str]:
-        lines = [
-            *self._rise("u", "v"),
-            "        u3 = h * h / 2 * a0[j] + u1 - u2",
-            "        u4 = h * h / 2 * a_end[j] + u1 + 2 * u2 - u3",
-        ]
+    def _polynomials(self, out: Text) -> None:
+        self._rise(out, "u", "v")
+        out.line("u3 = h * h / 2 * a0[j] + u1 - u2", "u4 = h * h / 2 * a_end[j] + u1 + 2 * u2 - u3")
         for k, weights in enumerate(self.weights, start=5):
-            lines.append(f"        u{k} = h * h * {total(self.weighted(weights))}")
-        lines += [*self._powers("u", 0), "        per_h = 1 / h"]
-        for power in range(1, self.terms):
-            lines.append(
-                f"        coefficients[{self.terms + power - 1}, j] = {power} * coefficients[{power}, j] * per_h"
-            )
-        return [*lines, f"        coefficients[{2 * self.terms - 1}, j] = 0.0"]
+            out.line(f"u{k} = h * h * {weighted_sum(self.weighted(weights))}")
+        self._powers(out, "u", 0)
+        out.line("per_h = 1 / h")
+        for k in range(1, self.terms):
+            out.line(f"coefficients[{self.terms + k - 1}, j] = {k} * coefficients[{k}, j] * per_h")
+        out.line(f"coefficients[{2 * self.terms - 1}, j] = 0.0")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..compile.jit import bound, element
-from ..compile.source import Constants, after_sum, define, loop
+from ..compile.source import Constants, Writer, after_sum, define
 
 Row = Sequence[Fraction]
 
@@ -58,9 +58,11 @@ class Tableau:
         self.A = [[Fraction(x) for x in row] + [Fraction(0)] * (len(b) - len(row)) for row in [(), *A]]
         self.b = [Fraction(x) for x in b]
         self.c, self.stages = c, len(b)
-        constants = Constants()
-        text = self._step("step", constants) + self._step("step_of_one", constants, many=False) + constants.source()
-        defined = define(text, "tableau", {"__name__": __name__})
+        out, constants = Writer(), Constants()
+        self._write_step(out, "step", constants)
+        self._write_step(out, "step_of_one", constants, many=False)
+        constants.write(out)
+        defined = define(str(out), "tableau", {"__name__": __name__})
         self.step, self.step_of_one = element(defined["step"]), element(defined["step_of_one"])
         self.constants = element(defined["constants"])
         self.rows, self.evaluations = 2 + len(self.state) + self.stages, self.stages
@@ -89,18 +91,17 @@ class Tableau:
         A_bar = np.array([product(row, self.A) for row in [*self.A, self.b]], dtype=np.float64)
         return element(bound(brief_step, {"C": np.array([*self.c, 1.0]), "A": A, "A_BAR": A_bar}))
 
-    def _time(self, i: int) -> str:
-        return f"at.t + {float(self.c[i])!r} * at.h"
-
-    def _step(self, name: str, constants: Constants, many: bool = True) -> str:
+    def _write_step(self, out: Writer, name: str, constants: Constants, many: bool = True) -> None:
         accelerations = [f"a{i}" for i in range(self.stages)]
-        lines = [f"def {name}(f, at, y, c, n):", f"{', '.join(['u', 'v', *self.state, *accelerations])} = y"]
-        lines.append("f(at.t, u, v, at.p, a0)")
-        for i in range(1, self.stages):
-            stage = dict(zip(self.state, self._state(self.c[i], self.stage(self.A[i], self.A), constants), strict=True))
-            lines += [*loop(stage, many), f"f({self._time(i)}, u_stage, {self.velocity}, at.p, a{i})"]
-        end = dict(zip(("u", "v"), self._state(1.0, self.end(self.b, self.A), constants), strict=True))
-        return "\n    ".join([*lines, *loop(end, many), "return y, True"]) + "\n\n"
+        with out.block(f"def {name}(f, at, y, c, n)"):
+            out.line(f"{', '.join(['u', 'v', *self.state, *accelerations])} = y", "f(at.t, u, v, at.p, a0)")
+            for i in range(1, self.stages):
+                texts = self._state(self.c[i], self.stage(self.A[i], self.A), constants)
+                out.loop(dict(zip(self.state, texts, strict=True)), many)
+                out.line(f"f(at.t + {float(self.c[i])!r} * at.h, u_stage, {self.velocity}, at.p, a{i})")
+            end = self._state(1.0, self.end(self.b, self.A), constants)
+            out.loop(dict(zip(("u", "v"), end, strict=True)), many)
+            out.line("return y, True")
 
 
 def brief_step(f, at, u, v, scratch, n):  # type: ignore[no-untyped-def]

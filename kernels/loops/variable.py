@@ -117,7 +117,7 @@ def variable(callbacks, state, settings, tally, span, look):
             if N > 0:
                 copy_rows(kept, y, N)
             u_least, v_least, v_blur = SIZES_AT_REST(of_span, tally, t + step, state)
-        square = SQUARE(step, tally[STEP_BEFORE], n, y, span.rtol, span.atol, u_least, v_least)
+        square = SQUARE(step, n, y, span.rtol, span.atol, u_least, v_least)
         if not square <= 1.0:
             tally[REJECTED] += 1
             h = step * shrinkage(square, ORDER)

@@ -26,7 +26,7 @@ from math import comb
 from types import SimpleNamespace
 
 from ..compile.jit import element
-from ..compile.source import Constants, after_sum, define, loop
+from ..compile.source import Constants, Writer, after_sum, define
 
 
 def sigma(count: int) -> list[Fraction]:
@@ -86,34 +86,26 @@ def member(grade: int, predicts: bool) -> SimpleNamespace:
     u, V = after_sum("u[j]", [(c(1.0, 1), "V[j]"), *weighted(first, 2)]), after_sum("V[j]", weighted(first, 1))
     w = {"v": after_sum("V[j]", weighted(second, 1))} if predicts else {}
 
-    def step(name: str, many: bool) -> list[str]:
-        return [
-            f"def {name}(f, at, y, c, n):",
-            f"u, v, V, {rows} = y",
-            *loop({"u": u, "V": V, **w}, many),
-            f"f(at.t + at.h, u, v, at.p, {past[-1]})",
-            f"return (u, v, V, {past[-1]}, {', '.join(past[:-1])}), True",
-        ]
-
-    complete = [
-        "def complete(y, c, h, n):",
-        f"u, v, V, {rows} = y[:{3 + p}]",
-        *loop({"v": synchronised("V[j]")}),
-    ]
-    start_step = [
-        "def start_step(f, at, y, c, n):",
-        "c, scratch = c",
-        f"u, v, V, {rows} = y",
-        "success = STARTER(f, at, u, v, scratch, n)",
-        f"f(at.t + at.h, u, v, at.p, {past[-1]})",
-        f"{rows} = {past[-1]}, {', '.join(past[:-1])}",
-        *loop({"V": synchronised("v[j]", "-")}),
-        f"return (u, v, V, {rows}), success",
-    ]
-    start = ["def start(u, v, a, h):", f"return 0 * u, a{', 0 * u' * (p - 1)}"]
-    functions = [step("step", True), step("step_of_one", False), complete, start_step, start]
-    text = "\n\n".join("\n    ".join(lines) for lines in functions) + "\n\n" + c.source()
-    defined = define(text, f"EIG-{grade}", {"__name__": __name__})
+    out = Writer()
+    for name, many in (("step", True), ("step_of_one", False)):
+        with out.block(f"def {name}(f, at, y, c, n)"):
+            out.line(f"u, v, V, {rows} = y")
+            out.loop({"u": u, "V": V, **w}, many)
+            out.line(f"f(at.t + at.h, u, v, at.p, {past[-1]})")
+            out.line(f"return (u, v, V, {past[-1]}, {', '.join(past[:-1])}), True")
+    with out.block("def complete(y, c, h, n)"):
+        out.line(f"u, v, V, {rows} = y[:{3 + p}]")
+        out.loop({"v": synchronised("V[j]")})
+    with out.block("def start_step(f, at, y, c, n)"):
+        out.line("c, scratch = c", f"u, v, V, {rows} = y")
+        out.line("success = STARTER(f, at, u, v, scratch, n)", f"f(at.t + at.h, u, v, at.p, {past[-1]})")
+        out.line(f"{rows} = {past[-1]}, {', '.join(past[:-1])}")
+        out.loop({"V": synchronised("v[j]", "-")})
+        out.line(f"return (u, v, V, {rows}), success")
+    with out.block("def start(u, v, a, h)"):
+        out.line(f"return 0 * u, a{', 0 * u' * (p - 1)}")
+    c.write(out)
+    defined = define(str(out), f"EIG-{grade}", {"__name__": __name__})
 
     return SimpleNamespace(
         ROWS=3 + p,
