@@ -28,7 +28,7 @@ from .compile.numba_internals import Strip, parts_of, wide_vectors
 from .lane_events import BAD, SIGHT, STOPPED, seeing
 from .lanes import Lanes, Layout, compile_template
 from .loops.beginning import RESOLUTION, beginning, least_size, least_sizes
-from .loops.controller import LEAST_ERROR, exponent, growth, log2, shrinkage
+from .loops.controller import LEAST_ERROR, exponent, next_step, shrinkage
 from .loops.formulas import variable_formulas
 from .loops.pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
 from .protocol import (
@@ -195,8 +195,7 @@ def adaptive(rhs, alone, project, count, control, block, starts, ends, sight, lo
         for lane in range(LANES):
             x, e = step[lane], exponent(square[lane])
             is_ok = (square[lane] <= 1.0) & (x > 0)
-            grown = growth(e, error[lane], log2(x / before[lane]), ORDER)
-            longer = min(x * (min(grown, 1.0) if rejected[lane] > 0 else grown), control.h_max)
+            longer = next_step(x, before[lane], e, error[lane], rejected[lane] > 0, control.h_max, ORDER)
             shorter = x * shrinkage(square[lane], ORDER)
             reached = t_end if h[lane] >= t_end - time[lane] else time[lane] + x
             h[lane] = longer if is_ok else (shorter if x > 0 else h[lane])

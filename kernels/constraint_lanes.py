@@ -24,7 +24,7 @@ from numba.types import int64, intp, none
 
 from .compile.jit import bound, function_at
 from .compile.numba_internals import array_over, floats_on_stack
-from .compile.source import define
+from .compile.source import Writer, define
 from .constraints import MOST_ITERATIONS
 from .lanes import Lanes, Layout, compile_block, compile_rhs, options_for, view
 from .protocol import VECTOR, vector_type
@@ -175,11 +175,14 @@ def _parts(wanted: Sequence[str], functions: Straight, layout: Layout, is_checke
     for name in wanted:
         signature, arrays = _KINDS[name]
         views = ", ".join(f"{_VIEWS.get(x, 'WRITTEN')}({x.upper()}, lane)" for x in arrays)
-        lines = [f"def {name}({', '.join(arrays.upper())}):", "    going = 0", "    for lane in range(LANES):"]
-        lines += [f"        {', '.join(arrays)} = {views}"]
-        lines += [f"        {line}" for line in getattr(functions, name).splitlines()]
-        lines += ["    return going", ""] if name == "approach" else [""]
-        function = define("\n".join(lines), "lanes", names)[name]
+        out = Writer()
+        with out.block(f"def {name}({', '.join(arrays.upper())})"):
+            out.line("going = 0")
+            with out.block("for lane in range(LANES)"):
+                out.line(f"{', '.join(arrays)} = {views}")
+                out.insert(getattr(functions, name))
+            out.line(*["return going"] * (name == "approach"))
+        function = define(str(out), "lanes", names)[name]
         found[name] = compile_block(function, signature.args, options_for(is_checked))
     return found
 

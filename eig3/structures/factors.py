@@ -7,6 +7,8 @@ zero are kept too: a solution then reads the number of a row, and its value, onc
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +16,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from ..kernels.compile.jit import element
-from ..kernels.compile.source import define
+from ..kernels.compile.source import Writer, define
 from .products import EDGES
 
 _SAME = 1e-14  # part of the largest entry by which the masses of two directions may differ
@@ -81,54 +83,51 @@ def solution(copies: int) -> Any:
 
     It takes `Factors` one by one, and x.
     """
-    lines = ["def solution(order, panels, rows, values, inverse, x):"]
-    for loop, passed in (("range(panels.shape[0] - 1)", _forward), ("range(panels.shape[0] - 2, -1, -1)", _backward)):
-        lines += [f"    for s in {loop}:", "        j, width = panels[s, 0], panels[s + 1, 0] - panels[s, 0]"]
-        for k, width in enumerate(_WIDTHS):
-            lines.append(f"        {'elif' if k else 'if'} width == {width}:")
-            lines += [f"            {line}" for line in passed(width, copies)]
+    out = Writer()
+    with out.block("def solution(order, panels, rows, values, inverse, x)"):
+        for panels, write in (("0, len(panels) - 1", _forward), ("len(panels) - 2, -1, -1", _backward)):
+            with out.block(f"for s in range({panels})"):
+                out.line("j, width = panels[s, 0], panels[s + 1, 0] - panels[s, 0]", "first = unsigned(panels[s, 2])")
+                for width in _WIDTHS:
+                    with out.block(f"if width == {width}"):
+                        out.line(*(f"i_{k} = unsigned({copies}) * unsigned(order[j + {k}])" for k in range(width)))
+                        write(out, width, copies)
     names = {"__name__": __name__, "unsigned": np.uint64}
-    return element(define("\n".join([*lines, ""]), "solution", names)["solution"])
+    return element(define(str(out), "solution", names)["solution"])
 
 
-def _forward(width: int, copies: int) -> list[str]:
-    """Return the lines that take the columns of a panel away from the later rows."""
+def _forward(out: Writer, width: int, copies: int) -> None:
+    """Take the columns of a panel away from the later rows."""
     own = [(k, c) for k in range(width) for c in range(copies)]
-    lines = _own_rows(width, copies) + [f"x_{k}_{c} = x[i_{k} + unsigned({c})]" for k, c in own]
-    lines += [f"x_{i}_{c} -= values[first + unsigned({_place(i, k)})] * x_{k}_{c}" for i, c in own for k in range(i)]
-    lines += [f"x[i_{k} + unsigned({c})] = x_{k}_{c}" for k, c in own] + _below(width, copies)
-    for c in range(copies):
-        terms = [f"values[at + unsigned({k})] * x_{k}_{c}" for k in range(width)]
-        lines.append(f"    x[i + unsigned({c})] -= {' + '.join(terms)}")
-    return [*lines, f"    at += unsigned({width})"]
+    out.line(*(f"x_{k}_{c} = x[i_{k} + unsigned({c})]" for k, c in own))
+    out.line(*(f"x_{i}_{c} -= values[first + unsigned({_place(i, k)})] * x_{k}_{c}" for i, c in own for k in range(i)))
+    out.line(*(f"x[i_{k} + unsigned({c})] = x_{k}_{c}" for k, c in own))
+    with _below(out, width, copies):
+        for c in range(copies):
+            terms = [f"values[at + unsigned({k})] * x_{k}_{c}" for k in range(width)]
+            out.line(f"x[i + unsigned({c})] -= {' + '.join(terms)}")
 
 
-def _backward(width: int, copies: int) -> list[str]:
-    """Return the lines that take the later rows away from those of a panel."""
+def _backward(out: Writer, width: int, copies: int) -> None:
+    """Take the later rows away from those of a panel."""
     own = [(k, c) for k in range(width) for c in range(copies)]
-    lines = _own_rows(width, copies)
-    lines += [f"x_{k}_{c} = x[i_{k} + unsigned({c})] * inverse[j + {k}]" for k, c in own] + _below(width, copies)
-    lines += [f"    y_{c} = x[i + unsigned({c})]" for c in range(copies)]
-    lines += [f"    x_{k}_{c} -= values[at + unsigned({k})] * y_{c}" for k, c in own]
-    lines.append(f"    at += unsigned({width})")
-    lines += [
-        f"x_{k}_{c} -= values[first + unsigned({_place(i, k)})] * x_{i}_{c}" for i, c in reversed(own) for k in range(i)
-    ]
-    return lines + [f"x[i_{k} + unsigned({c})] = x_{k}_{c}" for k, c in own]
+    out.line(*(f"x_{k}_{c} = x[i_{k} + unsigned({c})] * inverse[j + {k}]" for k, c in own))
+    with _below(out, width, copies):
+        out.line(*(f"y_{c} = x[i + unsigned({c})]" for c in range(copies)))
+        out.line(*(f"x_{k}_{c} -= values[at + unsigned({k})] * y_{c}" for k, c in own))
+    for i, c in reversed(own):
+        out.line(*(f"x_{k}_{c} -= values[first + unsigned({_place(i, k)})] * x_{i}_{c}" for k in range(i)))
+    out.line(*(f"x[i_{k} + unsigned({c})] = x_{k}_{c}" for k, c in own))
 
 
-def _own_rows(width: int, copies: int) -> list[str]:
-    lines = [f"i_{k} = unsigned({copies}) * unsigned(order[j + {k}])" for k in range(width)]
-    return [*lines, "first = unsigned(panels[s, 2])"]
-
-
-def _below(width: int, copies: int) -> list[str]:
-    """Return the beginning of the loop over the rows below a panel."""
-    return [
-        f"at = first + unsigned({_place(width, 0)})",
-        "for q in range(unsigned(panels[s, 1]), unsigned(panels[s + 1, 1])):",
-        f"    i = unsigned({copies}) * unsigned(rows[q])",
-    ]
+@contextmanager
+def _below(out: Writer, width: int, copies: int) -> Iterator[None]:
+    """Write a loop over the rows below a panel."""
+    out.line(f"at = first + unsigned({_place(width, 0)})")
+    with out.block("for q in range(unsigned(panels[s, 1]), unsigned(panels[s + 1, 1]))"):
+        out.line(f"i = unsigned({copies}) * unsigned(rows[q])")
+        yield
+        out.line(f"at += unsigned({width})")
 
 
 def _place(i: int, k: int) -> int:

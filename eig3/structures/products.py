@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..kernels.compile.jit import element
-from ..kernels.compile.source import define
+from ..kernels.compile.source import Writer, define
 
 #: The edges of blocks for which there is code.
 EDGES = 3, 2, 1
@@ -45,21 +45,15 @@ def product(edge: int, has_rate: bool) -> Any:
     at = "x[{0}] + rate * v[{0}]" if has_rate else "x[{0}]"
     if edge == 1:
         text = _ROW.format(further=further, at_i=at.format("i"), at_j=at.format("j"))
-    else:
-        lines = [f"def product(data, indices, indptr, row, x{further}):", f"    {_each(edge, 'sum')} = {_zeros(edge)}"]
-        lines.append("    for k in range(unsigned(indptr[row]), unsigned(indptr[row + 1])):")
-        lines.append(f"        i, b = unsigned({edge}) * unsigned(indices[k]), unsigned({edge * edge}) * k")
-        lines += [f"        x_{j} = {at.format(f'i + unsigned({j})')}" for j in range(edge)]
-        for i in range(edge):
-            terms = [f"data[b + unsigned({edge * i + j})] * x_{j}" for j in range(edge)]
-            lines.append(f"        sum_{i} += {' + '.join(terms)}")
-        text = "\n".join([*lines, f"    return {_each(edge, 'sum')}", ""])
-    return element(define(text, "product", _NAMES)["product"])
-
-
-def _each(count: int, name: str) -> str:
-    return ", ".join(f"{name}_{i}" for i in range(count))
-
-
-def _zeros(count: int) -> str:
-    return ", ".join(["0.0"] * count)
+        return element(define(text, "product", _NAMES)["product"])
+    out, sums = Writer(), [f"sum_{i}" for i in range(edge)]
+    with out.block(f"def product(data, indices, indptr, row, x{further})"):
+        out.line(f"{' = '.join(sums)} = 0.0")
+        with out.block("for k in range(unsigned(indptr[row]), unsigned(indptr[row + 1]))"):
+            out.line(f"i, b = unsigned({edge}) * unsigned(indices[k]), unsigned({edge * edge}) * k")
+            out.line(*(f"x_{j} = {at.format(f'i + unsigned({j})')}" for j in range(edge)))
+            for i in range(edge):
+                terms = [f"data[b + unsigned({edge * i + j})] * x_{j}" for j in range(edge)]
+                out.line(f"{sums[i]} += {' + '.join(terms)}")
+        out.line(f"return {', '.join(sums)}")
+    return element(define(str(out), "product", _NAMES)["product"])

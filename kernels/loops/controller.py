@@ -47,16 +47,17 @@ def exponent(square):
 
 
 @element
-def growth(now, before, ratio, order):
-    """Return the factor of the step from the logarithms of the errors of this step and of the step before.
+def next_step(step, before, now, last, was_rejected, h_max, order):
+    """Return the step after an accepted one and the one before, from the logarithms `now` and `last` of their errors.
 
-    `ratio` is the logarithm of the ratio of the two steps. The predictive controller needs errors above round-off. An
-    estimate of order 3, that of EIG-3, is zero wherever the force has an extreme: two of them show no trend.
+    The predictive controller needs errors above round-off. An estimate of order 3, that of EIG-3, is zero wherever the
+    force has an extreme: two of them show no trend. After a rejected step, the next one is not longer.
     """
-    power = 0.4 * before - 0.7 * now
+    power = 0.4 * last - 0.7 * now
     if order > 3 and now > LEAST_ERROR:
-        power = min(power, order * ratio + before - 2 * now)
-    return min(MOST, max(LEAST, _SAFETY * exp2(power / order)))
+        power = min(power, order * log2(step / before) + last - 2 * now)
+    grown = min(MOST, max(LEAST, _SAFETY * exp2(power / order)))
+    return min(step * (min(grown, 1.0) if was_rejected else grown), h_max)
 
 
 @element

@@ -54,7 +54,7 @@ from ..protocol import (
     vector_type,
 )
 from .beginning import RESOLUTION, beginning, least_size
-from .controller import LEAST_ERROR, exponent, growth, log2, shrinkage
+from .controller import LEAST_ERROR, exponent, next_step, shrinkage
 from .dense import evaluate
 from .events import LATER, quiet, searching
 from .extremes_within import within_functions
@@ -125,8 +125,7 @@ def variable(callbacks, state, settings, tally, span, look):
             continue
         taken += 1
         t_end, error = span.t_end if is_last else t + step, exponent(square)
-        grown = growth(error, tally[ERROR], log2(step / tally[STEP_BEFORE]), ORDER)
-        h = min(step * (min(grown, 1.0) if was_rejected else grown), span.h_max)
+        h = next_step(step, tally[STEP_BEFORE], error, tally[ERROR], was_rejected, span.h_max, ORDER)
         if square == 0 and span.reads_time == 1 and is_silent(n, y):
             h = min(h, max(step, _SILENCE * (t_end - span.t0)))
             if step > tally[SILENT_STEP]:
