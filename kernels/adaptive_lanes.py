@@ -219,7 +219,7 @@ def adaptive(rhs, alone, project, count, control, block, starts, ends, sight, lo
                     own = starts.params[m if len(starts.params) > 1 else 0]
                     evaluations = LOOK_ALONE(lane, alone, control, own, of, block, sight, look)
                     ends.counts[m, EVALUATED] += evaluations
-        MOVE(ok, y)
+        ADVANCE(ok, y)
         if control.is_relative == 1:
             widen_sizes(atol, of, y)
         steps += 1

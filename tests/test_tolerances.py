@@ -532,7 +532,7 @@ def test_failures_raise_if_asked():
 # EIG-3 ---------------------------------------------------------------------------------------------------------------
 
 
-trial = eig3_variable.variable.functions()["trial"].py_func
+trial, advance = (eig3_variable.variable.functions()[name].py_func for name in ("trial", "advance"))
 
 
 def eig3_steps(accelerate, steps, u, v):
@@ -544,7 +544,7 @@ def eig3_steps(accelerate, steps, u, v):
     t, h_before, states = 0.0, 0.0, []
     for h in steps:
         trial(accelerate, t, h, h_before, None, 1, y)
-        eig3_variable.advance(y, 1)
+        advance(y, 1)
         t, h_before = t + h, h
         states.append((y[0, 0], y[1, 0]))
     return np.array(states)
@@ -575,7 +575,7 @@ def growth_in_two_steps(h1, h2):
         y[2] = -y[0]
         for h, h_before in ((h1, h2), (h2, h1)):
             trial(minus_u, 0.0, h, h_before, None, 1, y)
-            eig3_variable.advance(y, 1)
+            advance(y, 1)
         columns.append([y[0, 0], y[1, 0], y[8, 0]])
     return np.abs(np.linalg.eigvals(np.transpose(columns))).max()
 

@@ -13,11 +13,11 @@ allow a single one an error far beyond.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from fractions import Fraction
 from math import comb
-from typing import Any, SupportsFloat
+from typing import Any, ClassVar, SupportsFloat
 
 from ..compile.jit import bound, element, outlined
 from ..compile.source import Writer, after_sum, define
@@ -44,8 +44,10 @@ class Text(Writer):
 
     Attributes
     ----------
-    trial, square, result : str
-        The arguments of these functions, and what the latter does with its result.
+    trial, square, advance : str
+        The arguments of these functions.
+    result, if_accepted : str
+        What `square` does with its result, and in which lanes `advance` changes a row.
     own, d, before : str
         The index of what each lane has of its own, the number of a degree of freedom, and the step before.
     """
@@ -57,23 +59,21 @@ class Text(Writer):
         given = "rtol, atol, u_least, v_least"
         self.square = f"step, {given}, total, most, more, square, y" if lanes else f"h, n, y, {given}"
         self.result = "square[lane] =" if lanes else "return"
+        self.advance, self.if_accepted = ("ok, y", " if ok[lane] > 0 else {row}[j]") if lanes else ("y, n", "")
         self.own, self.d, self.before = ("[lane]", "d", "before[lane]") if lanes else ("", "j", "h_before")
 
     @contextmanager
     def each(self) -> Iterator[None]:
-        """Write a loop over the lanes, with their steps h."""
-        if not self._lanes:
-            yield
-            return
-        with self.block(f"for lane in range({self._lanes})"):
-            self.line("h = step[lane]")
+        """Write a loop over the lanes."""
+        with self.block(f"for lane in range({self._lanes})") if self._lanes else nullcontext():
             yield
 
     @contextmanager
-    def entries(self) -> Iterator[None]:
+    def entries(self, with_step: bool = True) -> Iterator[None]:
         """Write a loop over the entries."""
         with self.block(f"for {self.d} in range({self._n or 'n'})"), self.each():
-            self.line(*[f"j = d * {self._lanes} + lane"] * bool(self._lanes))
+            if self._lanes:
+                self.line(f"j = d * {self._lanes} + lane", *["h = step[lane]"] * with_step)
             yield
 
     def force(self, c: float, u: str, v: str, a: str) -> None:
@@ -93,6 +93,8 @@ class Steps:
         The names of all rows.
     norm : str
         The square of the error, from the largest squares of the errors of the entries.
+    carried : dict of str
+        The rows with which the next step begins, and those of this step whose values they get.
     terms : int
         Number of coefficients of the dense output of u, and of that of v.
     evaluations, dense_evaluations : int
@@ -102,6 +104,7 @@ class Steps:
     order: int
     row_names: Sequence[str]
     norm = "h * h * {most}"
+    carried: ClassVar[Mapping[str, str]] = {"u": "u_end", "v": "v_end", "a0": "a_end"}
     terms = QUINTIC_TERMS
     evaluations, dense_evaluations = 1, 0
 
@@ -117,13 +120,13 @@ class Steps:
 
     @functools.cache  # noqa: B019  they live as long as their module
     def functions(self) -> dict[str, Any]:
-        """Return the elements `trial`, `square` and `dense`, and `dense_called`, which is not inlined."""
+        """Return the elements `trial`, `square`, `advance` and `dense`, and `dense_called`, which is not inlined."""
         out = self._text(Text())
         with out.block("def dense(f, t, h, p, n, y, coefficients)"):
             out.line(self._unpacked)
             self._dense(out)
         defined = define(str(out), "pair", {**_NAMES, "quintic": quintic})
-        inlined = {name: element(defined[name]) for name in ("trial", "square", "dense")}
+        inlined = {name: element(defined[name]) for name in ("trial", "square", "advance", "dense")}
         return {**inlined, "dense_called": outlined(defined["dense"])}
 
     @functools.cache  # noqa: B019  they live as long as their module
@@ -132,14 +135,14 @@ class Steps:
         names = {"N": n, "LANES": lanes}
         text = str(self._text(Text(n, lanes)))
         defined = define(text, "lanes", {**_NAMES, "FORCE": element(bound(force_of_stage, names))})
-        return {**{name: element(defined[name.lower()]) for name in ("TRIAL", "SQUARE")}, "MOVE": moved(names)}
+        return {name: element(defined[name.lower()]) for name in ("TRIAL", "SQUARE", "ADVANCE")}
 
     @property
     def _unpacked(self) -> str:
         return f"{', '.join(self.row_names)} = y"
 
     def _text(self, out: Text) -> Text:
-        """Write a trial step, and the square of its error in relation to the tolerances."""
+        """Write a trial step, the square of its error in relation to the tolerances, and the move to the next step."""
         total, most, more = (f"{name}{out.own}" for name in ("total", "most", "more"))
         with out.block(f"def trial({out.trial})"):
             out.line(self._unpacked)
@@ -151,8 +154,14 @@ class Steps:
             with out.entries():
                 self._errors(out, total, most, more)
             with out.each():
+                out.line(*["h = step[lane]"] * bool(out.own))
                 out.line(f"blow_up = {total} - {total}  # NaN, which a maximum may leave out")
                 out.line(f"{out.result} {self.norm.format(most=most, more=more)} if blow_up == 0 else blow_up")
+        with out.block(f"def advance({out.advance})"):
+            out.line(self._unpacked)
+            with out.entries(with_step=False):
+                for row, end in self.carried.items():
+                    out.line(f"{row}[j] = {end}[j]{out.if_accepted.format(row=row)}")
         return out
 
     def _trial(self, out: Text) -> None:
@@ -298,21 +307,6 @@ def force_of_stage(f, c, time, there, step, u, v, p, a):  # type: ignore[no-unty
     for lane in range(LANES):  # noqa: F821
         there[lane] = time[lane] + c * step[lane]
     f(there, u, v, p, a)
-
-
-def moved(names: dict[str, int]) -> Any:
-    """Return the element that begins the next step in the lanes whose step was accepted."""
-    return element(bound(move, names))
-
-
-def move(ok, y):  # type: ignore[no-untyped-def]
-    u, v, a, u_end, v_end, a_end = y[:6]
-    for d in range(N):  # noqa: F821
-        for lane in range(LANES):  # noqa: F821
-            j = d * LANES + lane  # noqa: F821
-            u[j] = u_end[j] if ok[lane] > 0 else u[j]
-            v[j] = v_end[j] if ok[lane] > 0 else v[j]
-            a[j] = a_end[j] if ok[lane] > 0 else a[j]
 
 
 def weighted_sum(terms: Sequence[tuple[str, str]]) -> str:

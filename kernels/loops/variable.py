@@ -285,7 +285,7 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         "DENSE": theirs["dense" if names["N"] else "dense_called"],
         "BEGIN": begin,
         "SIZES_AT_REST": sizes_at_rest,
-        "ADVANCE": theirs.get("advance", advance),
+        "ADVANCE": theirs["advance"],
         "RESTART": theirs.get("restart", nothing_past),
         "IS_QUIET": quiet(form),
         "EVALUATE": following(form).evaluate,
@@ -301,12 +301,6 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
     records = SPAN, LOOK_WITHIN if looks else none
     signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)
     return compile_kernel(variable, names, signature, label)
-
-
-@element
-def advance(y, n):
-    for j in range(n):
-        y[U][j], y[V][j], y[A][j] = y[U_END][j], y[V_END][j], y[A_END][j]
 
 
 @element

@@ -1,4 +1,3 @@
-# ruff: noqa: F821
 """EIG-3 with steps of variable length.
 
     r = h_n / h_{n-1}        alpha = 1/r        beta = 1/(2r)
@@ -15,22 +14,19 @@ The estimate of the error of u is the next term of its Taylor series, h^2/6 |a_{
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
-from ..compile.jit import bound, element
-from ..loops.pair import Steps, Text, moved
+from ..compile.jit import element
+from ..loops.pair import Steps, Text
 
 
 class _Formulas(Steps):
     order, norm = 3, "(h * h / 6) ** 2 * {most}"
     row_names = "u", "v", "a0", "u_end", "v_end", "a_end", "u_most", "v_most", "a_before"
+    carried: ClassVar = {"a_before": "a0", "u": "u_end", "v": "v_end", "a0": "a_end"}
 
     def functions(self) -> dict[str, Any]:
-        return {**super().functions(), "advance": element(advance), "restart": element(restart)}
-
-    def of_lanes(self, n: int, lanes: int) -> dict[str, Any]:
-        names = {"N": n, "LANES": lanes, "MOVE_STATE": moved({"N": n, "LANES": lanes})}
-        return {**super().of_lanes(n, lanes), "MOVE": element(bound(move_of_lanes, names))}
+        return {**super().functions(), "restart": element(restart)}
 
     def _trial(self, out: Text) -> None:
         with out.entries():
@@ -45,26 +41,10 @@ class _Formulas(Steps):
         out.line(f"{most} = max({most}, part * part)", f"{total} += part")
 
 
-def advance(y, n):
-    u, v, a, u_end, v_end, a_end, _, _, a_before = y
-    for j in range(n):
-        a_before[j] = a[j]
-        u[j], v[j], a[j] = u_end[j], v_end[j], a_end[j]
-
-
 def restart(y, n):
     """At the start and after a reset, there is no acceleration before."""
     for j in range(n):
         y[8][j] = y[2][j]
-
-
-def move_of_lanes(ok, y):
-    a, a_before = y[2], y[8]
-    for d in range(N):
-        for lane in range(LANES):
-            j = d * LANES + lane
-            a_before[j] = a[j] if ok[lane] > 0 else a_before[j]
-    MOVE_STATE(ok, y)
 
 
 variable = _Formulas()
