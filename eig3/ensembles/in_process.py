@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
+from ..functions.companions import constraints_of
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
-from ..functions.history import constraints_of
 from ..functions.layout import bound_layout
 from ..functions.quantities import Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_flag
+from ..functions.companions import constraints_of, history_of
 from ..functions.events import Event, check_events
-from ..functions.history import constraints_of, history_of
 from ..functions.layout import bound_layout
 from ..functions.quantities import Functions
 from ..kernels.compile.jit import compiled
