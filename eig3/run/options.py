@@ -47,7 +47,7 @@ class RunOptions(NamedTuple):
     h: float | None
     limits: Limits | None
     atol: np.ndarray | None
-    method: str | Method | None
+    method: Any  # str, Method or None; in an ensemble a Method
     save_every: int | None
     t_eval: np.ndarray | None
     events: Mapping[str, Event]
