@@ -272,6 +272,19 @@ def test_vectors_of_512_bits():
         assert (x == 3.0).all()
 
 
+def test_patches_can_be_left_out(monkeypatch):
+    """Without them, a linked function has machine code of its own, and operators have nothing to remember."""
+    monkeypatch.setenv("EIG3_NUMBA_PATCHES", "")
+    plain, usual = loaded(FILE), BaseFunction.get_call_type
+    assert internals.PATCHES > plain.PATCHES
+    assert not plain.has_wide_vectors()
+    function = plain.linked_jit(double)
+    with plain._operators_remembered():
+        assert BaseFunction.get_call_type is usual
+        plain.compile_for(function, (float64,))
+    assert called_at(plain.address_of(plain.compile_results(function)[(float64,)]), 2.0) == 4.0
+
+
 def test_addresses_come_from_arrays():
     def reads(x, i):
         return x[i]
