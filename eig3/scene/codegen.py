@@ -29,21 +29,20 @@ from ..functions.events import Event
 from ..functions.families import Family
 from ..functions.history import Constraints, History
 from ..kernels.compile.numba_internals import WITHOUT_C_WRAPPER
-from ..kernels.compile.source import define
+from ..kernels.compile.source import Writer, define
 from ..kernels.constraint_lanes import Straight
 from ..kernels.protocol import index
 from ..kernels.shared_forces import OWN
 from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
-from .box_text import BoxText
 from .constraint_text import ConstraintText
 from .effect import FORCES, RESETS
 from .grains_text import GrainsText
-from .lines import of_part, only_if
 from .mesh_text import MeshText
-from .packing import Block, Column, Packing, Symbols, entry
+from .packing import Block, Column, Packing, Symbols
 from .swarm_text import SwarmText
+from .text import Text, of_part
 
 _BODY, _LINK = FORCES[:2], FORCES[2:4]
 _TINY = (
@@ -137,7 +136,7 @@ class _Occasion:
         return {names[number]: Event(g[s], self.direction, apply=apply[s]) for s, number in enumerate(self.numbers)}
 
 
-class _Source:
+class _Source(Text):
     """Writes the functions of one scene.
 
     Attributes
@@ -146,32 +145,28 @@ class _Source:
     """
 
     def __init__(self, assembly: Assembly, packing: Packing) -> None:
-        self._n = assembly.n
-        self._axes = "xyz"[: assembly.dimension]
-        self._follows_work = assembly.follows_work
+        super().__init__(assembly, packing, Writer())
         self._coordinates = assembly.coordinates
         self._work = assembly.degrees  # the index of the degree of freedom whose velocity is the work
-        self._weight = packing.weight
         self._motions, self._blocks = packing.motions, packing.bodies + packing.links
         self._bodies = _acting(packing.bodies, _BODY)
         self._links = _acting(packing.links, _LINK)
-        self._meshes, self._swarms = MeshText(assembly, packing), SwarmText(assembly, packing, packing.swarms)
-        self._grains, self._constraints = GrainsText(assembly, packing), ConstraintText(assembly, packing)
-        self._bodies_text = BodiesText(assembly, packing, self._constraints)
+        given = assembly, packing, self._out
+        self._meshes, self._swarms = MeshText(*given), SwarmText(*given, packing.swarms)
+        self._grains, self._constraints = GrainsText(*given), ConstraintText(*given)
+        self._bodies_text = BodiesText(*given, self._constraints)
         self._team, self._shares_cells = packing.team, packing.shares_cells
         self._has_stages = packing.team is not None or bool(packing.grains)
-        self._rhs_name = f"forces{self._bodies_text.suffix}" if packing.held else "rhs"
+        self._suffix = self._bodies_text.suffix
+        self._rhs_name = f"forces{self._suffix}" if packing.held else "rhs"
         self._own_masses = assembly.own
-        self._box = BoxText(packing)
         # on a line without end, a link has a sign: its ends may pass through each other
         self._is_signed = len(self._axes) == 1 and not packing.box
         self.occasions: list[_Occasion] = []
-        self._lines: list[str] = []
-        self._depth = 0
         self._in_part = False  # whether the function is that of a part of the masses
 
     def __str__(self) -> str:
-        return "\n".join(self._lines) + "\n"
+        return str(self._out)
 
     # The functions
 
@@ -185,54 +180,50 @@ class _Source:
 
     def parts(self) -> None:
         """Write the functions that others call: the places of the corners of cells, and what threads share."""
-        for head, lines in self._meshes.functions():
-            with self._function(head, ()):
-                self._write_all(lines)
+        self._meshes.functions()
         if self._has_stages:
-            with self._function("share(stage, part, parts, t, u, v, p, a)", self._links):
-                self._write("out_of_line()")
+            with self._linked("share(stage, part, parts, t, u, v, p, a)", self._links):
+                self._line("out_of_line()")
                 if self._shares_cells:
-                    with self._indented(f"if stage == {OWN}:"):
+                    with self._block(f"if stage == {OWN}"):
                         self._forces_on_part()
-                self._write_all(self._swarms.stages())
-                self._write_all(self._grains.stages())
+                self._swarms.stages()
+                self._grains.stages()
 
     def rhs(self) -> None:
         """Write the function of the accelerations."""
-        with self._function(f"{self._rhs_name}(t, u, v, p, a)", self._links):
+        with self._linked(f"{self._rhs_name}(t, u, v, p, a)", self._links):
             if self._shares_cells:
                 velocity = "v" if self._reads_v else "u"  # a rhs that names v is one that reads it
-                self._write(f"set_forces(share, t, memory(u), memory({velocity}), memory(p), memory(a), {self._team})")
+                self._line(f"set_forces(share, t, memory(u), memory({velocity}), memory(p), memory(a), {self._team})")
             else:
                 self._forces()
-            self._write_all(self._swarms.forces())
-            self._write_all(self._grains.forces())
+            self._swarms.forces()
+            self._grains.forces()
             for k in range(self._coordinates, self._work):  # the states
-                self._write(f"a[{k}] = 0.0")
+                self._line(f"a[{k}] = 0.0")
             if self._follows_work:
-                with self._indented(f"if a.size > {self._work}:"):  # a run that follows the work
-                    self._write(f"a[{self._work}] = power(t, u, v, p)")
+                with self._block(f"if a.size > {self._work}"):  # a run that follows the work
+                    self._line(f"a[{self._work}] = power(t, u, v, p)")
             if not self._suffix:
-                self._write_all(self._bodies_text.plates())
+                self._bodies_text.plates()
         if self._suffix:
-            with self._function("forces(t, u, v, p, a)", ()):
-                self._write_all(self._bodies_text.forces())
-                self._write_all(self._bodies_text.plates())
-        for head, lines in self._constraints.functions():
-            with self._function(head, ()):
-                self._write_all(lines)
+            with self._function("forces(t, u, v, p, a)"):
+                self._bodies_text.forces()
+                self._bodies_text.plates()
+        self._constraints.functions()
 
     def power(self) -> None:
         """Write the function of the power of the effects without a potential and of the supports."""
-        with self._function("power(t, u, v, p)", self._links):
-            self._write("total = 0.0")
+        with self._linked("power(t, u, v, p)", self._links):
+            self._line("total = 0.0")
             for block in self._some(self._bodies, has_potential=False):
                 with self._members(block, *_BODY) as (s, i, _):
                     accelerations, forces = self._given(block, s, i, "power")
                     for factor, names in (("", forces), ("m * ", accelerations)):
                         for name in names:
                             product = " + ".join(f"{name}[{k}] * velocity[{k}]" for k in range(len(self._axes)))
-                            self._write(f"total += {factor}({product})")
+                            self._line(f"total += {factor}({product})")
             for block in self._some(self._links, has_potential=False):
                 with self._near_members(block, *_LINK) as (s, i, j):
                     offered = self._length(block, s, i, j, *_LINK, "power")
@@ -240,51 +231,50 @@ class _Source:
                     tensions += [
                         f"{law.call('density', s, offered)} * {offered['r']}" for law in block.having("density")
                     ]
-                    self._write(f"total -= {_sum(tensions)} * {offered['rate']}")
+                    self._line(f"total -= {_sum(tensions)} * {offered['rate']}")
             for block in (block for block in self._links if block.group.motions):
                 with self._near_members(block, *_LINK) as (s, i, j):
                     self._pull(block, s, i, j)
-                    for axis in self._axes:
-                        self._write(f"total -= f{axis} * {self._support('v', block, axis, s)}")
+                    self._line(*(f"total -= f{axis} * {self._support('v', block, axis, s)}" for axis in self._axes))
             for block in self._links if self._box.shears else []:
                 with self._near_members(block, *_LINK) as (s, i, j):
                     self._pull(block, s, i, j)
-                    self._write_all(self._box.power())
-            self._write_all(self._meshes.power())
-            self._write_all(self._swarms.power())
-            self._write_all(self._grains.power())
-            self._write("return total")
+                    self._line(*self._box.power())
+            self._meshes.power()
+            self._swarms.power()
+            self._grains.power()
+            self._line("return total")
 
     def energy(self) -> None:
         """Write the function of the kinetic energy and the potentials, less the work in a run that follows it."""
-        with self._function(f"energy{self._suffix}(t, u, v, p)", self._links):
-            self._write("total = 0.0")
+        with self._linked(f"energy{self._suffix}(t, u, v, p)", self._links):
+            self._line("total = 0.0")
             if self._follows_work:
-                with self._indented(f"if v.size > {self._work}:"):
-                    self._write(f"total -= v[{self._work}]")
+                with self._block(f"if v.size > {self._work}"):
+                    self._line(f"total -= v[{self._work}]")
             with self._masses(0, self._own_masses) as i:
                 speeds = [self._at("v", axis, i) for axis in self._axes]
-                self._write(f"total += {_sum([f'{v} * {v}' for v in speeds])} / (2 * {self._w(i)})")
+                self._line(f"total += {_sum([f'{v} * {v}' for v in speeds])} / (2 * {self._w(i)})")
             for block in self._some(self._bodies, has_potential=True):
                 with self._members(block, "potential") as (s, i, _):
                     self._potentials(block, s, self._mass(block, i, "potential"))
             for block in self._some(self._links, has_potential=True):
                 with self._near_members(block, "potential") as (s, i, j):
                     self._potentials(block, s, self._length(block, s, i, j, "potential"))
-            self._write_all(self._meshes.potentials())
-            self._write_all(self._swarms.potentials())
-            self._write_all(self._grains.energy())
-            self._write("return total")
+            self._meshes.potentials()
+            self._swarms.potentials()
+            self._grains.energy()
+            self._line("return total")
         if self._suffix:
-            with self._function("energy(t, u, v, p)", ()):
-                self._write_all(self._bodies_text.value("energy_of_all(t, everywhere, speeds, p)"))
+            with self._function("energy(t, u, v, p)"):
+                self._bodies_text.value("energy_of_all(t, everywhere, speeds, p)")
 
     def history(self) -> None:
         """Write the functions of the springs between grains."""
-        for name, lines in (("advance", self._grains.advance()), ("begin", self._grains.begin())):
-            with self._function(f"{name}(t, u, v, p)", ()):
-                self._write_all(lines)
-                self._write("return 0.0")
+        for name, write in (("advance", self._grains.advance), ("begin", self._grains.begin)):
+            with self._function(f"{name}(t, u, v, p)"):
+                write()
+                self._line("return 0.0")
 
     def events(self) -> None:
         """Write the two functions of the events of each effect on a group."""
@@ -316,22 +306,22 @@ class _Source:
                 self._rows(block)
             elif block is not row and block not in holding:
                 self._pairs(block)
-        self._write_all(self._meshes.forces())
+        self._meshes.forces()
 
     def _forces_on_part(self) -> None:
         """Do so for the masses of a part. A force on masses of two parts is computed in both."""
-        self._in_part, begin = True, len(self._lines)
+        self._in_part, begin = True, len(self._out.lines)
         on_all, others = self._bodies_by_extent()
-        self._write(f"low, end = bounds({self._n}, part, parts)")
+        self._line(f"low, end = bounds({self._n}, part, parts)")
         self._constants(on_all, *_BODY)
-        with self._indented("for i in range(low, end):"):
+        with self._block("for i in range(low, end)"):
             self._set(on_all, "i")
         for block in others:
             self._some_masses(block)
         for block in self._links:
             self._pairs(block)
-        self._write_all(self._meshes.forces_on_part())
-        self._in_part, self._reads_v = False, any(re.search(r"\bv\b", line) for line in self._lines[begin:])
+        self._meshes.forces_on_part()
+        self._in_part, self._reads_v = False, any(re.search(r"\bv\b", line) for line in self._out.lines[begin:])
 
     def _every_mass(self, on_all: list[Block], row: Block | None, holding: list[Block]) -> None:
         """Set all accelerations, from the effects on all masses and, in the same loop, the longest row of links.
@@ -348,8 +338,8 @@ class _Source:
         if row:
             self._before()
             self._hold(holding, start)
-            with self._indented(f"for s in range({row.size}):"):
-                self._write(f"i, j = {start} + s, {start + 1} + s")
+            with self._block(f"for s in range({row.size})"):
+                self._line(f"i, j = {start} + s, {start + 1} + s")
                 self._separation(row, "s", "i", "j")
                 self._pull(row, "s", "i", "j", self._common)
                 self._set(on_all, "i", lambda axis: f"f{axis} - {axis}_before")
@@ -362,8 +352,7 @@ class _Source:
             with self._members(block, *_LINK) as (s, i_source, j):
                 self._separation(block, s, i_source, j)
                 self._pull(block, s, i_source, j, self._common)
-            for axis in self._axes:
-                self._write(f"{axis}_before += f{axis}")
+            self._line(*(f"{axis}_before += f{axis}" for axis in self._axes))
 
     def _set(self, on_all: list[Block], i: str, pull: Callable[[str], str] | None = None) -> None:
         accelerations: list[str] = []
@@ -374,7 +363,7 @@ class _Source:
             forces += given[1]
         for axis in self._axes:
             pulls = [pull(axis)] if pull else []
-            self._write(f"{self._at('a', axis, i)} = {self._along(axis, i, accelerations, forces, pulls)}")
+            self._line(f"{self._at('a', axis, i)} = {self._along(axis, i, accelerations, forces, pulls)}")
 
     def _bodies_by_extent(self) -> tuple[list[Block], list[Block]]:
         """Return the effects on all masses, and those on some."""
@@ -385,14 +374,15 @@ class _Source:
         with self._members(block, *_BODY) as (s, i, _):
             accelerations, forces = self._given(block, s, i)
             for axis in self._axes:
-                self._write(f"{self._at('a', axis, i)} += {self._along(axis, i, accelerations, forces)}")
+                self._line(f"{self._at('a', axis, i)} += {self._along(axis, i, accelerations, forces)}")
 
     def _pairs(self, block: Block) -> None:
         with self._near_members(block, *_LINK) as (s, i, j):
             self._pull(block, s, i, j, self._common)
             for sign, end in [("+=", i), ("-=", j)] if block.joins_masses else [("-=", i)]:
-                lines = [f"{self._at('a', axis, end)} {sign} f{axis}{self._own(end)}" for axis in self._axes]
-                self._write_all(only_if(of_part(end) if self._in_part else "", lines))
+                with self._only_if(of_part(end) if self._in_part else ""):
+                    for axis in self._axes:
+                        self._line(f"{self._at('a', axis, end)} {sign} f{axis}{self._own(end)}")
 
     def _rows(self, block: Block) -> None:
         self._constants([block], *_LINK)
@@ -402,27 +392,26 @@ class _Source:
                 self._separation(block, s, i, j)
                 self._pull(block, s, i, j, self._common)
                 for axis in self._axes:
-                    self._write(f"{self._at('a', axis, i)} += (f{axis} - {axis}_before){self._own(i)}")
+                    self._line(f"{self._at('a', axis, i)} += (f{axis} - {axis}_before){self._own(i)}")
                 self._keep()
-            self._write("i = i0 + count")
+            self._line("i = i0 + count")
             for axis in self._axes:
-                self._write(f"{self._at('a', axis, 'i')} -= {axis}_before{self._own('i')}")
+                self._line(f"{self._at('a', axis, 'i')} -= {axis}_before{self._own('i')}")
 
     def _before(self) -> None:
-        self._write(f"{' = '.join(f'{axis}_before' for axis in self._axes)} = 0.0")
+        self._line(f"{' = '.join(f'{axis}_before' for axis in self._axes)} = 0.0")
 
     def _keep(self) -> None:
-        for axis in self._axes:
-            self._write(f"{axis}_before = f{axis}")
+        self._line(*(f"{axis}_before = f{axis}" for axis in self._axes))
 
     def _event(self, block: Block, name: str) -> None:
         """Write the function whose zeros are the events of an effect on a block."""
         with self._of_member(name + self._suffix, block) as (s, i, j):
             offered = self._offered(block, s, i, j, "event")
-            self._write(f"return float({block.laws[0].call('event', s, offered)})")
+            self._line(f"return float({block.laws[0].call('event', s, offered)})")
         if self._suffix:
-            with self._function(f"{name}(member, t, u, v, p)", ()):
-                self._write_all(self._bodies_text.value(f"{name}_of_all(member, t, everywhere, speeds, p)"))
+            with self._function(f"{name}(member, t, u, v, p)"):
+                self._bodies_text.value(f"{name}_of_all(member, t, everywhere, speeds, p)")
 
     def _reset(self, block: Block, name: str) -> None:
         """Write the function that changes the state at the events of an effect on a block.
@@ -433,54 +422,52 @@ class _Source:
         with self._of_member(name + self._suffix, block) as (s, i, j):
             follows_work = self._follows_work and not self._suffix
             if follows_work:
-                self._write("before = energy(t, u, v, p)")
+                self._line("before = energy(t, u, v, p)")
             offered = self._offered(block, s, i, j, *RESETS)
             if "state_after" in law.functions:
-                self._write(f"state = {law.call('state_after', s, offered)}")
+                self._line(f"state = {law.call('state_after', s, offered)}")
             changes_velocity = law.functions.keys() & {"velocity_after", "rate_after"}
             takes_part = changes_velocity and not self._suffix
-            self._write_all(self._constraints.before_impulse() if takes_part else ())
+            if takes_part:
+                self._constraints.before_impulse()
             if "velocity_after" in law.functions:
-                self._write(f"after = {law.call('velocity_after', s, offered)}")
+                self._line(f"after = {law.call('velocity_after', s, offered)}")
                 for k, axis in enumerate(self._axes):
-                    self._write(f"{self._at('v', axis, i)} = after[{k}]")
+                    self._line(f"{self._at('v', axis, i)} = after[{k}]")
             if "rate_after" in law.functions:
-                self._write(f"change = {law.call('rate_after', s, offered)} - {offered['rate']}")
+                self._line(f"change = {law.call('rate_after', s, offered)} - {offered['rate']}")
                 self._strike(block, i, j)
-            self._write_all(self._constraints.after_impulse() if takes_part else ())
+            if takes_part:
+                self._constraints.after_impulse()
             if "state_after" in law.functions:
-                self._write(f"{law.columns[STATE].of(s)} = state")
+                self._line(f"{law.columns[STATE].of(s)} = state")
             if follows_work:
-                with self._indented(f"if v.size > {self._work}:"):
-                    self._write(f"v[{self._work}] += energy(t, u, v, p) - before")
+                with self._block(f"if v.size > {self._work}"):
+                    self._line(f"v[{self._work}] += energy(t, u, v, p) - before")
 
         if self._suffix:
-            with self._function(f"{name}(member, t, u, v, p)", ()):
-                self._write_all(self._bodies_text.reset(f"{name}_of_all(member, t, everywhere, speeds, p)"))
-
-    @property
-    def _suffix(self) -> str:
-        return self._bodies_text.suffix
+            with self._function(f"{name}(member, t, u, v, p)"):
+                self._bodies_text.reset(f"{name}_of_all(member, t, everywhere, speeds, p)")
 
     @contextmanager
     def _of_member(self, name: str, block: Block) -> Iterator[tuple[str, str, str]]:
         """Write a function for one member of a block; give the names of the indices of the member and its masses."""
-        with self._function(f"{name}(member, t, u, v, p)", [block]):
-            self._write("s = index(member)")
+        with self._linked(f"{name}(member, t, u, v, p)", [block]):
+            self._line("s = index(member)")
             for letter, end in zip("ij", block.ends, strict=False):
-                self._write(f"{letter} = index({end.of('s')})")
+                self._line(f"{letter} = index({end.of('s')})")
             yield "s", "i", "j"
 
     def _strike(self, block: Block, i: str, j: str) -> None:
         """Change the rate of a link by opposite impulses on its ends, or by one on the mass of a link to a support."""
         ends = [("+=", i, "change")]
         if block.joins_masses:
-            self._write(f"impulse = change / ({self._w(i)} + {self._w(j)})")
+            self._line(f"impulse = change / ({self._w(i)} + {self._w(j)})")
             ends = [("-=", i, f"impulse * {self._w(i)}"), ("+=", j, f"impulse * {self._w(j)}")]
         for axis in self._axes:
             along = f" * d{axis} * inverse" if not self._is_signed else " * -1" * (block.group.sign < 0)
             for sign, end, kick in ends:
-                self._write(f"{self._at('v', axis, end)} {sign} {kick}{along}")
+                self._line(f"{self._at('v', axis, end)} {sign} {kick}{along}")
 
     def _offered(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         """Compute the values that these functions of one member can take."""
@@ -497,7 +484,7 @@ class _Source:
         for function, found in names.items():
             for law in block.having(function):
                 found.append(law.names[f"={function}"])
-                self._write(f"{found[-1]} = {law.call(function, s, offered)}")
+                self._line(f"{found[-1]} = {law.call(function, s, offered)}")
         return names["acceleration"], names["force"]
 
     def _along(self, axis: str, i: str, accelerations: list[str], forces: list[str], pulls: Iterable[str] = ()) -> str:
@@ -513,22 +500,21 @@ class _Source:
     def _mass(self, block: Block, i: str, *functions: str) -> dict[str, str]:
         """Compute those arguments of the laws of a body that one of these functions reads."""
         if block.reads("x", *functions):
-            self._write(f"x = ({', '.join(self._at('u', axis, i) for axis in self._axes)},)")
+            self._line(f"x = ({', '.join(self._at('u', axis, i) for axis in self._axes)},)")
         if block.reads("v", *functions) or "power" in functions:
-            self._write(f"velocity = ({', '.join(self._at('v', axis, i) for axis in self._axes)},)")
+            self._line(f"velocity = ({', '.join(self._at('v', axis, i) for axis in self._axes)},)")
         if block.reads("m", *functions) or ("power" in functions and block.having("acceleration")):
-            self._write(f"m = 1 / {self._w(i)}")
+            self._line(f"m = 1 / {self._w(i)}")
         return {"t": "t", "x": "x", "v": "velocity", "m": "m"}
 
     def _separation(self, block: Block, s: str, i: str, j: str) -> None:
         """Compute the vector between the two ends of a link."""
         for motion, member, name in self._moving(block):
             if member:
-                self._write(f"moved = index({member.of(s)})")
+                self._line(f"moved = index({member.of(s)})")
                 self._motion(motion, "moved", name)
-        for axis in self._axes:
-            self._write(f"d{axis} = {self._difference('u', block, axis, s, i, j)}")
-        self._write_all(self._box.nearest())
+        self._line(*(f"d{axis} = {self._difference('u', block, axis, s, i, j)}" for axis in self._axes))
+        self._line(*self._box.nearest())
 
     def _length(self, block: Block, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         """Compute the values that these functions of a link's laws, and its pull, need; call `_separation` first."""
@@ -536,17 +522,16 @@ class _Source:
         needs_rate = block.reads("rate", *functions) or strikes or "power" in functions
         needs_inverse = needs_rate or ("tension" in functions and bool(block.having("tension")))
         if needs_rate:
-            for axis in self._axes:
-                self._write(f"e{axis} = {self._difference('v', block, axis, s, i, j)}")
-            self._write_all(self._box.rate())
+            self._line(*(f"e{axis} = {self._difference('v', block, axis, s, i, j)}" for axis in self._axes))
+            self._line(*self._box.rate())
         if self._is_signed:
             return {"t": "t", "r": "dx", "rate": "ex"}
         if needs_inverse or block.reads("r", *functions):
-            self._write(f"r = sqrt(tiny + {self._square})")
+            self._line(f"r = sqrt(tiny + {self._square})")
         if needs_inverse:
-            self._write("inverse = 1 / r")
+            self._line("inverse = 1 / r")
         if needs_rate:
-            self._write(f"rate = {_sum([f'd{axis} * e{axis}' for axis in self._axes])} * inverse")
+            self._line(f"rate = {_sum([f'd{axis} * e{axis}' for axis in self._axes])} * inverse")
         return {"t": "t", "r": "r", "rate": "rate"}
 
     @property
@@ -596,17 +581,15 @@ class _Source:
         tensions, densities = ([law.call(f, s, offered) for law in block.having(f)] for f in _LINK)
         if self._is_signed:
             pulls = _sum(tensions + [f"{density} * dx" for density in densities])
-            self._write(f"fx = {'-' if block.group.sign < 0 else ''}{pulls}{factor}")
+            self._line(f"fx = {'-' if block.group.sign < 0 else ''}{pulls}{factor}")
             return
         if tensions:
             densities.append(f"{_sum(tensions)} * inverse")
-        self._write(f"pull = {_sum(densities)}{factor}")
-        for axis in self._axes:
-            self._write(f"f{axis} = pull * d{axis}")
+        self._line(f"pull = {_sum(densities)}{factor}")
+        self._line(*(f"f{axis} = pull * d{axis}" for axis in self._axes))
 
     def _potentials(self, block: Block, s: str, offered: dict[str, str]) -> None:
-        for law in block.laws:
-            self._write(f"total += {law.call('potential', s, offered)}")
+        self._line(*(f"total += {law.call('potential', s, offered)}" for law in block.laws))
 
     def _some(self, blocks: list[Block], *, has_potential: bool) -> Iterator[Block]:
         """The blocks with only those of their laws that have a potential, or that have none."""
@@ -616,13 +599,6 @@ class _Source:
                 yield replace(block, laws=laws)
 
     # Masses and members
-
-    def _at(self, array: str, axis: str, i: str) -> str:
-        """A mass's entry in u, v or a."""
-        return entry(array, self._n * self._axes.index(axis), i)
-
-    def _w(self, i: str) -> str:
-        return "w" if self._weight.is_uniform else self._weight.of(i)
 
     @property
     def _common(self) -> str:
@@ -639,7 +615,7 @@ class _Source:
         if stop - first == 1:
             yield str(first)
         else:
-            with self._indented(f"for i in range({first}, {stop}):"):
+            with self._block(f"for i in range({first}, {stop})"):
                 yield "i"
 
     @contextmanager
@@ -648,12 +624,14 @@ class _Source:
 
         In the function of a part, it skips members without masses of the part.
         """
-        with self._all_members(block, *functions) as (s, i, j):
-            if not self._in_part:
-                yield s, i, j
-                return
-            with self._indented(f"if {of_part(i, j) if block.joins_masses else of_part(i)}:"):
-                yield s, i, j
+        with self._all_members(block, *functions) as (s, i, j), self._only_if(self._if_part(block, i, j)):
+            yield s, i, j
+
+    def _if_part(self, block: Block, i: str, j: str) -> str:
+        """The condition that a member has a mass of the part; empty if there are no parts."""
+        if not self._in_part:
+            return ""
+        return of_part(i, j) if block.joins_masses else of_part(i)
 
     @contextmanager
     def _all_members(self, block: Block, *functions: str) -> Iterator[tuple[str, str, str]]:
@@ -662,17 +640,17 @@ class _Source:
         if block.size == 1:
             yield "0", str(i0), str(j0)
         elif len(block.runs) == 1:
-            with self._indented(f"for s in range({count}):"):
-                self._write(f"i, j = {i0} + s, {j0} + s" if block.joins_masses else f"i = {i0} + s")
+            with self._block(f"for s in range({count})"):
+                self._line(f"i, j = {i0} + s, {j0} + s" if block.joins_masses else f"i = {i0} + s")
                 yield "s", "i", "j"
         elif block.group.in_runs:
             with self._runs(block), self._run(block) as indices:
                 yield indices
         else:
-            with self._indented(f"for s in range({block.size}):"):
-                self._write(f"i = index(p[{block.table} + s])")
+            with self._block(f"for s in range({block.size})"):
+                self._line(f"i = index(p[{block.table} + s])")
                 if block.joins_masses:
-                    self._write(f"j = index(p[{block.table + block.size} + s])")
+                    self._line(f"j = index(p[{block.table + block.size} + s])")
                 yield "s", "i", "j"
 
     @contextmanager
@@ -684,79 +662,55 @@ class _Source:
         with self._members(block, *functions) as (s, i, j):
             self._separation(block, s, i, j)
             cutoffs = [law.value(law.cutoff, s) for law in block.laws if law.cutoff]
-            if self._is_signed or len(cutoffs) < len(block.laws):
-                yield s, i, j
-                return
-            near = " or ".join(f"square < {cutoff} * {cutoff}" for cutoff in cutoffs)
-            self._write(f"square = {self._square}")
-            with self._indented(f"if {near}:"):
+            near = ""
+            if not self._is_signed and len(cutoffs) == len(block.laws):
+                near = " or ".join(f"square < {cutoff} * {cutoff}" for cutoff in cutoffs)
+                self._line(f"square = {self._square}")
+            with self._only_if(near):
                 yield s, i, j
 
     @contextmanager
     def _runs(self, block: Block) -> Iterator[None]:
-        with self._indented(f"for k in range({block.table}, {block.table + block.runs.size}, 4):"):
-            self._write("start, count, i0, j0 = index(p[k]), index(p[k + 1]), index(p[k + 2]), index(p[k + 3])")
+        with self._block(f"for k in range({block.table}, {block.table + block.runs.size}, 4)"):
+            self._line("start, count, i0, j0 = index(p[k]), index(p[k + 1]), index(p[k + 2]), index(p[k + 3])")
             yield
 
     @contextmanager
     def _run(self, block: Block) -> Iterator[tuple[str, str, str]]:
-        with self._indented("for along in range(count):"):
-            self._write("s, i = start + along, i0 + along")
+        with self._block("for along in range(count)"):
+            self._line("s, i = start + along, i0 + along")
             if block.joins_masses:
                 # If the difference is a constant, the compiler can prove that consecutive links share no mass.
-                self._write(f"j = i + {block.group.difference}" if block.group.difference else "j = j0 + along")
+                self._line(f"j = i + {block.group.difference}" if block.group.difference else "j = j0 + along")
             yield "s", "i", "j"
 
     def _constants(self, blocks: Iterable[Block], *functions: str) -> None:
         """Read common parameters before the loop: the compiler cannot prove that a and p do not alias."""
         for block in blocks:
             for law in block.laws:
-                for line in law.constants(*functions):
-                    self._write(line)
+                self._line(*law.constants(*functions))
             if block.anchor and block.anchor.is_uniform:
                 for k, axis in enumerate(self._axes):
                     if block.anchor.component(k, "") != "0.0":
-                        self._write(f"{axis}_anchor = {block.anchor.component(k, '')}")
-
-    # Lines
-
-    def _write(self, line: str) -> None:
-        self._lines.append("    " * self._depth + line)
-
-    def _write_all(self, lines: Iterable[str]) -> None:
-        for line in lines:
-            self._write(line)
+                        self._line(f"{axis}_anchor = {block.anchor.component(k, '')}")
 
     @contextmanager
-    def _indented(self, head: str) -> Iterator[None]:
-        self._write(head)
-        self._depth += 1
-        yield
-        self._depth -= 1
-
-    @contextmanager
-    def _function(self, head: str, links: Iterable[Block]) -> Iterator[None]:
-        """Write a function that starts with values for these links: the common inverse mass, and moved supports."""
-        self._lines += [""] * bool(self._lines)
-        self._write("@jit")
-        with self._indented(f"def {head}:"):
-            if self._weight.is_uniform:
-                self._write(f"w = {self._weight.of('')}")
-            self._write_all(self._box.constants())
+    def _linked(self, head: str, links: Iterable[Block]) -> Iterator[None]:
+        """Write a function that starts with the supports of these links which move together."""
+        with self._function(head):
             for number in sorted({number for block in links for number in block.group.motions}):
                 motion = self._motions[number]
-                for line in motion.constants("motion"):
-                    self._write(line)
+                self._line(*motion.constants("motion"))
                 if motion.members == 1:
                     self._motion(motion, "", number)
             yield
 
     def _motion(self, motion: Symbols, member: str, name: int) -> None:
         """Compute the displacement and velocity of one member of a motion; `name` is the number in their names."""
-        self._write(f"shift, speed = {motion.call('motion', member, {'t': 't'})}")
+        self._line(f"shift, speed = {motion.call('motion', member, {'t': 't'})}")
         for axis in (axis for axis in self._axes if self._direction(motion, axis) != "0.0"):
             for value in ("shift", "speed"):
-                self._write(f"{axis}_{value}_{name} = {value} * {self._direction(motion, axis, member)}")
+                self._line(f"{axis}_{value}_{name} = {value} * {self._direction(motion, axis, member)}")
 
 
 def _acting(blocks: list[Block], forces: tuple[str, ...]) -> list[Block]:

@@ -9,9 +9,7 @@ of D; and lk is a value, and then the multiplier.
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from ..kernels.constraint_lanes import CONVERGED, LOST, Straight
@@ -19,7 +17,6 @@ from ..kernels.constraints import CLOSE, EPS, LENGTH, SINGULAR
 from .packing import HeldBlock
 
 _LAST = "r[0]"
-_ENTRY = re.compile(r"\b([up])\[(\d+)\]")
 
 
 class StraightText:
@@ -33,26 +30,33 @@ class StraightText:
         self._n, self._rows, self._arms = len(table.weights), range(len(table.rows)), range(len(table.arms))
         places = [*((i, j) for i in self._rows for j in range(self._low(i), i)), *((i, i) for i in self._rows)]
         self._numbers = {place: f"r[{k + 1}]" for k, place in enumerate(places)}
+        self._read: dict[str, str] = {}  # the names of the entries of u and p that were read
 
     def straight(self, forces: Any) -> Straight:
         """Return the lines, for a function of the accelerations that do not know the constraints."""
         return Straight(
             forces=forces,
-            react=_joined(self._constrain()),
-            stand=_joined(self._stand()),
-            approach=_joined(self._approach()),
-            level=_joined(self._level()),
+            react=self._text(self._constrain),
+            stand=self._text(self._stand),
+            approach=self._text(self._approach),
+            level=self._text(self._level),
             room=1 + len(self._numbers),
             structure=self._structure,
         )
 
-    def reactions(self) -> Iterator[str]:
-        """Write the reactions to `out`."""
-        yield "a = batch()"
-        yield "forces(t, u, v, p, a[: len(u)])"
-        yield from self._react()
-        for k in self._rows:
-            yield f"out[{self._order[k]}] = l{k}"
+    def reactions(self) -> list[str]:
+        """Return the lines that write the reactions to `out`."""
+        reactions = (f"out[{self._order[k]}] = l{k}" for k in self._rows)
+        return ["a = batch()", "forces(t, u, v, p, a[: len(u)])", *self._lines(self._react), *reactions]
+
+    def _lines(self, write: Callable[[], Iterator[str]]) -> list[str]:
+        """Return lines. What they read of u and p is read first: they compile in less time."""
+        self._read = {}
+        lines = [*write()]
+        return [*(f"{name} = {entry}" for entry, name in self._read.items()), *lines]
+
+    def _text(self, write: Callable[[], Iterator[str]]) -> str:
+        return "\n".join(self._lines(write))
 
     def _constrain(self) -> Iterator[str]:
         yield from self._react()
@@ -76,7 +80,7 @@ class StraightText:
         yield f"{_LAST} = inf if is_sound else {LOST}"
 
     def _approach(self) -> Iterator[str]:
-        yield f"last, length = {_LAST}, p[{self._place + LENGTH}]"
+        yield f"last, length = {_LAST}, {self._once('p', self._place + LENGTH)}"
         yield from self._inclines()
         yield from self._moved()
         yield "worst = 0.0"
@@ -191,16 +195,12 @@ class StraightText:
         return found
 
     def _entry(self, x: str, axis: str, i: int) -> str:
-        return f"{x}[{self._axes.index(axis) * self._n + i}]"
+        k = self._axes.index(axis) * self._n + i
+        return self._once(x, k) if x == "u" else f"{x}[{k}]"
 
     def _number(self, area: str, k: int) -> str:
-        return f"p[{getattr(self._at, area) + k}]"
+        return self._once("p", getattr(self._at, area) + k)
 
-
-def _joined(lines: Iterable[str]) -> str:
-    """Join lines. What they read more than once of u and p is read first: they compile in less time."""
-    text = "\n".join(lines)
-    counts = Counter(found[0] for found in _ENTRY.finditer(text))
-    often = {entry for entry, count in counts.items() if count > 1}
-    text = _ENTRY.sub(lambda found: f"{found[1]}_{found[2]}" if found[0] in often else found[0], text)
-    return "\n".join([*(_ENTRY.sub(r"\1_\2 = \1[\2]", entry) for entry in sorted(often)), text])
+    def _once(self, array: str, k: int) -> str:
+        """Return the name of an entry that is read once, before the lines."""
+        return self._read.setdefault(f"{array}[{k}]", f"{array}_{k}")

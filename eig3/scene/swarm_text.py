@@ -10,15 +10,15 @@ In a large scene, threads share the points: then the forces are in a function of
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
+from ..kernels.compile.source import Writer
 from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
 from .assembly import Assembly
-from .box_text import BoxText
-from .lines import indented, only_if
 from .packing import Packing, SwarmBlock, entry
+from .text import Text
 
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
 _VECTOR = 32  # pairs: a multiple of those whose forces are computed together, and a divisor of BATCH
@@ -28,142 +28,162 @@ _ALL_ABOVE = "above[begin], stops[stop - 1]"  # those of several points
 B = TypeVar("B", bound=SwarmBlock)
 
 
-class SwarmText(Generic[B]):
-    """The swarms of one scene in the source. Each method returns lines, with their indentation."""
+class SwarmText(Text, Generic[B]):
+    """The swarms of one scene in the source."""
 
     _functions: tuple[str, ...] = ("tension", "density")  # of the forces
 
-    def __init__(self, assembly: Assembly, packing: Packing, blocks: Sequence[B], first: int = 0) -> None:
-        self._n, self._axes, self._weight = assembly.n, "xyz"[: assembly.dimension], packing.weight
-        self._box, self._team = BoxText(packing), packing.team
+    def __init__(self, assembly: Assembly, packing: Packing, out: Writer, blocks: Sequence[B], first: int = 0) -> None:
+        super().__init__(assembly, packing, out)
+        self._team = packing.team
         self._blocks, self._first = blocks, first  # the latter is the number of the first list among all of the scene
         self._in_part = False  # whether the lines are for a part of the points
 
-    def forces(self) -> Iterator[str]:
+    def forces(self) -> None:
         """Add the forces between near points to the accelerations of their masses."""
         for number, block in enumerate(self._blocks, self._first):
             if self._team is None:
-                yield from self._refreshed(block, *self._functions)
-                on_mate = only_if(self._if_mass(block), self._on_mate(block))
-                yield from self._act(block, [*self._on_point(block), *on_mate])
+                self._refreshed(block, *self._functions)
+                self._act(block, lambda block=block: self._on_both(block, "", self._if_mass(block)))
             else:
-                yield f"kept, place = memory(p), index({block.listing.place})"
+                self._line(f"kept, place = memory(p), index({block.listing.place})")
                 velocity = "v" if self._reads_rate(block) else "u"  # a rhs that names v is one that reads it
                 given = f"t, memory(u), memory({velocity}), kept, memory(a), place"
-                yield f"add_forces(share, lists, {number}, {given}, {self._team})"
+                self._line(f"add_forces(share, lists, {number}, {given}, {self._team})")
 
-    def stages(self) -> Iterator[str]:
+    def stages(self) -> None:
         """Do a part of a stage that threads share: the lists of points, or the forces on them."""
         if self._team is not None:
-            yield from self._stages()
+            self._stages()
 
-    def _stages(self) -> Iterator[str]:
+    def _stages(self) -> None:
         self._in_part = True
         for number, block in enumerate(self._blocks, self._first):
             first = LISTS + number * STAGES
             for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")) if self._team is not None else ():
-                yield f"if stage == {first + stage}:"
-                yield f"    lists({task}, {self._time}, u, p, index({block.listing.place}), part, parts)"
-            yield from self._acting(block, first)
+                with self._block(f"if stage == {first + stage}"):
+                    self._line(f"lists({task}, {self._time}, u, p, index({block.listing.place}), part, parts)")
+            self._acting(block, first)
         self._in_part = False
 
-    def _acting(self, block: B, first: int) -> Iterator[str]:
+    def _acting(self, block: B, first: int) -> None:
         """Add the forces on the points of a part."""
-        yield f"if stage == {first + ACTING}:"
-        yield from indented([*self._of_part(block), *self._part(block, "parts == 1")])
+        with self._block(f"if stage == {first + ACTING}"):
+            self._of_part(block)
+            self._part(block, "parts == 1")
 
-    def _of_part(self, block: B) -> Iterator[str]:
+    def _of_part(self, block: B) -> None:
         """Read where the list is, and which points are those of the part."""
-        yield f"kept, place = p, index({block.listing.place})"
-        yield f"low, end = bounds({block.listing.masses}, part, parts)"
-        yield from self._views(block, *self._functions)
+        self._line(f"kept, place = p, index({block.listing.place})")
+        self._line(f"low, end = bounds({block.listing.masses}, part, parts)")
+        self._views(block, *self._functions)
 
-    def _part(self, block: B, only_up: str) -> Iterator[str]:
+    def _part(self, block: B, only_up: str) -> None:
         """Add the forces on the points of a part: those from points before the part, and then those from points above.
 
         One loop does both. In two loops, the compiler could round in two ways. `only_up` is the condition that only the
         latter are wanted.
         """
         listing = block.listing
-        yield f"firsts = integers(kept, {listing.areas.first}, {listing.masses})"
-        yield f"end_of_list = bounds({listing.room}, part, parts)[1]"
-        on_mate = only_if("mate < end", self._on_mate(block))
+        self._line(f"firsts = integers(kept, {listing.areas.first}, {listing.masses})")
+        self._line(f"end_of_list = bounds({listing.room}, part, parts)[1]")
+        where = f"({_ALL_ABOVE}) if goes_up else (firsts[stop - 1], end_of_list)"
         if self._is_dense(block):
-            alone = [f"{self._at('a', k, 'i')} += f{axis} * {self._w('i')}" for k, axis in enumerate(self._axes)]
-            act = ["if goes_up:", *indented([*self._on_point(block), *on_mate]), "else:", *indented(alone)]
             before = "(firsts[point], firsts[point - 1] if point > low else end_of_list)"
             where = f"({_ABOVE}) if goes_up else {before}"
-        else:
-            act = [*only_if("point >= low", self._on_point(block)), *on_mate]
-            where = f"({_ALL_ABOVE}) if goes_up else (firsts[stop - 1], end_of_list)"
-        yield f"for goes_up in range(int({only_up}), 2):"
-        yield from indented(self._act(block, act, where))
+        with self._block(f"for goes_up in range(int({only_up}), 2)"):
+            self._act(block, lambda: self._on_part(block), where)
 
-    def _act(self, block: B, act: Sequence[str], where: str = "") -> Iterator[str]:
-        """Compute the forces between near points in one loop, and add them in another one."""
-        pull = [*self._length(block, self._reads_rate(block)), f"pulls[q] = ({self._tension(block)}) * inverse"]
-        add = ["pull = pulls[q]", *(f"f{axis} = pull * d{axis}" for axis in self._axes), *act]
-        yield "pulls = batch()"
+    def _on_part(self, block: B) -> None:
         if not self._is_dense(block):
-            yield from self._near(block, [pull, add], where)
+            self._on_both(block, "point >= low", "mate < end")
             return
-        sums = [f"{axis}_sum" for axis in self._axes]
-        before = [f"{' = '.join(sums)} = 0.0"]
-        after = [f"{self._at('a', k, 'i')} += {total} * {self._w('i')}" for k, total in enumerate(sums)]
-        yield from self._near(block, [pull, add], where, before, after)
+        with self._block("if goes_up"):
+            self._on_both(block, "", "mate < end")
+        with self._block("else"):
+            for axis in self._axes:
+                self._line(f"{self._at('a', axis, 'i')} += f{axis} * {self._w('i')}")
 
-    def _on_point(self, block: B) -> list[str]:
+    def _on_both(self, block: B, if_point: str, if_mate: str) -> None:
+        """Add a force to the point, and to the mate, each on a condition."""
+        with self._only_if(if_point):
+            self._on_point(block)
+        with self._only_if(if_mate):
+            self._on_mate(block)
+
+    def _act(self, block: B, act: Callable[[], None], where: str = "") -> None:
+        """Compute the forces between near points in one loop, and add them in another one."""
+
+        def pull() -> None:
+            self._length(block, self._reads_rate(block))
+            self._line(f"pulls[q] = ({self._tension(block)}) * inverse")
+
+        def add() -> None:
+            self._line("pull = pulls[q]", *(f"f{axis} = pull * d{axis}" for axis in self._axes))
+            act()
+
+        self._line("pulls = batch()")
+        self._near(block, [pull, add], where)
+
+    def _on_point(self, block: B) -> None:
         """Add a force to the point, or to its sum if points have many mates."""
         if self._is_dense(block):
-            return [f"{axis}_sum += f{axis}" for axis in self._axes]
-        lines = [f"{self._at('a', k, 'i')} += f{axis} * {self._w('i')}" for k, axis in enumerate(self._axes)]
-        return [f"i = {self._mass(block, 'point')}", *lines]
+            self._line(*(f"{axis}_sum += f{axis}" for axis in self._axes))
+            return
+        self._line(f"i = {self._mass(block, 'point')}")
+        for axis in self._axes:
+            self._line(f"{self._at('a', axis, 'i')} += f{axis} * {self._w('i')}")
 
-    def _on_mate(self, block: B) -> list[str]:
-        """Add a force to the mate."""
-        lines = [f"{self._at('a', k, 'j')} -= f{axis} * {self._w('j')}" for k, axis in enumerate(self._axes)]
-        return [f"j = {self._mass(block, 'mate')}", *lines]
+    def _on_mate(self, block: B) -> None:
+        """Add the opposite force to the mate."""
+        self._line(f"j = {self._mass(block, 'mate')}")
+        for axis in self._axes:
+            self._line(f"{self._at('a', axis, 'j')} -= f{axis} * {self._w('j')}")
 
-    def potentials(self) -> Iterator[str]:
+    def potentials(self) -> None:
         """Add the potentials of near points to the total."""
         for block in self._blocks:
             if "potential" in block.law.functions:
-                yield from self._refreshed(block, "potential")
-                add = ["r = sqrt(tiny + square)"]
-                add.append(f"total += {block.law.call('potential', '', self._offered(block))}")
-                yield from self._near(block, [add])
+                self._refreshed(block, "potential")
+                potential = block.law.call("potential", "", self._offered(block))
+                self._near(
+                    block, [lambda potential=potential: self._line("r = sqrt(tiny + square)", f"total += {potential}")]
+                )
 
-    def power(self) -> Iterator[str]:
+    def power(self) -> None:
         """Add the power of the forces without a potential, and of the images in a box that shears."""
         for block in self._blocks:
             loses = "potential" not in block.law.functions
             if loses or self._box.shears:
-                yield from self._refreshed(block, *self._functions)
-                add = [*self._length(block, True), f"force = {self._tension(block)}"]
-                add += ["total -= force * rate"] * loses
-                add += ["fx = force * inverse * dx", *self._box.power()] if self._box.shears else []
-                yield from self._near(block, [add])
+                self._refreshed(block, *self._functions)
+                self._near(block, [lambda block=block, loses=loses: self._add_power(block, loses)])
 
-    def _refreshed(self, block: B, *functions: str) -> Iterator[str]:
+    def _add_power(self, block: B, loses: bool) -> None:
+        self._length(block, True)
+        self._line(f"force = {self._tension(block)}", *["total -= force * rate"] * loses)
+        if self._box.shears:
+            self._line("fx = force * inverse * dx", *self._box.power())
+
+    def _refreshed(self, block: B, *functions: str) -> None:
         """Refresh the list, and read what all pairs share."""
-        yield f"kept, place = memory(p), index({block.listing.place})"
-        yield f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)"
-        yield from self._views(block, *functions)
+        self._line(f"kept, place = memory(p), index({block.listing.place})")
+        self._line(f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)")
+        self._views(block, *functions)
 
-    def _views(self, block: B, *functions: str) -> Iterator[str]:
+    def _views(self, block: B, *functions: str) -> None:
         """Read where the list is, and what all pairs share."""
         listing, areas = block.listing, block.listing.areas
-        yield f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})"
+        self._line(f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})")
         for name, area in (("above", areas.above), ("stops", areas.stop)):
-            yield f"{name} = integers(kept, {area}, {listing.masses})"
+            self._line(f"{name} = integers(kept, {area}, {listing.masses})")
         for name, area in (("mates", areas.mates), ("owners", areas.owners)):
-            yield f"{name} = integers(kept, {area}, {listing.room})"
-        yield from (f"{name} = batch()" for name in ("squares", "some", *self._ways.values()))
-        yield f"near_points = integers(some, 0, {BATCH})"
-        yield f"near_mates = integers(some, {BATCH // 2}, {BATCH})"
+            self._line(f"{name} = integers(kept, {area}, {listing.room})")
+        self._line(*(f"{name} = batch()" for name in ("squares", "some", *self._ways.values())))
+        self._line(f"near_points = integers(some, 0, {BATCH})")
+        self._line(f"near_mates = integers(some, {BATCH // 2}, {BATCH})")
         if listing.begin < 0:
-            yield f"indices = integers(kept, {areas.number}, {listing.masses})"
-        yield from block.law.constants(*functions)
+            self._line(f"indices = integers(kept, {areas.number}, {listing.masses})")
+        self._line(*block.law.constants(*functions))
 
     @property
     def _time(self) -> str:
@@ -175,80 +195,76 @@ class SwarmText(Generic[B]):
         ways = {f"d{axis}": f"{axis}_ways" for axis in self._axes}
         return ways | ({"turns": "y_turns"} if self._box.shears else {})
 
-    def _near(
-        self,
-        block: B,
-        loops: Sequence[Sequence[str]],
-        where: str = "",
-        before: Sequence[str] = (),
-        after: Sequence[str] = (),
-    ) -> Iterator[str]:
-        """Do loops over the pairs within the cutoff, and more before and after those of a point with many mates.
+    def _near(self, block: B, loops: Sequence[Callable[[], None]], where: str = "") -> None:
+        """Do loops over the pairs within the cutoff. The last of two adds forces, to sums for a point with many mates.
 
         `where` are the places of the pairs in the list. The list has the pairs of a few points at a time if it has no
         room for all.
         """
         low, end = ("low", "end") if self._in_part else ("0", str(block.listing.masses))
-        yield f"stop = index({low})"
-        yield f"while stop < {end}:"
-        yield f"    begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({end})))"
-        if not self._is_dense(block):
-            yield from indented(self._batches(block, loops, where or _ALL_ABOVE))
-            return
-        here = [f"{axis}_here = {self._place('point', k)}" for k, axis in enumerate(self._axes)]
-        inside = [f"i = {self._mass(block, 'point')}", *here, *before]
-        inside += [*self._batches(block, loops, where or _ABOVE), *after]
-        yield "    for point in range(begin, stop):"
-        yield from (f"        {line}" for line in inside)
+        self._line(f"stop = index({low})")
+        with self._block(f"while stop < {end}"):
+            self._line(f"begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({end})))")
+            if not self._is_dense(block):
+                self._batches(block, loops, where or _ALL_ABOVE)
+                return
+            sums = [f"{axis}_sum" for axis in self._axes if len(loops) > 1]
+            with self._block("for point in range(begin, stop)"):
+                self._line(f"i = {self._mass(block, 'point')}")
+                self._here()
+                self._line(*[f"{' = '.join(sums)} = 0.0"] * bool(sums))
+                self._batches(block, loops, where or _ABOVE)
+                self._line(*(f"{self._at('a', total[0], 'i')} += {total} * {self._w('i')}" for total in sums))
 
-    def _batches(self, block: B, loops: Sequence[Sequence[str]], where: str) -> Iterator[str]:
+    def _batches(self, block: B, loops: Sequence[Callable[[], None]], where: str) -> None:
         """Collect the pairs within the cutoff that are somewhere in the list, and do loops over them."""
         has_points = not self._is_dense(block)
         kept = {"near_mates": "mate", "squares": "square"} | {batch: value for value, batch in self._ways.items()}
         kept |= {"near_points": "point"} if has_points else {}
-        yield f"low_pair, high_pair = {where}"
-        yield f"for low_of_batch in range(low_pair, high_pair, {BATCH}):"
-        yield "    near = index(0)"
-        yield f"    for e in range(low_of_batch, min(low_of_batch + {BATCH}, high_pair)):"
-        yield from (f"        {line}" for line in [*self._pair(block), *self._way(block)])
-        yield from (f"        {batch}[near] = {value}" for batch, value in kept.items())
-        yield f"        near += {self._is_near(block)}"
-        for number, loop in enumerate(loops):
-            head = "    for q in range(near):"
-            if number < len(loops) - 1:
-                yield from self._padded([*kept])
-                head = "    for q in range(filled):"
-            yield head
-            yield from ("        point = index(near_points[q])" for _ in range(has_points))
-            yield "        mate, square = index(near_mates[q]), squares[q]"
-            yield from (f"        {value} = {batch}[q]" for value, batch in self._ways.items())
-            yield from (f"        {line}" for line in loop)
+        self._line(f"low_pair, high_pair = {where}")
+        with self._block(f"for low_of_batch in range(low_pair, high_pair, {BATCH})"):
+            self._line("near = index(0)")
+            with self._block(f"for e in range(low_of_batch, min(low_of_batch + {BATCH}, high_pair))"):
+                self._pair(block)
+                self._line(*(f"{batch}[near] = {value}" for batch, value in kept.items()))
+                self._line(f"near += {self._is_near(block)}")
+            for number, loop in enumerate(loops):
+                is_last = number == len(loops) - 1
+                if not is_last:
+                    self._padded([*kept])
+                with self._block(f"for q in range({'near' if is_last else 'filled'})"):
+                    self._line(*["point = index(near_points[q])"] * has_points)
+                    self._line("mate, square = index(near_mates[q]), squares[q]")
+                    self._line(*(f"{value} = {batch}[q]" for value, batch in self._ways.items()))
+                    loop()
 
-    def _padded(self, batches: Sequence[str]) -> Iterator[str]:
+    def _padded(self, batches: Sequence[str]) -> None:
         """Repeat the last pair until whole vectors are filled.
 
         Otherwise the rest would be computed by other code, which may round in another way: the bits of a force would
         depend on where its pair is in a batch.
         """
-        yield f"    filled = (near + {_VECTOR - 1}) & {-_VECTOR}"
-        yield "    for q in range(near, filled):"
-        yield from (f"        {batch}[q] = {batch}[near - 1]" for batch in batches)
+        self._line(f"filled = (near + {_VECTOR - 1}) & {-_VECTOR}")
+        with self._block("for q in range(near, filled)"):
+            self._line(*(f"{batch}[q] = {batch}[near - 1]" for batch in batches))
 
-    def _pair(self, block: B) -> Iterator[str]:
-        """Read a pair of the list, the smaller number first unless one loops over the points."""
-        yield "mate = index(mates[e])"
+    def _here(self) -> None:
+        self._line(*(f"{axis}_here = {self._place('point', axis)}" for axis in self._axes))
+
+    def _pair(self, block: B) -> None:
+        """Read a pair of the list, and compute the way from the point to its mate, and the square of its length.
+
+        The point is the one with the smaller number unless one loops over the points.
+        """
+        self._line("mate = index(mates[e])")
         if not self._is_dense(block):
-            yield "point = index(owners[e])"
+            self._line("point = index(owners[e])")
             if self._in_part:
-                yield "point, mate = min(point, mate), max(point, mate)"
-            yield from (f"{axis}_here = {self._place('point', k)}" for k, axis in enumerate(self._axes))
-
-    def _way(self, block: B) -> Iterator[str]:
-        """Compute the way from a point to its mate, and the square of its length."""
-        for k, axis in enumerate(self._axes):
-            yield f"d{axis} = {self._place('mate', k)} - {axis}_here"
-        yield from self._box.nearest()
-        yield f"square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}"
+                self._line("point, mate = min(point, mate), max(point, mate)")
+            self._here()
+        self._line(*(f"d{axis} = {self._place('mate', axis)} - {axis}_here" for axis in self._axes))
+        self._line(*self._box.nearest())
+        self._line(f"square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}")
 
     def _is_near(self, block: B) -> str:
         """The condition that two points are within the cutoff."""
@@ -256,20 +272,19 @@ class SwarmText(Generic[B]):
         cutoff = law.value(law.cutoff, "") if law.cutoff in law.columns else self._own(block, law.cutoff)
         return f"square < {cutoff} * {cutoff}"
 
-    def _length(self, block: B, reads_rate: bool) -> list[str]:
+    def _length(self, block: B, reads_rate: bool) -> None:
         """Compute the distance of two points, and the rate at which it grows."""
-        lines = ["r = sqrt(tiny + square)", "inverse = 1 / r"]
+        self._line("r = sqrt(tiny + square)", "inverse = 1 / r")
         if reads_rate:
-            lines.append(f"i = {self._mass(block, 'point')}")
-            of_mate = [f"j = {self._mass(block, 'mate')}"]
-            of_mate += [f"e{axis} = {self._at('v', k, 'j')}" for k, axis in enumerate(self._axes)]
-            lines.append(f"{' = '.join(f'e{axis}' for axis in self._axes)} = 0.0")
-            lines += only_if(self._if_mass(block), of_mate)
+            self._line(f"i = {self._mass(block, 'point')}")
+            self._line(f"{' = '.join(f'e{axis}' for axis in self._axes)} = 0.0")
+            with self._only_if(self._if_mass(block)):
+                self._line(f"j = {self._mass(block, 'mate')}")
+                self._line(*(f"e{axis} = {self._at('v', axis, 'j')}" for axis in self._axes))
             # if the point's came first, with its sign, it would be rounded in one way in vectors and in another alone
-            lines += [f"e{axis} -= {self._at('v', k, 'i')}" for k, axis in enumerate(self._axes)]
-            lines += self._box.rate()
-            lines.append(f"rate = ({' + '.join(f'd{axis} * e{axis}' for axis in self._axes)}) * inverse")
-        return lines
+            self._line(*(f"e{axis} -= {self._at('v', axis, 'i')}" for axis in self._axes))
+            self._line(*self._box.rate())
+            self._line(f"rate = ({' + '.join(f'd{axis} * e{axis}' for axis in self._axes)}) * inverse")
 
     def _if_mass(self, block: B) -> str:
         """The condition that the mate is a mass, if the swarm has fixed points."""
@@ -297,15 +312,10 @@ class SwarmText(Generic[B]):
         place = block.listing.own[name]
         return f"({entry('p', place, 'point')} + {entry('p', place, 'mate')})"
 
-    def _place(self, point: str, k: int) -> str:
-        return entry("places", k, point if len(self._axes) == 1 else f"{len(self._axes)} * {point}")
+    def _place(self, point: str, axis: str) -> str:
+        d = len(self._axes)
+        return entry("places", self._axes.index(axis), point if d == 1 else f"{d} * {point}")
 
     def _mass(self, block: B, place: str) -> str:
         begin = block.listing.begin
         return f"{begin} + {place}" if begin > 0 else place if begin == 0 else f"index(indices[{place}])"
-
-    def _at(self, array: str, k: int, i: str) -> str:
-        return entry(array, self._n * k, i)
-
-    def _w(self, i: str) -> str:
-        return "w" if self._weight.is_uniform else self._weight.of(i)

@@ -8,7 +8,8 @@ from __future__ import annotations
 import linecache
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 _WRITTEN = re.compile(r"<[a-z]+ [0-9a-f]{8}>")  # the name of a file that `define` gives
@@ -30,6 +31,45 @@ def define(text: str, what: str, names: Mapping[str, Any]) -> dict[str, Any]:
     namespace = dict(names)
     exec(compile(text, filename, "exec"), namespace)
     return namespace
+
+
+class Writer:
+    """Writes Python source.
+
+    Attributes
+    ----------
+    lines : list of str
+        What was written so far.
+    """
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._indent = ""
+
+    def __str__(self) -> str:
+        return "\n".join([*self.lines, ""])
+
+    def line(self, *lines: str) -> None:
+        """Write lines."""
+        self.lines += [self._indent + line for line in lines]
+
+    def insert(self, text: str) -> None:
+        """Write the lines of a text."""
+        self.line(*text.splitlines())
+
+    @contextmanager
+    def block(self, head: str) -> Iterator[None]:
+        """Write a head, such as that of a loop, and what follows below it."""
+        self.line(f"{head}:")
+        before, self._indent = self._indent, self._indent + "    "
+        yield
+        self._indent = before
+
+    @contextmanager
+    def only_if(self, condition: str) -> Iterator[None]:
+        """Write what follows so that it is done on a condition, or always if this is empty."""
+        with self.block(f"if {condition}") if condition else nullcontext():
+            yield
 
 
 def is_beside(code: Any, function: Any) -> bool:
