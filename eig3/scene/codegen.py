@@ -82,7 +82,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> Compiled:
     if packing.grains:
         source.history()
     source.events()
-    functions = _functions(str(source), tuple(packing.functions.items()))
+    text, names = packing.named(str(source))
+    functions = _functions(text, tuple(names.items()))
     if packing.team is not None:
         functions["rhs"].py_func.shares = Shares(functions["share"], packing.team, assembly.n)
     if packing.held:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -333,21 +334,7 @@ class Packing:
 
     def __init__(self, assembly: Assembly, threads: int | None) -> None:
         self._parts: list[np.ndarray] = []
-        # the names with an underscore in every source; `_name` makes no name without one
-        self._names = {f"{axis}_{name}" for axis in "xyz" for name in ("before", "anchor")}
-        self._names |= {"corner_place", "corner_speed", "image_speed", "image_shift"}
-        self._names |= {f"{axis}_{name}" for axis in "xyz" for name in ("here", "rate", "sum", "side", "inverse")}
-        self._names |= {
-            f"{axis}_{name}_{number}"
-            for axis in "xyz"
-            for name in ("shift", "speed")
-            for number in range(len(assembly.motions) + max((len(g.motions) for g in assembly.links), default=0))
-        }
-        self._names |= {f"{axis}_{name}" for axis in "xyz" for name in ("spin", "ways", "turns")}
-        self._names |= {f"{side}_{name}" for side in ("held", "next") for name in ("firsts", "ends", "mates", "values")}
-        self._names |= {"near_radius", "arm_of_mate", "h_end", "held_count", "held_end", "near_points", "near_mates"}
-        self._names |= {"low_pair", "high_pair", "low_of_batch", "goes_up", "end_of_list"}
-        self._names |= {"set_forces", "add_forces", "advance_springs", "out_of_line", *grains.FUNCTIONS}
+        self._wanted: list[str] = []  # names, by the numbers that stand for them until the source is written
         self.functions: dict[str, Any] = {}
         self._first_state = assembly.coordinates
         self.weight = self._column(1 / assembly.cloud.in_order(assembly.cloud.masses))
@@ -487,10 +474,18 @@ class Packing:
         return Arrays(self._column(starts), self._column(ends))
 
     def _name(self, wanted: str) -> str:
-        """Return an identifier that is not yet used in the source. `wanted` contains an underscore."""
-        name = identifier(wanted, self._names)
-        self._names.add(name)
-        return name
+        """Return what stands for a name in the source until `named` puts one there that is like `wanted`."""
+        self._wanted.append(wanted)
+        return f"${len(self._wanted) - 1}"
+
+    def named(self, source: str) -> tuple[str, dict[str, Any]]:
+        """Return the source with names that are nowhere else in it, and its functions by their names."""
+        taken, names = {*re.findall(r"\w+", source), *self.functions}, dict[str, str]()
+        for number, wanted in enumerate(self._wanted):
+            names[f"${number}"] = identifier(wanted, taken)
+            taken.add(names[f"${number}"])
+        functions = {names.get(name, name): function for name, function in self.functions.items()}
+        return re.sub(r"\$\d+", lambda found: names[found[0]], source), functions
 
     def _block(self, group: Group) -> Block:
         laws = [self._symbols(law) for law in group.laws]
