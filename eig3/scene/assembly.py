@@ -22,7 +22,7 @@ from .names import words
 from .swarm import Swarm, check_rest, joined_pairs
 
 if TYPE_CHECKING:
-    from .held import Held
+    from .constraint_set import ConstraintSet
 
 #: The columns of the number of each member's event and of the number of its state, among all of the scene.
 EVENT, STATE = "=event", "state"
@@ -257,7 +257,7 @@ class Assembly:
     motions: list[Law]
     events: list[str]
     states: list[str]
-    held: Held | None
+    held: ConstraintSet | None
     follows_work: bool
 
     @property
@@ -352,9 +352,9 @@ def assemble(
     given = bodies, links, meshes, supports, list(swarms), joined, motions, events, states
     assembly = Assembly(cloud, *given, held=None, follows_work=False)
     if any(isinstance(effect, Constraint) for effect, _, _ in placements):
-        from .held import held  # it needs SciPy
+        from .constraint_set import collected  # it needs SciPy
 
-        assembly = replace(assembly, held=held(whole, placements, assembly.degrees + 1))
+        assembly = replace(assembly, held=collected(whole, placements, assembly.degrees + 1))
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from .assembly import Assembly, Group, Law
 from .effect import FORCES, Effect, arguments
-from .rough import Rough
+from .grain_contact import Rough
 from .swarm import Swarm, near_pairs
 
 _LEAST, _HALF, _CLOSEST = 1e-8, 0.5, 1e-12  # parts of a cutoff: where the way of a pair begins, is halved, and ends

@@ -15,14 +15,14 @@ from ..kernels.shared_forces import add_forces, advance_springs, set_forces
 from ..kernels.team import out_of_line
 from .assembly import EVENT, STATE, Assembly, Cloud, Group, Law, Mesh
 from .effect import arguments
+from .grain_contact import Rough
 from .names import identifier, words
-from .rough import Rough
 from .swarm import Listing, Swarm, listed
 
 _CONTACTS = {2: 4, 3: 8}  # of a grain, by the dimension: hard ones have 3 and 6
 if TYPE_CHECKING:
+    from .constraint_set import ConstraintSet
     from .constraint_table import Packed
-    from .held import Held
 
 #: Near points, and cells, from which on threads share their forces. Links alone are not shared: to compute the force of
 #: one takes less time than another core needs to get its ends, which the thread of the run has just moved.
@@ -264,7 +264,7 @@ class HeldBlock:
         Whether there are so few that they are also written as straight lines, which run in lanes.
     """
 
-    held: Held
+    held: ConstraintSet
     place: int
     order: int
     own: list[tuple[Symbols, int, int]]
@@ -407,7 +407,7 @@ class Packing:
         masses, numbers = cloud.masses[vectors].T, cloud.free[vectors]
         return self._add(np.concatenate([numbers.T, masses[2] / masses[:2]])), numbers.tolist()
 
-    def _held(self, assembly: Assembly, held: Held) -> HeldBlock:
+    def _held(self, assembly: Assembly, held: ConstraintSet) -> HeldBlock:
         place = sum(part.size for part in self._parts)
         packed = held.table.packed(place)
         self._add(packed.values)
@@ -502,7 +502,7 @@ class Packing:
         return Block(group, laws, anchor, moved, runs, place, ends)
 
 
-def _is_few(assembly: Assembly, held: Held) -> bool:
+def _is_few(assembly: Assembly, held: ConstraintSet) -> bool:
     """Return whether the constraints of a scene are few."""
     if held.kinds or assembly.swarms:
         return False

@@ -14,7 +14,7 @@ from ..kernels.neighbours import Areas
 from .cell import Cell
 from .constraint import Constraint
 from .effect import Link, Motion
-from .rough import Rough
+from .grain_contact import Rough
 
 _SKIN = 0.2  # as a part of the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension

@@ -45,7 +45,7 @@ class Kind:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class ConstraintSet:
     """The constraints of a scene.
 
     Attributes
@@ -74,7 +74,7 @@ class Held:
         return next(kind.effect.period for kind in self.kinds if kind.rows[0] == row)
 
 
-def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held:
+def collected(cloud: Any, placements: Sequence[Any], degrees: int) -> ConstraintSet:
     """Collect the constraints of a scene."""
     placed = [placement for placement in placements if isinstance(placement[0], Constraint)]
     _check_still(placements, placed)
@@ -115,7 +115,7 @@ def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held:
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
     table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
-    return Held(table, names, counts, [effect for effect, _, _ in placed], kinds)
+    return ConstraintSet(table, names, counts, [effect for effect, _, _ in placed], kinds)
 
 
 def _check_still(placements: Sequence[Any], placed: Sequence[Any]) -> None:
@@ -142,12 +142,12 @@ def _arm(cloud: Any, points: Sequence[int], factors: Any, constant: np.ndarray) 
     return Arm(np.array(list(kept), dtype=int), np.array(list(kept.values()), dtype=float), constant)
 
 
-def fitting(held: Held, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
+def fitting(held: ConstraintSet, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
     """Check the constraints at the start; return the velocities that are nearest to v0 and keep them.
 
     Parameters
     ----------
-    held : Held
+    held : ConstraintSet
     u0, v0 : ndarray, shape (degrees,)
     t : float
         The time at the start, s.
@@ -184,7 +184,7 @@ def fitting(held: Held, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
     return np.concatenate([v0[:size] + change, v0[size:]])
 
 
-def _driven(held: Held, t: float, values: np.ndarray) -> np.ndarray:
+def _driven(held: ConstraintSet, t: float, values: np.ndarray) -> np.ndarray:
     """Put targets that depend on the time into the values of phi; return their part of its rate."""
     rates = np.zeros(len(values))
     for kind in held.kinds:
@@ -204,7 +204,7 @@ def _driven(held: Held, t: float, values: np.ndarray) -> np.ndarray:
     return rates
 
 
-def _linearised(held: Held, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
+def _linearised(held: ConstraintSet, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
     """Return phi and its gradients for masses at some places."""
     table = held.table
     arms = np.array([arm.factors @ places[arm.points] + arm.constant for arm in table.arms])
@@ -252,7 +252,7 @@ def _call(kind: Kind, member: int, name: str, offered: dict[str, Any]) -> Any:
     return function(*(offered[argument] for argument in arguments(function)))
 
 
-def _factors(held: Held, product: csc_array) -> Any:
+def _factors(held: ConstraintSet, product: csc_array) -> Any:
     """Return the function that solves with G W G^T, whose pivots tell which constraints depend on each other."""
     diagonal = product.diagonal()
     try:
