@@ -29,20 +29,27 @@ from ..functions.events import Event
 from ..functions.families import Family
 from ..functions.history import Constraints, History
 from ..kernels.compile.numba_internals import WITHOUT_C_WRAPPER
-from ..kernels.compile.source import Writer, define
+from ..kernels.compile.source import define
 from ..kernels.constraint_lanes import Straight
+from ..kernels.neighbours import bounds, memory
 from ..kernels.protocol import index
-from ..kernels.shared_forces import OWN
+from ..kernels.shared_forces import OWN, add_forces, advance_springs, set_forces
+from ..kernels.team import out_of_line
 from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
 from .constraint_text import ConstraintText
 from .effect import FORCES, RESETS
+from .grain_contact import Rough
 from .grains_text import GrainsText
-from .mesh_text import MeshText
-from .packing import Block, Column, Packing, Symbols
+from .mesh_text import MeshText, SupportsText
+from .source import Block, Column, Source, Symbols
 from .swarm_text import SwarmText
 from .text import Text, of_part
+
+#: Near points, and cells, from which on threads share their forces. Links alone are not shared: to compute the force of
+#: one takes less time than another core needs to get its ends, which the thread of the run has just moved.
+_SHARED, _SHARED_CELLS = 2000, 5000
 
 _BODY, _LINK = FORCES[:2], FORCES[2:4]
 _TINY = (
@@ -71,32 +78,32 @@ def compiled(assembly: Assembly, threads: int | None = None) -> Compiled:
     Scenes that differ only in parameters get the same functions. A large one is for this number of threads, if it
     is given.
     """
-    packing = Packing(assembly, threads)
-    source = _Source(assembly, packing)
-    source.parts()
+    source = Source(assembly)
+    writing = _Functions(assembly, source, threads)
+    writing.parts()
     if assembly.follows_work:
-        source.power()
-    source.rhs()
+        writing.power()
+    writing.rhs()
     if assembly.follows_work or assembly.is_conservative:
-        source.energy()
-    if packing.grains:
-        source.history()
-    source.events()
-    text, names = packing.named(str(source))
+        writing.energy()
+    if writing.grains:
+        writing.history()
+    writing.events()
+    text, names = source.named()
     functions = _functions(text, tuple(names.items()))
-    if packing.team is not None:
-        functions["rhs"].py_func.shares = Shares(functions["share"], packing.team, assembly.n)
-    if packing.held:
+    if source.team is not None:
+        functions["rhs"].py_func.shares = Shares(functions["share"], source.team, assembly.n)
+    if assembly.held:
         keeping = functions["projection"], functions["constrained_step"]
-        functions["rhs"].py_func.constraints = Constraints(*keeping, source.straight(functions))
-    if packing.grains:
+        functions["rhs"].py_func.constraints = Constraints(*keeping, writing.straight(functions))
+    if writing.grains:
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
     found: dict[str, Event] = {}
-    for occasion in source.occasions:
+    for occasion in writing.occasions:
         found |= occasion.events(functions, assembly.events)
     events = {name: found[name] for name in assembly.events}  # in the order in which the effects were added
     outputs = {"reactions": (functions["reactions"], len(assembly.held.names))} if assembly.held else {}
-    return Compiled(functions["rhs"], functions.get("energy"), events, outputs, packing.params)
+    return Compiled(functions["rhs"], functions.get("energy"), events, outputs, source.params)
 
 
 @functools.lru_cache(maxsize=256)
@@ -137,70 +144,87 @@ class _Occasion:
         return {names[number]: Event(g[s], self.direction, apply=apply[s]) for s, number in enumerate(self.numbers)}
 
 
-class _Source(Text):
+class _Functions(Text):
     """Writes the functions of one scene.
 
     Attributes
     ----------
+    grains : list of GrainsText
     occasions : list of _Occasion
     """
 
-    def __init__(self, assembly: Assembly, packing: Packing) -> None:
-        super().__init__(assembly, packing, Writer())
+    def __init__(self, assembly: Assembly, source: Source, threads: int | None) -> None:
+        super().__init__(assembly, source)
         self._coordinates = assembly.coordinates
         self._work = assembly.degrees  # the index of the degree of freedom whose velocity is the work
-        self._motions, self._blocks = packing.motions, packing.bodies + packing.links
-        self._bodies = _acting(packing.bodies, _BODY)
-        self._links = _acting(packing.links, _LINK)
-        given = assembly, packing, self._out
-        self._meshes, self._swarms = MeshText(*given), SwarmText(*given, packing.swarms)
-        self._grains, self._constraints = GrainsText(*given), ConstraintText(*given)
-        self._bodies_text = BodiesText(*given, self._constraints)
-        self._team, self._shares_cells = packing.team, packing.shares_cells
-        self._has_stages = packing.team is not None or bool(packing.grains)
+        self._motions = source.motions
+        bodies, links = ([source.group(group) for group in groups] for groups in (assembly.bodies, assembly.links))
+        self._blocks, self._bodies, self._links = bodies + links, _acting(bodies, _BODY), _acting(links, _LINK)
+        self._meshes = [MeshText(assembly, source, mesh) for mesh in assembly.meshes]
+        self._supports = SupportsText(assembly, source) if assembly.supports.positions.size else None
+        swarms = sorted(assembly.swarms, key=lambda swarm: isinstance(swarm.effect, Rough))
+        near: list[SwarmText] = [
+            (GrainsText if isinstance(swarm.effect, Rough) else SwarmText)(assembly, source, swarm, number)
+            for number, swarm in enumerate(swarms)
+        ]
+        self._near, self.grains = near, [text for text in near if isinstance(text, GrainsText)]
+        self._loops: list[MeshText | SwarmText] = [*self._meshes, *near]  # over all but single masses and links
+        self._bodies_text = BodiesText(assembly, source)
+        self._constraints = ConstraintText(assembly, source, assembly.held) if assembly.held else None
+        self._shares_cells = threads is not None and sum(mesh.size for mesh in self._meshes) >= _SHARED_CELLS
+        is_large = threads is not None and any(text.listing.masses >= _SHARED for text in near)
+        if is_large or self._shares_cells:
+            source.team = source.add(np.array([0, 0, threads]))
+            source.functions |= {"set_forces": set_forces, "add_forces": add_forces}
+            source.functions |= {"advance_springs": advance_springs, "memory": memory}
+            source.functions |= {"bounds": bounds, "out_of_line": out_of_line}
+        self._has_stages = source.team is not None or bool(self.grains)
         self._suffix = self._bodies_text.suffix
-        self._rhs_name = f"forces{self._suffix}" if packing.held else "rhs"
+        self._rhs_name = f"forces{self._suffix}" if assembly.held else "rhs"
         self._own_masses = assembly.own
         # on a line without end, a link has a sign: its ends may pass through each other
-        self._is_signed = len(self._axes) == 1 and not packing.box
+        self._is_signed = len(self._axes) == 1 and not self._box.sides
         self.occasions: list[_Occasion] = []
         self._in_part = False  # whether the function is that of a part of the masses
-
-    def __str__(self) -> str:
-        return str(self._out)
 
     # The functions
 
     def straight(self, functions: dict[str, Any]) -> Straight | None:
         """Return a few constraints as lines for lanes, and let the reactions find their own function for lanes."""
-        text = self._constraints.straight
-        if text is None:
+        text = self._constraints and self._constraints.straight
+        if not text:
             return None
         functions["reactions"].py_func.in_lanes = functions["reactions_in_lanes"]
         return text.straight(functions["forces"])
 
     def parts(self) -> None:
         """Write the functions that others call: the places of the corners of cells, and what threads share."""
-        self._meshes.functions()
+        if self._supports:
+            self._supports.functions()
         if self._has_stages:
             with self._linked("share(stage, part, parts, t, u, v, p, a)", self._links):
                 self._line("out_of_line()")
                 if self._shares_cells:
                     with self._block(f"if stage == {OWN}"):
                         self._forces_on_part()
-                self._swarms.stages()
-                self._grains.stages()
+                for text in self._near:
+                    text.stages()
 
     def rhs(self) -> None:
         """Write the function of the accelerations."""
         with self._linked(f"{self._rhs_name}(t, u, v, p, a)", self._links):
             if self._shares_cells:
                 velocity = "v" if self._reads_v else "u"  # a rhs that names v is one that reads it
-                self._line(f"set_forces(share, t, memory(u), memory({velocity}), memory(p), memory(a), {self._team})")
+                given = f"t, memory(u), memory({velocity}), memory(p), memory(a), {self._source.team}"
+                self._line(f"set_forces(share, {given})")
             else:
                 self._forces()
-            self._swarms.forces()
-            self._grains.forces()
+            if self._spins:
+                begin = self._n * len(self._axes)
+                with self._block(f"for k in range({begin}, {begin + self._n * len(self._spins)})"):
+                    self._line("a[k] = 0.0")
+            for text in self._near:
+                text.forces()
             for k in range(self._coordinates, self._work):  # the states
                 self._line(f"a[{k}] = 0.0")
             if self._follows_work:
@@ -212,7 +236,8 @@ class _Source(Text):
             with self._function("forces(t, u, v, p, a)"):
                 self._bodies_text.forces()
                 self._bodies_text.plates()
-        self._constraints.functions()
+        if self._constraints:
+            self._constraints.functions()
 
     def power(self) -> None:
         """Write the function of the power of the effects without a potential and of the supports."""
@@ -241,9 +266,8 @@ class _Source(Text):
                 with self._near_members(block, *_LINK) as (s, i, j):
                     self._pull(block, s, i, j)
                     self._line(*self._box.power())
-            self._meshes.power()
-            self._swarms.power()
-            self._grains.power()
+            for text in self._loops:
+                text.power()
             self._line("return total")
 
     def energy(self) -> None:
@@ -262,9 +286,12 @@ class _Source(Text):
             for block in self._some(self._links, has_potential=True):
                 with self._near_members(block, "potential") as (s, i, j):
                     self._potentials(block, s, self._length(block, s, i, j, "potential"))
-            self._meshes.potentials()
-            self._swarms.potentials()
-            self._grains.energy()
+            for text in self._loops:
+                text.potential()
+            if self._spins:
+                square = " + ".join(f"{self._spin('v', axis, 'i')} ** 2" for axis in self._spins)
+                with self._block(f"for i in range({self._n})"), self._block(f"if {self._t('i')} > 0"):
+                    self._line(f"total += ({square}) / (2 * {self._t('i')})")
             self._line("return total")
         if self._suffix:
             with self._function("energy(t, u, v, p)"):
@@ -272,10 +299,15 @@ class _Source(Text):
 
     def history(self) -> None:
         """Write the functions of the springs between grains."""
-        for name, write in (("advance", self._grains.advance), ("begin", self._grains.begin)):
-            with self._function(f"{name}(t, u, v, p)"):
-                write()
-                self._line("return 0.0")
+        with self._function("advance(t, u, v, p)"):
+            self._line("out_of_line()")  # it is compiled once, though it has two callers
+            for text in self.grains:
+                text.advance()
+            self._line("return 0.0")
+        with self._function("begin(t, u, v, p)"):
+            for text in self.grains:
+                text.begin()
+            self._line("advance(t, u, v, p)", "return 0.0")
 
     def events(self) -> None:
         """Write the two functions of the events of each effect on a group."""
@@ -289,7 +321,7 @@ class _Source(Text):
                     self._reset(one, apply)
                 elif any(name in law.functions for name in FORCES):
                     apply = "unchanged"
-                self.occasions.append(_Occasion(law.events, law.crossing, g, apply))
+                self.occasions.append(_Occasion(law.events, law.effect.crossing, g, apply))
 
     # The parts of these functions
 
@@ -307,11 +339,12 @@ class _Source(Text):
                 self._rows(block)
             elif block is not row and block not in holding:
                 self._pairs(block)
-        self._meshes.forces()
+        for mesh in self._meshes:
+            mesh.forces()
 
     def _forces_on_part(self) -> None:
         """Do so for the masses of a part. A force on masses of two parts is computed in both."""
-        self._in_part, begin = True, len(self._out.lines)
+        self._in_part, begin = True, len(self._source.lines)
         on_all, others = self._bodies_by_extent()
         self._line(f"low, end = bounds({self._n}, part, parts)")
         self._constants(on_all, *_BODY)
@@ -321,8 +354,9 @@ class _Source(Text):
             self._some_masses(block)
         for block in self._links:
             self._pairs(block)
-        self._meshes.forces_on_part()
-        self._in_part, self._reads_v = False, any(re.search(r"\bv\b", line) for line in self._out.lines[begin:])
+        for mesh in self._meshes:
+            mesh.forces_on_part()
+        self._in_part, self._reads_v = False, any(re.search(r"\bv\b", line) for line in self._source.lines[begin:])
 
     def _every_mass(self, on_all: list[Block], row: Block | None, holding: list[Block]) -> None:
         """Set all accelerations, from the effects on all masses and, in the same loop, the longest row of links.
@@ -428,9 +462,9 @@ class _Source(Text):
             if "state_after" in law.functions:
                 self._line(f"state = {law.call('state_after', s, offered)}")
             changes_velocity = law.functions.keys() & {"velocity_after", "rate_after"}
-            takes_part = changes_velocity and not self._suffix
-            if takes_part:
-                self._constraints.before_impulse()
+            constraints = self._constraints if changes_velocity and not self._suffix else None
+            if constraints:
+                constraints.before_impulse()
             if "velocity_after" in law.functions:
                 self._line(f"after = {law.call('velocity_after', s, offered)}")
                 for k, axis in enumerate(self._axes):
@@ -438,8 +472,8 @@ class _Source(Text):
             if "rate_after" in law.functions:
                 self._line(f"change = {law.call('rate_after', s, offered)} - {offered['rate']}")
                 self._strike(block, i, j)
-            if takes_part:
-                self._constraints.after_impulse()
+            if constraints:
+                constraints.after_impulse()
             if "state_after" in law.functions:
                 self._line(f"{law.columns[STATE].of(s)} = state")
             if follows_work:
@@ -448,7 +482,8 @@ class _Source(Text):
 
         if self._suffix:
             with self._function(f"{name}(member, t, u, v, p)"):
-                self._bodies_text.reset(f"{name}_of_all(member, t, everywhere, speeds, p)")
+                assert self._constraints
+                self._bodies_text.reset(f"{name}_of_all(member, t, everywhere, speeds, p)", self._constraints)
 
     @contextmanager
     def _of_member(self, name: str, block: Block) -> Iterator[tuple[str, str, str]]:
@@ -662,7 +697,7 @@ class _Source(Text):
         """
         with self._members(block, *functions) as (s, i, j):
             self._separation(block, s, i, j)
-            cutoffs = [law.value(law.cutoff, s) for law in block.laws if law.cutoff]
+            cutoffs = [law.value(law.effect.cutoff, s) for law in block.laws if law.effect.cutoff]
             near = ""
             if not self._is_signed and len(cutoffs) == len(block.laws):
                 near = " or ".join(f"square < {cutoff} * {cutoff}" for cutoff in cutoffs)

@@ -69,10 +69,6 @@ class ConstraintSet:
     def depends_on_time(self) -> bool:
         return any({"length", "target"} & kind.effect.functions().keys() for kind in self.kinds)
 
-    def period(self, row: int) -> float:
-        """Return the period of phi of a constraint of its own, from the number of its first row."""
-        return next(kind.effect.period for kind in self.kinds if kind.rows[0] == row)
-
 
 def collected(cloud: Any, placements: Sequence[Any], degrees: int) -> ConstraintSet:
     """Collect the constraints of a scene."""
