@@ -21,6 +21,7 @@ from .hertz_mindlin import HertzMindlin
 from .hinge_bending import HingeBending
 from .lennard_jones import LennardJones
 from .linear_damper import LinearDamper
+from .linear_drag import LinearDrag
 from .linear_spring import LinearSpring
 from .mass_contact import MassContact
 from .mass_impact import MassImpact
@@ -65,6 +66,7 @@ __all__ = [
     "HingeBending",
     "LennardJones",
     "LinearDamper",
+    "LinearDrag",
     "LinearSpring",
     "Link",
     "MassContact",
