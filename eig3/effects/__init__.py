@@ -21,7 +21,6 @@ from .hertz_mindlin import HertzMindlin
 from .hinge_bending import HingeBending
 from .lennard_jones import LennardJones
 from .linear_damper import LinearDamper
-from .linear_drag import LinearDrag
 from .linear_spring import LinearSpring
 from .mass_contact import MassContact
 from .mass_impact import MassImpact
@@ -66,7 +65,6 @@ __all__ = [
     "HingeBending",
     "LennardJones",
     "LinearDamper",
-    "LinearDrag",
     "LinearSpring",
     "Link",
     "MassContact",
