@@ -55,7 +55,6 @@ class GrainsText(SwarmText):
         source.functions |= {**grains.FUNCTIONS, "bounds": neighbours.bounds, "out_of_line": out_of_line}
 
     def forces(self) -> None:
-        """Add the forces and torques of grains to the accelerations."""
         if self._source.team is not None:
             super().forces()
         else:
@@ -118,7 +117,6 @@ class GrainsText(SwarmText):
         """Grains have none."""
 
     def power(self) -> None:
-        """Add the power of grains on each other."""
         self._refreshed(*self._functions)
         self._springs()
         self._near([lambda: self._add_power(True)])
@@ -197,7 +195,7 @@ class GrainsText(SwarmText):
     def _sizes(self) -> None:
         """Compute the arms, which together are the distance, the effective radius and the effective mass."""
         own = self.listing.own.get("reach")
-        self._line(f"reach = {self._own('reach') if own is not None else self._law.value('reach', '')}")
+        self._line(f"reach = {self._field('reach') if own is not None else self._law.value('reach', '')}")
         if self._has_groups:
             radii = "(reach - near_radius)", "near_radius"
         elif own is not None:

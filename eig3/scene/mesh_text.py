@@ -11,11 +11,11 @@ from contextlib import contextmanager
 
 from .assembly import Assembly, Mesh
 from .cell import Cell
-from .source import Column, Source, Symbols, entry
-from .text import Text, of_part
+from .source import Column, Source, entry
+from .text import BlockText, Text, of_part
 
 
-class MeshText(Text):
+class MeshText(BlockText):
     """Cells of one kind in the source.
 
     Attributes
@@ -36,19 +36,15 @@ class MeshText(Text):
         self._offered = {name: name for name in ("t", "x", "rate", variable, conjugate) if name} | {"v": "velocity"}
 
     def forces(self) -> None:
-        """Add the forces of the cells to the accelerations of their masses."""
-        with self._loop():
+        is_part = self._source.is_of_part
+        with self._loop(), self._only_if(of_part(*self._indices) if is_part else ""):
             self._push()
-            self._scatter(f"{{i}} < {self._n}" if self._is_held else "")
-
-    def forces_on_part(self) -> None:
-        """Add the forces of the cells to the accelerations of their masses from the index low to the index end."""
-        with self._loop(), self._only_if(of_part(*self._indices)):
-            self._push()
-            self._scatter(of_part("{i}"))
+            for c, i in enumerate(self._indices):
+                with self._only_if(of_part(i) if is_part else f"{i} < {self._n}" if self._is_held else ""):
+                    for k, axis in enumerate(self._axes):
+                        self._line(f"{self._at('a', axis, i)} += push[{c}][{k}] * {self._w(i)}")
 
     def potential(self) -> None:
-        """Add the potentials of the cells to the total."""
         if "potential" in self._law.functions:
             extent = self._effect.extent
             factor = f"{self._law.value(extent, 's')} * " if extent else ""
@@ -103,13 +99,6 @@ class MeshText(Text):
         points = (f"{called}(t, {array}, p, {i})" if self._is_held else self._vector(array, i) for i in self._indices)
         self._line(f"{name} = ({', '.join(points)},)")
 
-    def _scatter(self, condition: str) -> None:
-        """Add the forces of a cell to the accelerations of its points i that meet a condition, or of all."""
-        for c, i in enumerate(self._indices):
-            with self._only_if(condition.format(i=i)):
-                for k, axis in enumerate(self._axes):
-                    self._line(f"{self._at('a', axis, i)} += push[{c}][{k}] * {self._w(i)}")
-
 
 class SupportsText(Text):
     """The functions of the place and the velocity of a point of cells with supports."""
@@ -135,13 +124,6 @@ class SupportsText(Text):
                 self._line(*motion.constants("motion"), f"moved = index({members.of('s')})")
                 with self._block("if moved > 0"):
                     self._line(f"shift, speed = {motion.call('motion', '(moved - 1)', {'t': 't'})}")
-                    for axis, along in zip(self._axes, _directions(motion), strict=False):
-                        self._line(f"{axis} += {value} * {along}")
+                    for axis in self._axes:
+                        self._line(f"{axis} += {value} * {self._direction(motion, axis, '(moved - 1)')}")
             self._line(f"return {', '.join(self._axes)},")
-
-
-def _directions(motion: Symbols) -> list[str]:
-    column = motion.columns["direction"]
-    assert isinstance(column, Column)
-    assert column.zero is not None
-    return [column.component(k, "(moved - 1)") for k in range(len(column.zero))]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..kernels.compile.source import Writer
-from .assembly import EVENT, STATE, Assembly, Group, Law
+from .assembly import EVENT, STATE, Assembly, Law
 from .box_text import BoxText
 from .effect import Effect, arguments
 from .names import identifier, words
@@ -112,44 +112,6 @@ class Symbols:
         return self.names[name] if column.is_uniform else column.of(member)
 
 
-@dataclass(frozen=True, eq=False)
-class Block:
-    """A group in the source: its laws, its fixed ends and their motions, and the runs of its indices."""
-
-    group: Group
-    laws: list[Symbols]
-    anchor: Column | None
-    moved: list[Column | None]  # which member of each motion moves the fixed ends; None for a motion with one member
-    runs: np.ndarray
-    table: int  # the place of the runs, or of all indices, in p; unused if there is one run
-    ends: list[Column]  # the indices of the masses of each member, for the events; empty without events
-
-    @property
-    def size(self) -> int:
-        return self.group.first.size
-
-    @property
-    def joins_masses(self) -> bool:
-        return self.group.second is not None
-
-    @property
-    def is_link(self) -> bool:
-        return self.joins_masses or self.anchor is not None
-
-    @property
-    def is_row(self) -> bool:
-        """Whether every link joins masses with consecutive indices."""
-        return self.group.difference == 1
-
-    def having(self, *functions: str) -> list[Symbols]:
-        """Return the laws that have one of these functions."""
-        return [law for law in self.laws if any(f in law.functions for f in functions)]
-
-    def reads(self, name: str, *functions: str) -> bool:
-        """Return whether one of these functions of a law has an argument of this name."""
-        return any(law.reads(name, *functions) for law in self.laws)
-
-
 class Source(Writer):
     """The source of one scene, and its array p.
 
@@ -166,6 +128,8 @@ class Source(Writer):
     team : int or None
         The place of the team of threads that share the forces between near points; None if no number of threads is
         given, or the scene is small.
+    is_of_part : bool
+        Whether what is written is for the masses of a part, from low to end.
     """
 
     def __init__(self, assembly: Assembly) -> None:
@@ -180,6 +144,7 @@ class Source(Writer):
         sides = {axis: self.add(side) for axis, side in zip("xyz", cloud.box, strict=False) if side > 0}
         self.box = BoxText(sides, self.add(np.array(cloud.shear)) if cloud.shear else None)
         self.team: int | None = None
+        self.is_of_part = False
 
     @property
     def size(self) -> int:
@@ -248,20 +213,6 @@ class Source(Writer):
             taken.add(names[f"${number}"])
         functions = {names.get(name, name): function for name, function in self.functions.items()}
         return re.sub(r"\$\d+", lambda found: names[found[0]], source), functions
-
-    def group(self, group: Group) -> Block:
-        laws = [self.symbols(law) for law in group.laws]
-        anchor = None if group.anchor is None else self.column(group.anchor, is_place=True)
-        moves = () if group.moved is None else zip(group.motions, group.moved.T, strict=True)
-        moved = [self.column(column) if self.motions[number].members > 1 else None for number, column in moves]
-        runs = group.runs
-        table = (
-            runs if group.in_runs else np.concatenate([group.first, *([] if group.second is None else [group.second])])
-        )
-        place = self.add(table) if len(runs) > 1 else 0
-        has_events = any(law.events.size for law in laws)
-        ends = [self.column(x) for x in (group.first, group.second) if has_events and x is not None]
-        return Block(group, laws, anchor, moved, runs, place, ends)
 
 
 def _inverse(values: np.ndarray) -> np.ndarray:

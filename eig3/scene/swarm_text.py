@@ -18,14 +18,14 @@ from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
 from .assembly import Assembly, Law
 from .source import Source, entry
 from .swarm import Swarm, listed
-from .text import Text
+from .text import BlockText
 
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
 _VECTOR = 32  # pairs: a multiple of those whose forces are computed together, and a divisor of BATCH
 _ALL_ABOVE = "above[begin], stops[stop - 1]"  # those of several points
 
 
-class SwarmText(Text):
+class SwarmText(BlockText):
     """A link between near points in the source.
 
     Attributes
@@ -44,13 +44,11 @@ class SwarmText(Text):
         source.add(self.listing.values)
         self._number = number  # of the list among all of the scene
         self._first = LISTS + number * STAGES
-        self._in_part = False  # whether the lines are for a part of the points
         used = ("memory", "floats", "integers", "batch", "REFRESH", "SCAN", "BUILD", "REACH")
         source.functions |= {name: getattr(neighbours, name) for name in used}
         source.functions["lists"] = neighbours.LISTS[assembly.dimension]
 
     def forces(self) -> None:
-        """Add the forces between near points to the accelerations of their masses."""
         if self._source.team is None:
             self._refreshed(*self._functions)
             self._act(lambda: self._on_both("", self._if_mass))
@@ -66,12 +64,10 @@ class SwarmText(Text):
             self._stages()
 
     def _stages(self) -> None:
-        self._in_part = True
         for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")) if self._source.team is not None else ():
             with self._block(f"if stage == {self._first + stage}"):
                 self._line(f"lists({task}, {self._time}, u, p, index({self.listing.place}), part, parts)")
         self._acting()
-        self._in_part = False
 
     def _acting(self) -> None:
         """Add the forces on the points of a part."""
@@ -148,14 +144,12 @@ class SwarmText(Text):
             self._line(f"{self._at('a', axis, 'j')} -= f{axis} * {self._w('j')}")
 
     def potential(self) -> None:
-        """Add the potentials of near points to the total."""
         if "potential" in self._law.functions:
             self._refreshed("potential")
             add = f"total += {self._law.call('potential', '', self._offered)}"
             self._near([lambda: self._line("r = sqrt(tiny + square)", add)])
 
     def power(self) -> None:
-        """Add the power of the forces without a potential, and of the images in a box that shears."""
         loses = "potential" not in self._law.functions
         if loses or self._box.shears:
             self._refreshed(*self._functions)
@@ -204,7 +198,7 @@ class SwarmText(Text):
         `where` are the places of the pairs in the list. The list has the pairs of a few points at a time if it has no
         room for all.
         """
-        low, end = ("low", "end") if self._in_part else ("0", str(self.listing.masses))
+        low, end = ("low", "end") if self._source.is_of_part else ("0", str(self.listing.masses))
         self._line(f"stop = index({low})")
         with self._block(f"while stop < {end}"):
             self._line(f"begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({end})))")
@@ -262,7 +256,7 @@ class SwarmText(Text):
         self._line("mate = index(mates[e])")
         if not self._is_dense:
             self._line("point = index(owners[e])")
-            if self._in_part:
+            if self._source.is_of_part:
                 self._line("point, mate = min(point, mate), max(point, mate)")
             self._here()
         self._line(*(f"d{axis} = {self._place('mate', axis)} - {axis}_here" for axis in self._axes))
@@ -273,7 +267,7 @@ class SwarmText(Text):
     def _is_near(self) -> str:
         """The condition that two points are within the cutoff."""
         name = self._law.effect.cutoff
-        cutoff = self._law.value(name, "") if name in self._law.columns else self._own(name)
+        cutoff = self._law.value(name, "") if name in self._law.columns else self._field(name)
         return f"square < {cutoff} * {cutoff}"
 
     def _length(self, reads_rate: bool) -> None:
@@ -315,9 +309,9 @@ class SwarmText(Text):
     @property
     def _offered(self) -> dict[str, str]:
         offered = {"t": "t", "r": "r", "rate": "rate"}
-        return offered | {name: self._own(name) for name in self.listing.own}
+        return offered | {name: self._field(name) for name in self.listing.own}
 
-    def _own(self, name: str) -> str:
+    def _field(self, name: str) -> str:
         place = self.listing.own[name]
         return f"({entry('p', place, 'point')} + {entry('p', place, 'mate')})"
 
