@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..kernels import constraints, neighbours
-from .assembly import Assembly, Law
+from .assembly import Assembly
 from .constraint import TINY
 from .source import Source, Symbols
 from .straight_text import StraightText, is_few
 from .text import Text
 
 if TYPE_CHECKING:
-    from .constraint_set import ConstraintSet, Kind
+    from .constraint_set import ConstraintSet
 
 
 class ConstraintText(Text):
@@ -31,7 +31,7 @@ class ConstraintText(Text):
         self._place = source.size  # of their table in p
         packed = held.table.packed(self._place)
         source.add(packed.values)
-        self._laws = [(source.symbols(Law(x.effect, x.columns)), x) for x in held.kinds]
+        self._laws = [(source.symbols(law), rows) for law, rows in held.kinds]
         # the place in p of the number of each row, in the order in which they were added, among those of the table
         self._order = source.add(np.argsort(packed.order))
         self.straight = StraightText(held.table, packed, self._place) if is_few(assembly) else None
@@ -100,14 +100,14 @@ class ConstraintText(Text):
         if table.own_arms:
             with self._block("if task != PLACE"):
                 self._line(f"sum_up(u, c, {len(table.weights)}, {len(table.arms)}, True, c.arms, {self._d})")
-        for law, kind in self._laws:
+        for law, rows in self._laws:
             self._line(*law.constants("length", "target", "phi", "gradient"))
-            with self._block(f"for s in range({len(kind.rows)})"):
-                self._line(f"row = index(p[{self._order + int(kind.rows[0])} + s])")
+            with self._block(f"for s in range({len(rows)})"):
+                self._line(f"row = index(p[{self._order + int(rows[0])} + s])")
                 if "length" in law.functions:
                     self._length(law)
                 else:
-                    self._phi(law, kind)
+                    self._phi(law, int(rows[0]))
 
     def _length(self, law: Symbols) -> None:
         self._line(f"length, rate, acceleration = {law.call('length', 's', {'t': 't'})}")
@@ -115,9 +115,9 @@ class ConstraintText(Text):
         self._line("c.target_rates[row] = c.scales[row] * 2 * length * rate")
         self._line("c.target_curvatures[row] = 2 * (rate * rate + length * acceleration)")
 
-    def _phi(self, law: Symbols, kind: Kind) -> None:
+    def _phi(self, law: Symbols, first: int) -> None:
         """Write the value and the gradient, or the curvature: the change of the gradient along the velocity."""
-        row, period = self._held.table.rows[kind.rows[0]], kind.effect.period
+        row, period = self._held.table.rows[first], law.effect.period
         if has_target := "target" in law.functions:
             self._line(f"target, rate, acceleration = {law.call('target', 's', {'t': 't'})}")
             self._line("c.target_rates[row] = rate")

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, check_flag, reals
-from .assembly import Bodies, Cloud, Placement, count_states
+from .assembly import Bodies, Cloud, count_states
 from .body_torque import BodyTorque
 from .cell import same_points
 from .effect import Body, Effect, Link, arguments
 from .grain_contact import Rough
 from .picture import moves
+from .placed import Placed
 from .swarm import Swarm, check_swarm
 
 _ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension
@@ -147,7 +148,7 @@ class Description:
         self._swarms: list[Swarm] = []
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
-        self._placements: list[Placement] = []
+        self._placed: list[Placed] = []
         self._bodies = Bodies([], {}, [])
 
     def fixed(self, position: ArrayLike) -> Points:
@@ -263,7 +264,7 @@ class Description:
             )
         numbers = self._numbers_of(points, effect)
         if not numbers:  # on all masses; their number is known later
-            self._placements.append((effect, (), None))
+            self._placed.append(Placed(effect, {}))
             return
         columns = effect.columns(numbers[0].shape, self.dimension)
         flat = tuple(array.ravel() for array in numbers)
@@ -276,7 +277,7 @@ class Description:
         effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat], columns)
         if not flat[0].size:
             return
-        self._placements.append((effect, flat, columns))
+        self._placed.append(Placed(effect, columns, flat))
 
     def _add_swarm(
         self, effect: Link, points: Points, near: Points | None, leaves_joined: bool, room: int | None
@@ -395,7 +396,7 @@ class Description:
             raise ValueError("fixed points have no angles; only masses do.")
         count = np.count_nonzero(cloud.is_own)
         size = values.shape[-1] if values.ndim else 0
-        expected = count * (self.dimension + kinds) + count_states(cloud, self._placements)
+        expected = count * (self.dimension + kinds) + count_states(cloud, self._placed)
         if size != expected:
             raise ValueError(
                 f"values must have {expected} degrees of freedom on the last axis, such as those of "
@@ -419,7 +420,7 @@ class Description:
         """Return the positions of fixed points, or their rates, in states of a shape."""
         places = 0.0 * self._cloud().positions[numbers] if rate else self._cloud().positions[numbers]
         found = np.tile(places, (*shape, 1, 1))
-        for function, given, direction, some in moves(self._placements):
+        for function, given, direction, some in moves(self._placed):
             moved = np.isin(numbers, some)
             if not moved.any():
                 continue

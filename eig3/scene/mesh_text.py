@@ -9,8 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from .assembly import Assembly, Mesh
+import numpy as np
+
+from .assembly import Assembly
 from .cell import Cell
+from .placed import Placed
 from .source import Column, Source, entry
 from .text import BlockText, Text, of_part
 
@@ -24,14 +27,15 @@ class MeshText(BlockText):
         The number of cells.
     """
 
-    def __init__(self, assembly: Assembly, source: Source, mesh: Mesh) -> None:
+    def __init__(self, assembly: Assembly, source: Source, mesh: Placed) -> None:
         super().__init__(assembly, source)
-        assert isinstance(mesh.law.effect, Cell)
-        self._effect, self._law, self._is_held = mesh.law.effect, source.symbols(mesh.law), mesh.held
-        self._table = source.add(mesh.corners)  # the first corners of all cells; the second corners follow, and so on
-        count, self.size = mesh.corners.shape
+        assert isinstance(mesh.effect, Cell)
+        self._effect, self._law, corners = mesh.effect, source.symbols(mesh), np.array(mesh.points)
+        self._table = source.add(corners)  # the first corners of all cells; the second corners follow, and so on
+        count, self.size = corners.shape
         self._indices = [f"i{c}" for c in range(count)]
-        self._moves = mesh.held and bool(assembly.supports.moved)
+        self._is_held = bool((corners >= self._n).any())  # every cell then has a support
+        self._moves = self._is_held and bool(assembly.supports.moved)
         variable, conjugate = self._effect.variable, self._effect.conjugate
         self._offered = {name: name for name in ("t", "x", "rate", variable, conjugate) if name} | {"v": "velocity"}
 

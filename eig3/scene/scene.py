@@ -210,7 +210,7 @@ class Scene(Description):
         """
         check_span(t_span)
         cloud = self._cloud()
-        assembly = assemble(cloud, self._placements, self._swarms, work=work)
+        assembly = assemble(cloud, self._placed, self._swarms, work=work)
         if assembly.angles and cloud.bodies.vectors:
             raise ValueError("a scene with rigid bodies has no masses with an inertia of their own: make them bodies.")
         code = codegen.compiled(assembly, None if threads is None else check_count(threads, "threads"))
@@ -236,5 +236,5 @@ class Scene(Description):
             outputs=code.outputs,
             encounters=Encounters.of(assembly),
             masses=assembly.inertias,
-            view=mechanism(cloud, numbered(cloud, self._placements)[0], self._swarms),
+            view=mechanism(cloud, numbered(cloud, self._placed)[0], self._swarms),
         )

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..kernels.compile.source import Writer
-from .assembly import EVENT, STATE, Assembly, Law
+from .assembly import EVENT, STATE, Assembly
 from .box_text import BoxText
 from .effect import Effect, arguments
 from .names import identifier, words
+from .placed import Placed
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ class Source(Writer):
             zero = tuple((is_zero & (is_place or not is_zero.all())).tolist())
         return Column(self.add(values.T), len(values), zero)
 
-    def symbols(self, law: Law) -> Symbols:
+    def symbols(self, law: Placed) -> Symbols:
         """Append the parameters of a law to p, and name its functions."""
         effect, functions = law.effect, law.effect.functions()
         columns: dict[str, Any] = {

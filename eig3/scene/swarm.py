@@ -15,6 +15,7 @@ from .cell import Cell
 from .constraint import Constraint
 from .effect import Link, Motion
 from .grain_contact import Rough
+from .placed import Placed
 
 _SKIN = 0.2  # as a part of the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
@@ -151,7 +152,7 @@ def check_swarm(swarm: Swarm, cloud: Any) -> None:
         raise ValueError(f"near of {title} must be fixed points; give masses in the same array as the others.")
 
 
-def check_rest(swarms: Sequence[Swarm], placements: Sequence[Any]) -> None:
+def check_rest(swarms: Sequence[Swarm], placed: Sequence[Placed]) -> None:
     """Refuse swarms with fixed points that a motion moves: a list has their places at the start.
 
     Raises
@@ -159,7 +160,7 @@ def check_rest(swarms: Sequence[Swarm], placements: Sequence[Any]) -> None:
     ValueError
         The error names the effect.
     """
-    moved = [numbers[0] for effect, numbers, _ in placements if isinstance(effect, Motion)]
+    moved = [law.points[0] for law in placed if isinstance(law.effect, Motion)]
     for swarm in swarms:
         if moved and np.isin(np.concatenate(moved), np.concatenate([swarm.first, swarm.second])).any():
             raise ValueError(
@@ -168,15 +169,15 @@ def check_rest(swarms: Sequence[Swarm], placements: Sequence[Any]) -> None:
             )
 
 
-def joined_pairs(placements: Sequence[Any], carried: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+def joined_pairs(placed: Sequence[Placed], carried: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """Return the pairs of points that are joined, of shape (pairs, 2), the smaller number first.
 
     A link, a cell or a constraint joins its points. A rigid body joins its centre and the points that it carries.
     """
     found = [np.empty((0, 2), dtype=np.int64)]
-    for effect, numbers, _ in placements:
-        if isinstance(effect, Link | Cell | Constraint):
-            ends = np.column_stack(numbers)
+    for law in placed:
+        if isinstance(law.effect, Link | Cell | Constraint):
+            ends = np.column_stack(law.points)
             found += [ends[:, [i, j]] for i in range(ends.shape[1]) for j in range(i)]
     bodies: dict[int, list[int]] = {}
     for point, (parts, _) in carried.items():

@@ -15,7 +15,8 @@ from collections.abc import Callable, Sequence
 from ..kernels import neighbours
 from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
-from .assembly import Assembly, Law
+from .assembly import Assembly
+from .placed import Placed
 from .source import Source, entry
 from .swarm import Swarm, listed
 from .text import BlockText
@@ -37,7 +38,7 @@ class SwarmText(BlockText):
 
     def __init__(self, assembly: Assembly, source: Source, swarm: Swarm, number: int) -> None:
         super().__init__(assembly, source)
-        self._law = source.symbols(Law(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))
+        self._law = source.symbols(Placed(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))
         pairs = assembly.joined if swarm.leaves_joined else assembly.joined[:0]
         u0 = assembly.cloud.in_order(assembly.cloud.positions).T.ravel()
         self.listing = listed(swarm, source.size, assembly.cloud, u0, pairs)
