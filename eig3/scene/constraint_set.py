@@ -170,6 +170,7 @@ def _driven(held: ConstraintSet, t: float, values: np.ndarray) -> np.ndarray:
     """Put targets that depend on the time into the values of phi; return their part of its rate."""
     rates = np.zeros(len(values))
     for law, its_rows in held.kinds:
+        assert isinstance(law.effect, Constraint)
         functions = law.effect.functions()
         for member, row in enumerate(its_rows):
             if "length" in functions:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..kernels import constraints, neighbours
 from .assembly import Assembly
-from .constraint import TINY
+from .constraint import TINY, Constraint
 from .source import Source, Symbols
 from .straight_text import StraightText, is_few
 from .text import Text
@@ -117,6 +117,7 @@ class ConstraintText(Text):
 
     def _phi(self, law: Symbols, first: int) -> None:
         """Write the value and the gradient, or the curvature: the change of the gradient along the velocity."""
+        assert isinstance(law.effect, Constraint)
         row, period = self._held.table.rows[first], law.effect.period
         if has_target := "target" in law.functions:
             self._line(f"target, rate, acceleration = {law.call('target', 's', {'t': 't'})}")
