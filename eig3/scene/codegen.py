@@ -17,8 +17,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -43,7 +42,7 @@ from .grains_text import GrainsText
 from .group_text import GroupText, MassesText
 from .links_text import LinksText
 from .mesh_text import MeshText, SupportsText
-from .source import Source
+from .source import Source, Symbols
 from .swarm_text import SwarmText
 from .text import BlockText, Text, added
 
@@ -64,18 +63,8 @@ def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
     """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
 
 
-class Compiled(NamedTuple):
-    """The right-hand side of a scene, its energy or None, its events and outputs, and the parameters of these."""
-
-    rhs: Any
-    energy: Any
-    events: dict[str, Event]
-    outputs: dict[str, Any]
-    params: np.ndarray
-
-
-def compiled(assembly: Assembly, threads: int | None = None) -> Compiled:
-    """Return the functions of a scene, and their parameters.
+def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
+    """Return the arguments of `Problem` that a scene's code gives: rhs, energy, events, outputs and params.
 
     Scenes that differ only in parameters get the same functions. A large one is for this number of threads, if it
     is given.
@@ -100,17 +89,18 @@ def compiled(assembly: Assembly, threads: int | None = None) -> Compiled:
         functions["rhs"].py_func.constraints = Constraints(*keeping, writing.straight(functions))
     if writing.grains:
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
-    found: dict[str, Event] = {}
-    for occasion in writing.occasions:
-        found |= occasion.events(functions, assembly.events)
-    events = {name: found[name] for name in assembly.events}  # in the order in which the effects were added
-    outputs = {"reactions": (functions["reactions"], len(assembly.held.names))} if assembly.held else {}
-    return Compiled(functions["rhs"], functions.get("energy"), events, outputs, source.params)
+    return {
+        "rhs": functions["rhs"],
+        "energy": functions.get("energy"),
+        "events": writing.events_of(functions, assembly.events),
+        "outputs": {"reactions": (functions["reactions"], len(assembly.held.names))} if assembly.held else {},
+        "params": source.params,
+    }
 
 
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-    known = {"sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index, "unchanged": unchanged}
+    known = {"sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index}
     known["jit"] = functools.partial(jit, **WITHOUT_C_WRAPPER)
     return define(text, "scene", {**known, **dict(names)})
 
@@ -120,39 +110,12 @@ def _members(function: Any, count: int) -> list[Any]:
     return Family(function, count).members
 
 
-@dataclass(frozen=True, eq=False)
-class _Occasion:
-    """The events of one effect on a group.
-
-    Attributes
-    ----------
-    numbers : ndarray of int
-        The number of each member's event.
-    direction : int
-    g, apply : str
-        The names of the functions; apply is empty if there is none, and "unchanged" for the function of this name.
-    """
-
-    numbers: np.ndarray
-    direction: int
-    g: str
-    apply: str
-
-    def events(self, functions: dict[str, Any], names: list[str]) -> dict[str, Event]:
-        """Return the events by name."""
-        count, same = self.numbers.size, {"": None, "unchanged": unchanged}
-        g = _members(functions[self.g], count)
-        apply = [same[self.apply]] * count if self.apply in same else _members(functions[self.apply], count)
-        return {names[number]: Event(g[s], self.direction, apply=apply[s]) for s, number in enumerate(self.numbers)}
-
-
 class _Functions(Text):
     """Writes the functions of one scene.
 
     Attributes
     ----------
     grains : list of GrainsText
-    occasions : list of _Occasion
     """
 
     def __init__(self, assembly: Assembly, source: Source, threads: int | None) -> None:
@@ -186,7 +149,7 @@ class _Functions(Text):
         self._suffix = self._bodies_text.suffix
         self._rhs_name = f"forces{self._suffix}" if assembly.held else "rhs"
         self._own_masses = assembly.own
-        self.occasions: list[_Occasion] = []
+        self._occurring: list[Symbols] = []  # the laws with events, by the number in the names of their functions
 
     # The functions
 
@@ -295,15 +258,23 @@ class _Functions(Text):
         """Write the two functions of the events of each effect on a group."""
         for group in self._groups:
             for law in group.having("event"):
-                one, k = group.of_laws([law]), len(self.occasions)
-                g, apply = f"event_{k}", ""
-                self._event(one, g)
+                one, k = group.of_laws([law]), len(self._occurring)
+                self._event(one, f"event_{k}")
                 if any(name in law.functions for name in RESETS):
-                    apply = f"reset_{k}"
-                    self._reset(one, apply)
-                elif any(name in law.functions for name in FORCES):
-                    apply = "unchanged"
-                self.occasions.append(_Occasion(law.events, law.effect.crossing, g, apply))
+                    self._reset(one, f"reset_{k}")
+                self._occurring.append(law)
+
+    def events_of(self, functions: dict[str, Any], names: list[str]) -> dict[str, Event]:
+        """Return the events by these names, from the compiled functions."""
+        found: dict[str, Event] = {}
+        for k, law in enumerate(self._occurring):
+            count, changes = law.events.size, any(name in law.functions for name in FORCES)
+            g, apply = _members(functions[f"event_{k}"], count), [unchanged if changes else None] * count
+            if f"reset_{k}" in functions:
+                apply = _members(functions[f"reset_{k}"], count)
+            for s, number in enumerate(law.events):
+                found[names[number]] = Event(g[s], law.effect.crossing, apply=apply[s])
+        return {name: found[name] for name in names}  # in the order in which the effects were added
 
     # The parts of these functions
 
@@ -417,14 +388,8 @@ class _Functions(Text):
             constraints = self._constraints if changes_velocity and not self._suffix else None
             if constraints:
                 constraints.before_impulse()
-            if "velocity_after" in law.functions:
-                self._line(f"after = {law.call('velocity_after', s, offered)}")
-                for k, axis in enumerate(self._axes):
-                    self._line(f"{self._at('v', axis, i)} = after[{k}]")
-            if "rate_after" in law.functions:
-                self._line(f"change = {law.call('rate_after', s, offered)} - {offered['rate']}")
-                assert isinstance(group, LinksText)
-                group.strike(i, j)
+            if changes_velocity:
+                group.strike(s, i, j, offered)
             if constraints:
                 constraints.after_impulse()
             if "state_after" in law.functions:

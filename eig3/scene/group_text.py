@@ -64,6 +64,10 @@ class GroupText(BlockText):
         """Compute the values that these functions of one member can take; return their source by the arguments."""
         raise NotImplementedError
 
+    def strike(self, s: str, i: str, j: str, offered: dict[str, str]) -> None:
+        """Change the velocities of a member at an event of the first law."""
+        raise NotImplementedError
+
     def constants(self, *functions: str) -> None:
         """Read common parameters before the loop: the compiler cannot prove that a and p do not alias."""
         for law in self.laws:
@@ -157,6 +161,10 @@ class MassesText(GroupText):
     def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         self.constants(*functions)
         return self._mass(i, *functions)
+
+    def strike(self, s: str, i: str, j: str, offered: dict[str, str]) -> None:
+        self._line(f"after = {self.laws[0].call('velocity_after', s, offered)}")
+        self._line(*(f"{self._at('v', axis, i)} = after[{k}]" for k, axis in enumerate(self._axes)))
 
     def given(self, s: str, i: str, *more: str) -> tuple[list[str], list[str]]:
         """Compute the accelerations and forces on mass i; return their names."""

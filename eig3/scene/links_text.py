@@ -111,8 +111,9 @@ class LinksText(GroupText):
         self.separation(s, i, j)
         return self._length(s, i, j, *functions)
 
-    def strike(self, i: str, j: str) -> None:
+    def strike(self, s: str, i: str, j: str, offered: dict[str, str]) -> None:
         """Change the rate by opposite impulses on the ends, or by one on the mass of a link to a support."""
+        self._line(f"change = {self.laws[0].call('rate_after', s, offered)} - {offered['rate']}")
         ends = [("+=", i, "change")]
         if self._joins_masses:
             self._line(f"impulse = change / ({self._w(i)} + {self._w(j)})")

@@ -221,20 +221,16 @@ class Scene(Description):
             v0 = fitting(assembly.held, u0, v0, float(t_span[0]))
         return Problem(
             name=name,
-            rhs=code.rhs,
             u0=u0,
             v0=v0,
-            params=code.params,
             t_span=(t_span[0], t_span[1]),
-            energy=code.energy,
             source=sources(assembly),
             note=note(assembly),
             names=names(assembly),
             units=units(assembly),
             integrals=("work",) if assembly.follows_work else (),
-            events=code.events,
-            outputs=code.outputs,
             encounters=Encounters.of(assembly),
             masses=assembly.inertias,
             view=mechanism(cloud, numbered(cloud, self._placed)[0], self._swarms),
+            **code,
         )
