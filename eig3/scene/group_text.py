@@ -13,7 +13,6 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from .assembly import Assembly, Group
-from .effect import FORCES
 from .source import Source, Symbols
 from .text import BlockText, of_part
 
@@ -134,7 +133,7 @@ class GroupText(BlockText):
 class MassesText(GroupText):
     """Forces on single masses, and accelerations."""
 
-    FORCES = FORCES[:2]
+    FORCES = ("force", "acceleration")
 
     def forces(self) -> None:
         with self.members(*self.FORCES) as (s, i, _):

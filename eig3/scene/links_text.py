@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from .assembly import Assembly, Group
-from .effect import FORCES
 from .group_text import GroupText
 from .source import Column, Source, Symbols
 from .text import added, of_part
@@ -19,7 +18,7 @@ from .text import added, of_part
 class LinksText(GroupText):
     """Links between two masses, or between a fixed end and a mass."""
 
-    FORCES = FORCES[2:4]
+    FORCES = ("tension", "density")
 
     def __init__(self, assembly: Assembly, source: Source, group: Group) -> None:
         super().__init__(assembly, source, group)

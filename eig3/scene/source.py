@@ -118,6 +118,8 @@ class Source(Writer):
 
     Attributes
     ----------
+    size : int
+        That of p so far.
     functions : dict of str to jitted function
         By their names in the source.
     weight : Column
@@ -136,6 +138,7 @@ class Source(Writer):
     def __init__(self, assembly: Assembly) -> None:
         super().__init__()
         self._parts: list[np.ndarray] = []
+        self.size = 0
         self._wanted: list[str] = []  # names, by the numbers that stand for them until the source is written
         self.functions: dict[str, Any] = {}
         self._first_state, cloud = assembly.coordinates, assembly.cloud
@@ -148,20 +151,15 @@ class Source(Writer):
         self.is_of_part = False
 
     @property
-    def size(self) -> int:
-        """The size of p."""
-        return sum(part.size for part in self._parts)
-
-    @property
     def params(self) -> np.ndarray:
         """The array p."""
         return np.concatenate(self._parts)
 
     def add(self, values: np.ndarray) -> int:
         """Append to p; return where."""
-        offset = self.size
         self._parts.append(np.ravel(values).astype(np.float64))
-        return offset
+        self.size += self._parts[-1].size
+        return self.size - self._parts[-1].size
 
     def column(self, values: np.ndarray, is_place: bool = False) -> Column:
         """Append a parameter of members to p."""
