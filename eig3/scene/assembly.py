@@ -253,8 +253,7 @@ class Assembly:
     @property
     def laws(self) -> list[Placed]:
         of_groups = [law for group in self.bodies + self.links for law in group.laws]
-        of_swarms = [Placed(swarm.effect, swarm.columns) for swarm in self.swarms]
-        return [*of_groups, *self.meshes, *of_swarms]
+        return [*of_groups, *self.meshes, *self.swarms]
 
     @property
     def is_conservative(self) -> bool:
@@ -315,7 +314,7 @@ def assemble(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm] = (
 def _without_idle_points(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm]) -> Cloud:
     """Return the points without those of bodies on which no force acts, such as joints. The code does not need them."""
     acting = [points for law in placed if not isinstance(law.effect, Constraint) for points in law.points]
-    used = [*acting, *(x for s in swarms for x in (s.first, s.second))]
+    used = [*acting, *(x for swarm in swarms for x in swarm.points)]
     idle = cloud.bodies.carried.keys() - set(np.concatenate([*used, np.empty(0, dtype=np.int64)]).tolist())
     masses, carried = cloud.masses.copy(), cloud.bodies.carried
     masses[list(idle)] = 0.0

@@ -172,7 +172,7 @@ class _Functions(Text):
                 if self._shares_cells:
                     with self._block(f"if stage == {OWN}"):
                         self._forces_on_part()
-                for near in self._near:
+                for near in self._near if self._source.team is not None else self.grains:
                     near.stages()
                 self._source.is_of_part = False
 

@@ -289,7 +289,7 @@ class Description:
             return
         columns = {name: column[:1] if (column == column[0]).all() else column for name, column in columns.items()}
         room = None if room is None else check_count(room, "room")
-        swarm = Swarm(effect, first, second, columns, check_flag(leaves_joined, "leaves_joined"), room)
+        swarm = Swarm(effect, columns, (first, second), check_flag(leaves_joined, "leaves_joined"), room)
         cloud = self._cloud()
         check_swarm(swarm, cloud)
         self._swarms.append(swarm)

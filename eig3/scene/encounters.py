@@ -189,10 +189,9 @@ class Encounters:
             most = first.size - 1 if len(groups) == 1 else max(first.size, second.size)
             inverse = min(most, self._dimension + 1) * of_two(inverses)
             depth = max(self._depth(swarm, x) for swarm in swarms)
-            laws = [Placed(swarm.effect, swarm.columns) for swarm in swarms]
-            for s in _extremes(laws):
-                meeting = _meeting(t, laws, s, depth, of_two(energies), of_two(rates), inverse)
-                yield self._rolling(meeting, t, laws[0], s, of_two(inverses), bool(second.size))
+            for s in _extremes(swarms):
+                meeting = _meeting(t, swarms, s, depth, of_two(energies), of_two(rates), inverse)
+                yield self._rolling(meeting, t, swarms[0], s, of_two(inverses), bool(second.size))
 
     def _rolling(self, meeting: _Meeting, t: float, law: Placed, s: int, inverse: float, has_groups: bool) -> _Meeting:
         """Return a meeting of grains, which have a radius, a mass, and springs along their surfaces."""
@@ -249,7 +248,7 @@ class Encounters:
 
 
 def _meeting(
-    t: float, laws: list[Placed], s: int, depth: float, energy: float, speed: float, inverse: float
+    t: float, laws: Sequence[Placed], s: int, depth: float, energy: float, speed: float, inverse: float
 ) -> _Meeting:
     """Return the meeting of two points by laws with a cutoff; `depth` is how far within it they are at the start."""
     reach = max(float(law.value(law.effect.cutoff, s)) for law in laws)

@@ -66,10 +66,6 @@ class GrainsText(SwarmText):
         self._line(f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)")
         self._line(f"share(index({stage}), index(0), index(1), t, memory(u), memory(v), kept, memory({a}))")
 
-    def stages(self) -> None:
-        """Do a part of a stage that threads share, or all of it without them."""
-        self._stages()
-
     def _acting(self) -> None:
         """Add the forces and torques on the points of a part, or write their springs to the next table.
 

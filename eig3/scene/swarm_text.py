@@ -61,10 +61,6 @@ class SwarmText(BlockText):
 
     def stages(self) -> None:
         """Do a part of a stage that threads share: the lists of points, or the forces on them."""
-        if self._source.team is not None:
-            self._stages()
-
-    def _stages(self) -> None:
         for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")) if self._source.team is not None else ():
             with self._block(f"if stage == {self._first + stage}"):
                 self._line(f"lists({task}, {self._time}, u, p, index({self.listing.place}), part, parts)")
