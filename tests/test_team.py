@@ -17,7 +17,7 @@ from eig3.kernels import grains as kernel
 from eig3.kernels import neighbours
 from eig3.problems.flag import sheet
 from eig3.run import short
-from eig3.scene import Scene, hinges, packing, swarm
+from eig3.scene import Scene, codegen, grains_text, hinges, swarm
 from eig3.stepping import team
 
 from .test_extend import assert_same
@@ -25,8 +25,8 @@ from .test_extend import assert_same
 
 @pytest.fixture(autouse=True)
 def _shared_from_the_start(monkeypatch):
-    monkeypatch.setattr(packing, "_SHARED", 1)
-    monkeypatch.setattr(packing, "_SHARED_CELLS", 1)
+    monkeypatch.setattr(codegen, "_SHARED", 1)
+    monkeypatch.setattr(codegen, "_SHARED_CELLS", 1)
     monkeypatch.setattr(team, "_WORTH", 0)
     monkeypatch.setattr(short, "MOST_SECONDS", 0)
     monkeypatch.setattr(swarm, "_JUMP", np.inf)  # most pairs shall be in two parts
@@ -164,8 +164,8 @@ def test_the_forces_are_those_of_a_small_scene(make, monkeypatch):
     """Only the order of rounding in two loops may differ: some units in the last place of a sum of forces."""
     shared = make().problem((0, 1), threads=3)
     run = shared.integrate(h=1e-3, save_every=100)
-    monkeypatch.setattr(packing, "_SHARED", 10**9)
-    monkeypatch.setattr(packing, "_SHARED_CELLS", 10**9)
+    monkeypatch.setattr(codegen, "_SHARED", 10**9)
+    monkeypatch.setattr(codegen, "_SHARED_CELLS", 10**9)
     alone = make().problem((0, 1))
     assert not hasattr(alone.rhs.py_func, "shares")
     for k in range(len(run.t)):
@@ -212,7 +212,7 @@ def test_a_list_without_room_has_one_part():
 
 def test_springs_of_a_part_without_room_are_written_in_turn(monkeypatch):
     """The grains that touch are the first ones: there is room for their springs, but not in the first part's table."""
-    monkeypatch.setattr(packing, "_CONTACTS", {2: 1})
+    monkeypatch.setattr(grains_text, "_CONTACTS", {2: 1})
     n = np.arange(70)
     heap = np.column_stack([n % 8, n // 8]) * 0.9
     runs = []

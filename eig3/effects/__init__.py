@@ -3,7 +3,7 @@
 from ..scene.cell import Cell
 from ..scene.constraint import Constraint
 from ..scene.effect import Body, Link, Motion
-from ..scene.rough import Rough
+from ..scene.grain_contact import Rough
 from ..scene.weld import Weld
 from .actuator import Actuator
 from .angle import Angle

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
-from ..scene.rough import Rough
+from ..scene.grain_contact import Rough
 
 _LOSS = 2 * math.sqrt(5 / 6)
 

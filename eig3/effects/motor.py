@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 from numba.types import BaseTuple, unliteral
 
 from ..functions.callbacks import jit
+from ..scene.body_torque import BodyTorque
 from ..scene.effect import REAL, Body
-from ..scene.turning import Turning
 from .vector import cross, scale, vector
 
 
 @dataclass(frozen=True, eq=False)
-class Motor(Turning):
+class Motor(BodyTorque):
     """A torque that is a function of time, on the axes of a rigid body: ``scene.add(Motor(torque), body.axes)``.
 
     Parameters

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
-from ..scene.turning import Turning
+from ..scene.body_torque import BodyTorque
 from .vector import cross, scale
 
 
 @dataclass(frozen=True, eq=False)
-class Torque(Turning):
+class Torque(BodyTorque):
     """A constant torque, which acts on the axes of a rigid body: ``scene.add(Torque(3.0), body.axes)``.
 
     Add the opposite torque to another body for a motor between both. `Motor` has a torque that depends on the time.

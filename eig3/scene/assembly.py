@@ -17,18 +17,16 @@ import numpy as np
 
 from .cell import Cell
 from .constraint import Constraint
-from .effect import FORCES, RESETS, Body, Effect, Link, Motion
+from .effect import FORCES, Body, Effect, Link, Motion
 from .names import words
+from .placed import Placed, joined
 from .swarm import Swarm, check_rest, joined_pairs
 
 if TYPE_CHECKING:
-    from .held import Held
+    from .constraint_set import ConstraintSet
 
 #: The columns of the number of each member's event and of the number of its state, among all of the scene.
 EVENT, STATE = "=event", "state"
-
-#: An effect, the numbers of the points in each of its arguments (empty for all masses), and its parameters by name.
-Placement = tuple[Effect, tuple[np.ndarray, ...], "dict[str, np.ndarray] | None"]
 
 _MANY = 16  # from this number on, links with the same index difference get a loop of their own, unless there are more
 _LOOPS = 5  # than this number of such differences (cloth with diagonals and bending springs has 5), not counting 1
@@ -120,34 +118,12 @@ class Cloud:
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
-    """Effects of one kind, with the parameters of each member of their group.
-
-    Attributes
-    ----------
-    effect : Effect
-        One of the effects, for its functions and names.
-    columns : dict of str to ndarray or list
-        The parameters by name. For a field in `arrays` of several motions, it is the list of their arrays.
-    """
-
-    effect: Effect
-    columns: dict[str, Any]
-
-    @property
-    def is_conservative(self) -> bool:
-        """Whether the law does no work besides the change of its potential."""
-        functions = self.effect.functions()
-        return not functions.keys() & RESETS and ("potential" in functions or not functions.keys() & FORCES)
-
-
-@dataclass(frozen=True, eq=False)
 class Group:
     """Laws on the same points.
 
     Attributes
     ----------
-    laws : list of Law
+    laws : list of Placed
     first : ndarray of int, shape (members,)
         The masses acted on; for a link between two masses, the one with the lower index.
     second : ndarray of int, shape (members,), or None
@@ -163,7 +139,7 @@ class Group:
         anchor to the mass, and -1 if it falls.
     """
 
-    laws: list[Law]
+    laws: list[Placed]
     first: np.ndarray
     second: np.ndarray | None = None
     anchor: np.ndarray | None = None
@@ -198,30 +174,9 @@ class Group:
         def part(values: np.ndarray | None) -> Any:
             return None if values is None else values[members]
 
-        laws = [
-            Law(law.effect, {n: c if n in law.effect.arrays else c[members] for n, c in law.columns.items()})
-            for law in self.laws
-        ]
+        laws = [law.take(members) for law in self.laws]
         parts = {name: part(getattr(self, name)) for name in ("first", "second", "anchor", "moved")}
         return replace(self, laws=laws, **parts)
-
-
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """Cells of one kind.
-
-    Attributes
-    ----------
-    law : Law
-    corners : ndarray of int, shape (points of a cell, cells)
-        Indices of masses; from the number of masses on they stand for `Supports`.
-    held : bool
-        Whether every cell has a support; otherwise none has.
-    """
-
-    law: Law
-    corners: np.ndarray
-    held: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,20 +199,21 @@ class Assembly:
     """The content of a scene's code: its masses, groups of effects, and motions of supports.
 
     `events` are the names of the events, in the order in which their effects were added, and `states` the names of
-    those that have a state. `joined` are the pairs of points that a link, a cell or a constraint joins.
+    those that have a state. The points of `meshes` are indices of masses; from the number of masses on they stand for
+    `supports`. `joined` are the pairs of points that a link, a cell or a constraint joins.
     """
 
     cloud: Cloud
     bodies: list[Group]
     links: list[Group]
-    meshes: list[Mesh]
+    meshes: list[Placed]
     supports: Supports
     swarms: list[Swarm]
     joined: np.ndarray
-    motions: list[Law]
+    motions: list[Placed]
     events: list[str]
     states: list[str]
-    held: Held | None
+    held: ConstraintSet | None
     follows_work: bool
 
     @property
@@ -295,10 +251,9 @@ class Assembly:
         return self.degrees - self.dimension * (self.n - self.own)
 
     @property
-    def laws(self) -> list[Law]:
+    def laws(self) -> list[Placed]:
         of_groups = [law for group in self.bodies + self.links for law in group.laws]
-        of_swarms = [Law(swarm.effect, swarm.columns) for swarm in self.swarms]
-        return [*of_groups, *(mesh.law for mesh in self.meshes), *of_swarms]
+        return [*of_groups, *self.meshes, *self.swarms]
 
     @property
     def is_conservative(self) -> bool:
@@ -328,9 +283,7 @@ class Assembly:
         return np.concatenate([values[is_mass].T.ravel(), spins[is_mass].T.ravel(), np.zeros(len(self.states))])
 
 
-def assemble(
-    cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm] = (), *, work: bool = False
-) -> Assembly:
+def assemble(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm] = (), *, work: bool = False) -> Assembly:
     """Group the effects of a scene.
 
     Raises
@@ -340,28 +293,28 @@ def assemble(
     """
     if not (cloud.masses > 0).any():
         raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
-    placements, events, states = numbered(cloud, placements)
-    cloud, whole = _without_idle_points(cloud, placements, swarms), cloud
-    motions, moves = _motions(cloud, placements)
-    bodies = _fused(_body_groups(cloud, placements))
-    links = _fused(_link_groups(cloud, placements, moves))
-    meshes, supports = _meshes(cloud, placements, moves)
-    check_rest(swarms, placements)
+    placed, events, states = numbered(cloud, placed)
+    cloud, whole = _without_idle_points(cloud, placed, swarms), cloud
+    motions, moves = _motions(cloud, placed)
+    bodies = _fused(_body_groups(cloud, placed))
+    links = _fused(_link_groups(cloud, placed, moves))
+    meshes, supports = _meshes(cloud, placed, moves)
+    check_rest(swarms, placed)
     leaves_joined = any(swarm.leaves_joined for swarm in swarms)
-    joined = joined_pairs(placements, whole.bodies.carried) if leaves_joined else joined_pairs((), {})
-    given = bodies, links, meshes, supports, list(swarms), joined, motions, events, states
+    pairs = joined_pairs(placed, whole.bodies.carried) if leaves_joined else joined_pairs((), {})
+    given = bodies, links, meshes, supports, list(swarms), pairs, motions, events, states
     assembly = Assembly(cloud, *given, held=None, follows_work=False)
-    if any(isinstance(effect, Constraint) for effect, _, _ in placements):
-        from .held import held  # it needs SciPy
+    if any(isinstance(law.effect, Constraint) for law in placed):
+        from .constraint_set import collected  # it needs SciPy
 
-        assembly = replace(assembly, held=held(whole, placements, assembly.degrees + 1))
+        assembly = replace(assembly, held=collected(whole, placed, assembly.degrees + 1))
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
-def _without_idle_points(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm]) -> Cloud:
+def _without_idle_points(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm]) -> Cloud:
     """Return the points without those of bodies on which no force acts, such as joints. The code does not need them."""
-    acting = [numbers for effect, numbers, _ in placements if not isinstance(effect, Constraint)]
-    used = [*(points for numbers in acting for points in numbers), *(x for s in swarms for x in (s.first, s.second))]
+    acting = [points for law in placed if not isinstance(law.effect, Constraint) for points in law.points]
+    used = [*acting, *(x for swarm in swarms for x in swarm.points)]
     idle = cloud.bodies.carried.keys() - set(np.concatenate([*used, np.empty(0, dtype=np.int64)]).tolist())
     masses, carried = cloud.masses.copy(), cloud.bodies.carried
     masses[list(idle)] = 0.0
@@ -369,34 +322,33 @@ def _without_idle_points(cloud: Cloud, placements: Sequence[Placement], swarms: 
     return replace(cloud, masses=masses, bodies=bodies)
 
 
-def numbered(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Placement], list[str], list[str]]:
+def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list[str], list[str]]:
     """Give numbers to the events and states of all members, as columns; return their names too."""
     count, dimension = cloud.material.size, cloud.positions.shape[1]
-    found: list[Placement] = []
+    found: list[Placed] = []
     events: list[str] = []
     states: list[str] = []
     counts: Counter[str] = Counter()
-    for effect, numbers, columns in placements:
-        if columns is None:
-            columns = effect.columns((count,), dimension)
-        functions = effect.functions()
+    for law in placed:
+        effect, functions = law.effect, law.effect.functions()
+        columns = dict(law.columns if law.points else effect.columns((count,), dimension))
         if "event" in functions:
-            size = numbers[0].size if numbers else count
+            size = law.points[0].size if law.points else count
             title = words(effect.title)
             names = [f"{title} {counts[title] + k}" for k in range(size)]
             counts[title] += size
-            columns = {**columns, EVENT: len(events) + np.arange(size)}
+            columns[EVENT] = len(events) + np.arange(size)
             events += names
             if "state_after" in functions:
                 columns[STATE] = len(states) + np.arange(size)
                 states += names
-        found.append((effect, numbers, columns))
+        found.append(replace(law, columns=columns))
     return found, events, states
 
 
-def count_states(cloud: Cloud, placements: Sequence[Placement]) -> int:
+def count_states(cloud: Cloud, placed: Sequence[Placed]) -> int:
     """Return the number of states of a scene."""
-    return len(numbered(cloud, placements)[2])
+    return len(numbered(cloud, placed)[2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,19 +370,19 @@ class _Moves:
     members: np.ndarray
 
 
-def _motions(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Law], _Moves]:
+def _motions(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], _Moves]:
     """Return the laws of motion, and which points they move. Many motions of one kind become one law."""
-    placed = [(effect, numbers[0], columns) for effect, numbers, columns in placements if isinstance(effect, Motion)]
-    kinds = [(type(effect), *effect.functions().items()) for effect, _, _ in placed]
+    placed = [law for law in placed if isinstance(law.effect, Motion)]
+    kinds = [(type(law.effect), *law.effect.functions().items()) for law in placed]
     many = {kind for kind, count in Counter(kinds).items() if count > _MOTIONS}
-    laws: dict[Any, list[Law]] = {}
+    laws: dict[Any, list[Placed]] = {}
     moving: dict[int, list[tuple[int, int]]] = {}  # for each point: the laws that move it, and their members
-    for k, (effect, numbers, columns) in enumerate(placed):
+    for k, law in enumerate(placed):
         key = kinds[k] if kinds[k] in many else k
         members = laws.setdefault(key, [])
-        for point in numbers.tolist():
+        for point in law.points[0].tolist():
             moving.setdefault(point, []).append((list(laws).index(key), len(members)))
-        members.append(Law(effect, columns or {}))
+        members.append(law)
     of_point = {point: tuple(zip(*sorted(pairs), strict=True)) for point, pairs in moving.items()}
     patterns = list(dict.fromkeys([(), *(pattern for pattern, _ in of_point.values())]))
     pattern = np.zeros(cloud.masses.size, dtype=np.int64)
@@ -438,42 +390,27 @@ def _motions(cloud: Cloud, placements: Sequence[Placement]) -> tuple[list[Law], 
     for point, (its_laws, its_members) in of_point.items():
         pattern[point] = patterns.index(its_laws)
         table[point, : len(its_members)] = its_members
-    return [_merged(members) for members in laws.values()], _Moves(patterns, pattern, table)
+    return [joined(members, list) for members in laws.values()], _Moves(patterns, pattern, table)
 
 
-def _merged(laws: list[Law]) -> Law:
-    """Merge laws of one kind into one law with a member for each of them."""
-    if len(laws) == 1:
-        return laws[0]
-    effect = laws[0].effect
-    columns = {
-        name: [law.columns[name] for law in laws]
-        if name in effect.arrays
-        else np.concatenate([law.columns[name] for law in laws])
-        for name in laws[0].columns
-    }
-    return Law(effect, columns)
-
-
-def _body_groups(cloud: Cloud, placements: Sequence[Placement]) -> list[Group]:
+def _body_groups(cloud: Cloud, placed: Sequence[Placed]) -> list[Group]:
     masses = cloud.free[cloud.material]
     kinds: dict[Any, list[Group]] = {}
-    for effect, numbers, columns in placements:
-        if not isinstance(effect, Body):
-            continue
-        first = cloud.free[numbers[0]] if numbers else masses
-        # effects on all masses are grouped apart from effects on some: their loop needs no table of indices
-        kinds.setdefault((_kind(effect), not numbers), []).append(Group([Law(effect, columns or {})], first))
-    joined = [_joined(groups) for groups in kinds.values()]
-    return [group.take(np.argsort(group.first, kind="stable")) for group in joined]
+    for law in placed:
+        if isinstance(law.effect, Body):
+            first = cloud.free[law.points[0]] if law.points else masses
+            # effects on all masses are grouped apart from effects on some: their loop needs no table of indices
+            kinds.setdefault((_kind(law.effect), not law.points), []).append(Group([law], first))
+    whole = [_joined(groups) for groups in kinds.values()]
+    return [group.take(np.argsort(group.first, kind="stable")) for group in whole]
 
 
-def _link_groups(cloud: Cloud, placements: Sequence[Placement], moves: _Moves) -> list[Group]:
+def _link_groups(cloud: Cloud, placed: Sequence[Placed], moves: _Moves) -> list[Group]:
     kinds: dict[Any, list[Group]] = {}
-    for effect, numbers, columns in placements:
-        if isinstance(effect, Link):
-            group, sort = _oriented(cloud, Law(effect, columns or {}), *numbers)
-            fixed_end = np.where(cloud.masses[numbers[0]] == 0, *numbers)
+    for law in placed:
+        if isinstance(law.effect, Link):
+            group, sort = _oriented(cloud, law)
+            fixed_end = np.where(cloud.masses[law.points[0]] == 0, *law.points)
             sort = np.column_stack([sort, moves.pattern[fixed_end]])
             for kind in np.unique(sort, axis=0):
                 anchored, sign, pattern = kind.tolist()
@@ -488,29 +425,27 @@ def _link_groups(cloud: Cloud, placements: Sequence[Placement], moves: _Moves) -
                     moved=moves.members[fixed_end[chosen], : len(motions)] if anchored and motions else None,
                     sign=sign,
                 )
-                kinds.setdefault((_kind(effect), *kind.tolist()), []).append(part)
+                kinds.setdefault((_kind(law.effect), *kind.tolist()), []).append(part)
     return [part for groups in kinds.values() for part in _split(_joined(groups))]
 
 
-def _meshes(cloud: Cloud, placements: Sequence[Placement], moves: _Moves) -> tuple[list[Mesh], Supports]:
+def _meshes(cloud: Cloud, placed: Sequence[Placed], moves: _Moves) -> tuple[list[Placed], Supports]:
     """Return the cells of each kind, those with supports apart from those without, and their supports."""
-    kinds: dict[Any, list[tuple[Law, np.ndarray]]] = {}
-    for effect, numbers, columns in placements:
-        if isinstance(effect, Cell):
-            kinds.setdefault(_kind(effect), []).append((Law(effect, columns or {}), np.array(numbers)))
-    corners = [cells for kind in kinds.values() for _, cells in kind]
-    used = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(cells.ravel() for cells in corners)]))
+    kinds: dict[Any, list[Placed]] = {}
+    for law in placed:
+        if isinstance(law.effect, Cell):
+            kinds.setdefault(_kind(law.effect), []).append(law)
+    wholes = [joined(laws) for laws in kinds.values()]
+    used = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(x for whole in wholes for x in whole.points)]))
     fixed = used[cloud.masses[used] == 0]
     index = cloud.free.copy()
     index[fixed] = np.count_nonzero(cloud.masses) + np.arange(fixed.size)
     meshes = []
-    for kind in kinds.values():
-        whole = _joined([Group([law], cells[0]) for law, cells in kind])
-        points = np.concatenate([cells for _, cells in kind], axis=1)
-        held = (cloud.masses[points] == 0).any(axis=0)
-        for is_held in np.unique(held):
-            chosen = np.flatnonzero(held == is_held)
-            meshes.append(Mesh(whole.take(chosen).laws[0], index[points[:, chosen]], bool(is_held)))
+    for whole in wholes:
+        is_held = np.any([cloud.masses[points] == 0 for points in whole.points], axis=0)
+        for side in np.unique(is_held):
+            part = whole.take(np.flatnonzero(is_held == side))
+            meshes.append(replace(part, points=tuple(index[points] for points in part.points)))
     return meshes, Supports(cloud.positions[fixed], _moved(fixed, moves))
 
 
@@ -525,13 +460,13 @@ def _moved(fixed: np.ndarray, moves: _Moves) -> list[tuple[int, np.ndarray]]:
     return [(law, members) for (law, _), members in found.items()]
 
 
-def _oriented(cloud: Cloud, law: Law, a: np.ndarray, b: np.ndarray) -> tuple[Group, np.ndarray]:
+def _oriented(cloud: Cloud, law: Placed) -> tuple[Group, np.ndarray]:
     """Turn links so that the fixed end, or else the mass with the lower index, comes first.
 
     Also return, for each link, whether it has a fixed end, and the sign of its group: -1 on a line without end, if the
     end that comes first is the one with the larger x.
     """
-    free, x = cloud.free, cloud.positions
+    free, x, (a, b) = cloud.free, cloud.positions, law.points
     swapped = (free[b] < 0) | ((free[a] >= 0) & (free[a] > free[b]))
     sign = np.ones(a.size, dtype=np.int64)
     if x.shape[1] == 1 and not cloud.box.any():
@@ -582,13 +517,7 @@ def _joined(groups: list[Group]) -> Group:
         parts = [getattr(group, name) for group in groups]
         return None if parts[0] is None else np.concatenate(parts)
 
-    columns = {
-        name: one.laws[0].columns[name]
-        if name in one.laws[0].effect.arrays
-        else np.concatenate([group.laws[0].columns[name] for group in groups])
-        for name in one.laws[0].columns
-    }
-    law = Law(one.laws[0].effect, columns)
+    law = joined([group.laws[0] for group in groups])
     parts = {name: together(name) for name in ("first", "second", "anchor", "moved")}
     return replace(one, laws=[law], **parts)
 
@@ -639,7 +568,7 @@ def note(assembly: Assembly) -> str:
             acting[law.effect.title] += group.first.size
     acting += assembly.held.counts if assembly.held else Counter()
     for mesh in assembly.meshes:
-        acting[mesh.law.effect.title] += mesh.corners.shape[1]
+        acting[mesh.effect.title] += mesh.points[0].size
     lines += [f"{count} x {title}" for title, count in acting.items()]
     lines += [f"{swarm.effect.title} between all near pairs of {swarm.size} points" for swarm in assembly.swarms]
     if assembly.angles:

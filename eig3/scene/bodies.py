@@ -10,19 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import reals
 from .constraint import Constraint, Equation
+from .description import Description, Points
 from .drive import Drive, DriveInSpace
 from .hinge_friction import HingeFriction, HingeFrictionInSpace
 from .weld import Weld
-
-if TYPE_CHECKING:
-    from .scene import Points, Scene
 
 _UNIT = 1e-9  # the largest error of a rotation
 _THIN = 1e-12  # the least part of the largest moment that a J_k has: a vector without a mass could not be moved
@@ -88,7 +86,7 @@ class RigidBody:
         The principal axes in the frame of the body, as columns.
     """
 
-    scene: Scene
+    scene: Description
     centre: Points
     axes: Points
     principal: np.ndarray

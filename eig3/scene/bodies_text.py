@@ -7,28 +7,48 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..kernels.compile.source import Writer
+import numpy as np
+
+from ..kernels import bodies, neighbours
 from .assembly import Assembly
 from .constraint_text import ConstraintText
-from .packing import Packing, entry
+from .source import Source, entry
+from .straight_text import is_few
 from .text import Text, cross
 
 
 class BodiesText(Text):
     """The rigid bodies of one scene in the source."""
 
-    def __init__(self, assembly: Assembly, packing: Packing, out: Writer, constraints: ConstraintText) -> None:
-        super().__init__(assembly, packing, out)
+    def __init__(self, assembly: Assembly, source: Source) -> None:
+        super().__init__(assembly, source)
         self._d, self._own, self._count = assembly.dimension, assembly.own, assembly.n
-        self._carried, self._constraints = packing.carried, constraints
-        self._work = assembly.size
-        self._is_straight = constraints.straight is not None
-        self._plates = packing.plates
+        self._work, self._is_straight = assembly.size, is_few(assembly)
+        self.suffix = "_of_all" if self._count > self._own else ""
+        if self.suffix:
+            self._pack_carried(assembly)
+        cloud = assembly.cloud
+        vectors = np.array(cloud.bodies.plates, dtype=np.int64).reshape(-1, 3)
+        masses, self._plates = cloud.masses[vectors].T, cloud.free[vectors]
+        # the first vectors of all plates, then the second and the third ones, which are across the plates; and then the
+        # mass of the third as a part of that of the first, and of the second
+        self._plate_place = source.add(np.concatenate([self._plates.T, masses[2] / masses[:2]]))
 
-    @property
-    def suffix(self) -> str:
-        """The ending of the names of functions that know all points as masses."""
-        return "_of_all" if self._carried else ""
+    def _pack_carried(self, assembly: Assembly) -> None:
+        """Put the table of the points that bodies carry into p, and arrays for all points."""
+        cloud, source = assembly.cloud, self._source
+        points = [cloud.bodies.carried[point] for point in sorted(cloud.bodies.carried)]
+        if not self._is_straight:  # where the points are in the source, it must not depend on their places
+            points = [(parts[factors != 0], factors[factors != 0]) for parts, factors in points]
+        self._carriers = [cloud.free[parts] for parts, _ in points]  # the masses that carry each point
+        self._sizes, self._degrees = [len(parts) for parts in self._carriers], assembly.degrees + 1
+        self._begins = source.add(neighbours.as_floats(np.concatenate([[0], np.cumsum(self._sizes)])))
+        self._parts = source.add(neighbours.as_floats(np.concatenate(self._carriers)))
+        self._factors = source.add(np.concatenate([factors for _, factors in points]))
+        self._weights = source.add(1 / cloud.masses[cloud.is_own])
+        self._scratch = source.add(np.zeros(3 * self._degrees))
+        source.functions |= {name: getattr(neighbours, name) for name in ("memory", "floats", "integers")}
+        source.functions |= {name: getattr(bodies, name) for name in ("spread", "gather", "change")}
 
     def forces(self) -> None:
         """Gather the accelerations of all points."""
@@ -41,18 +61,18 @@ class BodiesText(Text):
 
         A force f on the vector e2 = e0 x e1 does the same work as e1 x f on e0 and f x e0 on e1.
         """
-        place, vectors = self._plates
-        count = len(vectors)
+        count = len(self._plates)
         if self._is_straight:
-            for s, (i, j, k) in enumerate(vectors):
+            for s, (i, j, k) in enumerate(self._plates.tolist()):
                 self._plate(f"{i}", f"{j}", f"{k}", f"{s}")
         elif count:
             with self._block(f"for s in range({count})"):
-                self._line(*(f"{name} = index({entry('p', place + q * count, 's')})" for q, name in enumerate("ijk")))
+                for q, name in enumerate("ijk"):
+                    self._line(f"{name} = index({entry('p', self._plate_place + q * count, 's')})")
                 self._plate("i", "j", "k", "s")
 
     def _plate(self, i: str, j: str, k: str, s: str) -> None:
-        place, count = self._plates[0], len(self._plates[1])
+        place, count = self._plate_place, len(self._plates)
         for name, array, vector in (("f", "a", k), ("d", "u", i), ("e", "u", j)):
             self._line(*(f"{name}{axis} = {entry(array, c * self._own, vector)}" for c, axis in enumerate("xyz")))
         for c, axis in enumerate("xyz"):
@@ -66,7 +86,7 @@ class BodiesText(Text):
         self._all_points()
         self._line(f"return {call}")
 
-    def reset(self, call: str) -> None:
+    def reset(self, call: str, constraints: ConstraintText) -> None:
         """Let an event change the velocities and the states, and the constraints take part in its impulse."""
         if self._follows_work:
             self._line("energy_before = energy(t, u, v, p)")
@@ -76,14 +96,14 @@ class BodiesText(Text):
         with self._block("for k in range(len(before))"):
             self._line("before[k] = speeds[k]")
         self._line(call)
-        self._constraints.before_impulse()
+        constraints.before_impulse()
         self._line(f"free = change(before, speeds, {self._own}, {self._count}, weights, {self._d})")
         self._gather("speeds", "v")
         with self._block(f"for k in range({self._d * self._own})"):
             self._line("v[k] += c.before[k]")
         with self._block(f"for k in range(len(u) - {self._d * self._own})"):
             self._line(f"u[{self._d * self._own} + k] = everywhere[{self._d * self._count} + k]")
-        self._constraints.after_impulse("free")
+        constraints.after_impulse("free")
         if self._follows_work:
             with self._block(f"if v.size > {self._work}"):
                 self._line(f"v[{self._work}] += energy(t, u, v, p) - energy_before")
@@ -104,13 +124,11 @@ class BodiesText(Text):
                 self._line(f"spread({given})")
 
     def _tables(self) -> None:
-        block = self._carried
-        assert block
         self._line("kept = memory(p)")
-        self._line(f"begins = integers(kept, {block.begins}, {block.count + 1})")
-        self._line(f"parts = integers(kept, {block.parts}, {block.size})")
-        self._line(f"factors = floats(kept, {block.factors}, {block.size})")
-        self._line(f"weights = floats(kept, {block.weights}, {self._own})")
+        self._line(f"begins = integers(kept, {self._begins}, {len(self._sizes) + 1})")
+        self._line(f"parts = integers(kept, {self._parts}, {sum(self._sizes)})")
+        self._line(f"factors = floats(kept, {self._factors}, {sum(self._sizes)})")
+        self._line(f"weights = floats(kept, {self._weights}, {self._own})")
 
     def _gather(self, everything: str, x: str) -> None:
         if self._is_straight:
@@ -120,11 +138,10 @@ class BodiesText(Text):
             self._line(f"gather({given})")
 
     def _array(self, name: str, k: int, like: str) -> str:
-        block, more = self._carried, self._d * (self._count - self._own)
-        assert block
+        more = self._d * (self._count - self._own)
         if self._is_straight:
             return f"{name} = batch()[: len({like}) + {more}]"
-        return f"{name} = floats(kept, {block.scratch + k * block.degrees}, len({like}) + {more})"
+        return f"{name} = floats(kept, {self._scratch + k * self._degrees}, len({like}) + {more})"
 
     # The same as `eig3.kernels.bodies`, for few points
 
@@ -132,29 +149,27 @@ class BodiesText(Text):
         for axis in range(self._d):
             for i in range(self._own):
                 self._line(f"{everything}[{axis * self._count + i}] = {x}[{axis * self._own + i}]")
-            for s, parts in enumerate(self._parts()):
+            for s, parts in enumerate(self._factored()):
                 total = " + ".join(f"p[{factor}] * {x}[{axis * self._own + i}]" for factor, i in parts)
                 self._line(f"{everything}[{axis * self._count + self._own + s}] = {total}")
         with self._block(f"for k in range(len({x}) - {self._d * self._own})"):
             self._line(f"{everything}[{self._d * self._count} + k] = {x}[{self._d * self._own} + k]")
 
     def _straight_gather(self, everything: str, x: str) -> None:
-        assert self._carried
         for axis in range(self._d):
             for i in range(self._own):
                 self._line(f"{x}[{axis * self._own + i}] = {everything}[{axis * self._count + i}]")
-            for s, parts in enumerate(self._parts()):
+            for s, parts in enumerate(self._factored()):
                 force = f"{everything}[{axis * self._count + self._own + s}]"
                 for factor, i in parts:
-                    weight = f"p[{self._carried.weights + i}]"
+                    weight = f"p[{self._weights + i}]"
                     self._line(f"{x}[{axis * self._own + i}] += p[{factor}] * {weight} * {force}")
         with self._block(f"for k in range(len({x}) - {self._d * self._own})"):
             self._line(f"{x}[{self._d * self._own} + k] = {everything}[{self._d * self._count} + k]")
 
-    def _parts(self) -> Iterator[list[tuple[int, int]]]:
+    def _factored(self) -> Iterator[list[tuple[int, int]]]:
         """The carriers of each point, each with the place of its factor in p."""
-        assert self._carried
-        place = self._carried.factors
-        for carriers in self._carried.carriers:
-            yield list(enumerate(carriers, place))
+        place = self._factors
+        for carriers in self._carriers:
+            yield list(enumerate(carriers.tolist(), place))
             place += len(carriers)

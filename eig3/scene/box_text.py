@@ -8,14 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from .packing import Packing
-
 
 class BoxText:
-    """The periodic box of one scene in the source. Each method returns lines."""
+    """The periodic box of one scene in the source. Each method returns lines.
 
-    def __init__(self, packing: Packing) -> None:
-        self._sides, self._shear = packing.box, packing.shear
+    Attributes
+    ----------
+    sides : dict of str to int
+        The places in p of the sides of the periodic box, by the axes that have one; `shear` is that of the rate at
+        which it shears, or None.
+    """
+
+    def __init__(self, sides: dict[str, int], shear: int | None) -> None:
+        self.sides, self._shear = sides, shear
 
     @property
     def shears(self) -> bool:
@@ -24,7 +29,7 @@ class BoxText:
 
     def constants(self) -> Iterator[str]:
         """Read the sides, and how far and how fast the images above have moved."""
-        for axis, place in self._sides.items():
+        for axis, place in self.sides.items():
             yield f"{axis}_side = p[{place}]"
             yield f"{axis}_inverse = 1 / {axis}_side"
         if self.shears:
@@ -33,7 +38,7 @@ class BoxText:
 
     def nearest(self) -> Iterator[str]:
         """Change the way between two points to that between their nearest images: y before x."""
-        for axis in reversed(self._sides):
+        for axis in reversed(self.sides):
             if self.shears and axis == "y":
                 yield "turns = rint(dy * y_inverse)"
                 yield "dy -= y_side * turns"

@@ -5,94 +5,109 @@ In the source, c are the areas of their table, and row is the number of a row in
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-from ..kernels.compile.source import Writer
+import numpy as np
+
+from ..kernels import constraints, neighbours
 from .assembly import Assembly
-from .constraint import TINY
-from .packing import HeldBlock, Packing, Symbols
-from .straight_text import StraightText
+from .constraint import TINY, Constraint
+from .source import Source, Symbols
+from .straight_text import StraightText, is_few
 from .text import Text
+
+if TYPE_CHECKING:
+    from .constraint_set import ConstraintSet
 
 
 class ConstraintText(Text):
     """The constraints of one scene in the source."""
 
-    def __init__(self, assembly: Assembly, packing: Packing, out: Writer) -> None:
-        super().__init__(assembly, packing, out)
-        self._d, self._work, self._own, self._held = assembly.dimension, assembly.size, assembly.own, packing.held
-        few = packing.held if packing.held and packing.held.is_few else None
-        self.straight = StraightText(few, assembly.dimension) if few else None
+    def __init__(self, assembly: Assembly, source: Source, held: ConstraintSet) -> None:
+        super().__init__(assembly, source)
+        self._held, self._d, self._work, self._own = held, assembly.dimension, assembly.size, assembly.own
+        self._place = source.size  # of their table in p
+        packed = held.table.packed(self._place)
+        source.add(packed.values)
+        self._laws = [(source.symbols(law), rows) for law, rows in held.kinds]
+        # the place in p of the number of each row, in the order in which they were added, among those of the table
+        self._order = source.add(np.argsort(packed.order))
+        self.straight = StraightText(held.table, packed, self._place) if is_few(assembly) else None
+        used = ["areas", "STAND", "CONSTRAIN", "REACT", "PROJECT", "LEAP", "strike"]
+        used += ["own_address", "PLACE", "sum_up"] * bool(self._laws)
+        source.functions |= {"memory": neighbours.memory, "hold": constraints.LIBRARY[held.table.dimension]}
+        source.functions |= {name: getattr(constraints, name) for name in used}
+        if self.straight:
+            source.functions |= {"batch": neighbours.batch, "nan": math.nan, "inf": math.inf}
 
     def functions(self) -> None:
         """Write the functions, all but that of the accelerations that do not know the constraints."""
-        if not self._held:
-            return
-        block = self._held
-        areas = f"c = areas(memory(p), {block.place})"
-        if block.own:
+        areas = f"c = areas(memory(p), {self._place})"
+        if self._laws:
             with self._function("own(task, t, u, v, p)"):
                 self._line(areas)
-                self._own_rows(block)
+                self._own_rows()
         with self._function("rhs(t, u, v, p, a)"):
             self._line("forces(t, memory(u), memory(v), p, a)")
-            self._line(self._hold(block, "CONSTRAIN", "memory(u), memory(v), memory(a)"))
-            self._effort(block, "a")
+            self._line(self._hold("CONSTRAIN", "memory(u), memory(v), memory(a)"))
+            self._effort("a")
         with self._function("projection(t, u, v, p)"):
-            self._line(self._hold(block, "PROJECT", "memory(u), memory(v), memory(v)"), "return 0.0")
+            self._line(self._hold("PROJECT", "memory(u), memory(v), memory(v)"), "return 0.0")
         with self._function("constrained_step(t, h, u, v, drift, p)"):
             self._line(areas, "forces(t, u, v, p, c.forces[:len(u)])")
-            self._effort(block, "c.forces", self._hold(block, "REACT", "u, v, c.forces"))
-            self._line(self._hold(block, "LEAP", "u, v, drift", "h"))
+            self._effort("c.forces", self._hold("REACT", "u, v, c.forces"))
+            self._line(self._hold("LEAP", "u, v, drift", "h"))
         with self._function("reactions(t, u, v, p, out)"):
             self._line(areas, "forces(t, memory(u), memory(v), p, c.forces[:len(u)])")
-            self._line(self._hold(block, "REACT", "memory(u), memory(v), c.forces"))
+            self._line(self._hold("REACT", "memory(u), memory(v), c.forces"))
             with self._block("for row in range(len(out))"):
-                self._line(f"out[row] = c.multipliers[index(p[{block.order} + row])]")
+                self._line(f"out[row] = c.multipliers[index(p[{self._order} + row])]")
         if self.straight:
             with self._function("reactions_in_lanes(t, u, v, p, out)"):
                 self._line(*self.straight.reactions())
 
-    def _effort(self, block: HeldBlock, a: str, *react: str) -> None:
+    def _effort(self, a: str, *react: str) -> None:
         """Add the power of the constraints that depend on the time, in a run that follows the work."""
-        if self._follows_work and block.held.depends_on_time:
+        if self._follows_work and self._held.depends_on_time:
             with self._block(f"if len(u) > {self._work}"):
-                self._line(f"c = areas(memory(p), {block.place})", *react)
+                self._line(f"c = areas(memory(p), {self._place})", *react)
                 with self._block("for row in range(len(c.scales))"):
                     self._line(f"{a}[{self._work}] += c.multipliers[row] * c.target_rates[row]")
 
     def before_impulse(self) -> None:
         """Keep the velocity before an event that changes it."""
-        if self._held:
-            self._line(f"c = areas(memory(p), {self._held.place})")
-            with self._block(f"for k in range({self._d * self._own})"):
-                self._line("c.before[k] = v[k]")
+        self._line(f"c = areas(memory(p), {self._place})")
+        with self._block(f"for k in range({self._d * self._own})"):
+            self._line("c.before[k] = v[k]")
 
     def after_impulse(self, free: str = "-1.0") -> None:
         """Let the constraints take part in the impulse of an event."""
-        if self._held:
-            self._line(f"success = {self._hold(self._held, 'STAND', 'memory(u), v, v')}")
-            self._line(f"strike(success, v, {free}, memory(p), {self._held.place}, {self._d})")
+        self._line(f"success = {self._hold('STAND', 'memory(u), v, v')}")
+        self._line(f"strike(success, v, {free}, memory(p), {self._place}, {self._d})")
 
-    def _hold(self, block: HeldBlock, task: str, arrays: str, number: str = "0.0") -> str:
+    def _hold(self, task: str, arrays: str, number: str = "0.0") -> str:
         """The call of the library that does a task with the constraints."""
-        own = "own_address(own)" if block.own else "0"
-        return f"hold({task}, {own}, t, {number}, {arrays}, memory(p), {block.place})"
+        own = "own_address(own)" if self._laws else "0"
+        return f"hold({task}, {own}, t, {number}, {arrays}, memory(p), {self._place})"
 
-    def _own_rows(self, block: HeldBlock) -> None:
+    def _own_rows(
+        self,
+    ) -> None:
         """Write what the table does not know: targets that depend on the time, and constraints of their own."""
-        table = block.held.table
+        table = self._held.table
         if table.own_arms:
             with self._block("if task != PLACE"):
                 self._line(f"sum_up(u, c, {len(table.weights)}, {len(table.arms)}, True, c.arms, {self._d})")
-        for law, first, count in block.own:
+        for law, rows in self._laws:
             self._line(*law.constants("length", "target", "phi", "gradient"))
-            with self._block(f"for s in range({count})"):
-                self._line(f"row = index(p[{block.order + first} + s])")
+            with self._block(f"for s in range({len(rows)})"):
+                self._line(f"row = index(p[{self._order + int(rows[0])} + s])")
                 if "length" in law.functions:
                     self._length(law)
                 else:
-                    self._phi(law, block, first)
+                    self._phi(law, int(rows[0]))
 
     def _length(self, law: Symbols) -> None:
         self._line(f"length, rate, acceleration = {law.call('length', 's', {'t': 't'})}")
@@ -100,9 +115,10 @@ class ConstraintText(Text):
         self._line("c.target_rates[row] = c.scales[row] * 2 * length * rate")
         self._line("c.target_curvatures[row] = 2 * (rate * rate + length * acceleration)")
 
-    def _phi(self, law: Symbols, block: HeldBlock, first: int) -> None:
+    def _phi(self, law: Symbols, first: int) -> None:
         """Write the value and the gradient, or the curvature: the change of the gradient along the velocity."""
-        row, period = block.held.table.rows[first], block.held.period(first)
+        assert isinstance(law.effect, Constraint)
+        row, period = self._held.table.rows[first], law.effect.period
         if has_target := "target" in law.functions:
             self._line(f"target, rate, acceleration = {law.call('target', 's', {'t': 't'})}")
             self._line("c.target_rates[row] = rate")
@@ -110,24 +126,24 @@ class ConstraintText(Text):
         axes = range(self._d)
         with self._block("if task == PLACE"):
             for k in range(count):
-                self._line(f"x{k} = {self._vector('c.arms', arm + k, count)}")
+                self._line(f"x{k} = {self._arm('c.arms', arm + k, count)}")
             self._line(f"c.values[row] = {self._call(law, 'phi', [f'x{k}' for k in range(count)])}")
             self._line(*["c.values[row] -= target"] * has_target)
             if period:
                 self._line(f"c.values[row] -= {period!r} * rint(c.values[row] * {1 / period!r})")
             self._gradient(law, count)
             for k in range(count):
-                self._line(*(f"c.arms[{self._place(slope + k, count)} + {axis}] = g{k}_{axis}" for axis in axes))
+                self._line(*(f"c.arms[{self._arm_at(slope + k, count)} + {axis}] = g{k}_{axis}" for axis in axes))
         with self._block("else"):
             self._line("speed = 0.0")
             for k in range(count):
-                self._line(f"w{k} = {self._vector('c.rates', arm + k, count)}")
+                self._line(f"w{k} = {self._arm('c.rates', arm + k, count)}")
                 self._line(*(f"speed = max(speed, abs(w{k}[{axis}]))" for axis in axes))
-            self._line(f"step = {float(1e-5 * block.held.table.length)!r} / speed if speed > 0 else 0.0")
+            self._line(f"step = {float(1e-5 * self._held.table.length)!r} / speed if speed > 0 else 0.0")
             self._line("curvature = 0.0")
             with self._block("for sign in range(-1, 2, 2)"):
                 for k in range(count):
-                    self._line(f"x{k} = {self._vector('c.arms', arm + k, count, f' + sign * step * w{k}[{{}}]')}")
+                    self._line(f"x{k} = {self._arm('c.arms', arm + k, count, f' + sign * step * w{k}[{{}}]')}")
                 self._gradient(law, count)
                 along = " + ".join(f"g{k}_{axis} * w{k}[{axis}]" for k in range(count) for axis in axes)
                 self._line(f"curvature += sign * ({along})")
@@ -148,12 +164,12 @@ class ConstraintText(Text):
     def _call(self, law: Symbols, function: str, places: list[str]) -> str:
         return law.call(function, "s", {f"x{k}": place for k, place in enumerate(places)})
 
-    def _vector(self, array: str, arm: int, count: int, more: str = "") -> str:
+    def _arm(self, array: str, arm: int, count: int, more: str = "") -> str:
         """The tuple of an arm of the member s, with more in each component."""
-        place = self._place(arm, count)
+        place = self._arm_at(arm, count)
         return _tuple(f"{array}[{place} + {axis}]{more.format(axis)}" for axis in range(self._d))
 
-    def _place(self, arm: int, count: int) -> str:
+    def _arm_at(self, arm: int, count: int) -> str:
         """The place of an arm of the first member, and of the same arm of the member s."""
         return f"{arm * self._d} + {count * self._d} * s"
 

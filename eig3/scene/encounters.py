@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from .assembly import Assembly, Group, Law
-from .effect import FORCES, Effect, arguments
-from .rough import Rough
+from .assembly import Assembly, Group
+from .effect import FORCES
+from .grain_contact import Rough
+from .placed import Placed
 from .swarm import Swarm, near_pairs
 
 _LEAST, _HALF, _CLOSEST = 1e-8, 0.5, 1e-12  # parts of a cutoff: where the way of a pair begins, is halved, and ends
@@ -130,13 +131,13 @@ class Encounters:
 
     # What acts ------------------------------------------------------------------------------------------------------
 
-    def _of_links(self) -> Iterator[tuple[Group, list[Law]]]:
+    def _of_links(self) -> Iterator[tuple[Group, list[Placed]]]:
         for group in self._assembly.links:
             laws = [law for law in group.laws if law.effect.cutoff and law.effect.functions().keys() & set(FORCES)]
             if laws:
                 yield group, laws
 
-    def _planes(self) -> Iterator[tuple[Group, Law]]:
+    def _planes(self) -> Iterator[tuple[Group, Placed]]:
         for group in self._assembly.bodies:
             for law in group.laws:
                 if law.effect.picture == "plane" and "force" in law.effect.functions():
@@ -151,7 +152,7 @@ class Encounters:
                     for s, i in enumerate(group.first.tolist()):
                         m = float(self._masses[i])
                         given = {"t": t, "x": tuple(x[i].tolist()), "v": tuple(v[i].tolist()), "m": m}
-                        a[i] += np.array(_call(law, name, s, given)) / (m if name == "force" else 1.0)
+                        a[i] += np.array(law.call(name, s, given)) / (m if name == "force" else 1.0)
         return a
 
     # What meets -----------------------------------------------------------------------------------------------------
@@ -188,16 +189,15 @@ class Encounters:
             most = first.size - 1 if len(groups) == 1 else max(first.size, second.size)
             inverse = min(most, self._dimension + 1) * of_two(inverses)
             depth = max(self._depth(swarm, x) for swarm in swarms)
-            laws = [Law(swarm.effect, swarm.columns) for swarm in swarms]
-            for s in _extremes(laws):
-                meeting = _meeting(t, laws, s, depth, of_two(energies), of_two(rates), inverse)
-                yield self._rolling(meeting, t, laws[0], s, of_two(inverses), bool(second.size))
+            for s in _extremes(swarms):
+                meeting = _meeting(t, swarms, s, depth, of_two(energies), of_two(rates), inverse)
+                yield self._rolling(meeting, t, swarms[0], s, of_two(inverses), bool(second.size))
 
-    def _rolling(self, meeting: _Meeting, t: float, law: Law, s: int, inverse: float, has_groups: bool) -> _Meeting:
+    def _rolling(self, meeting: _Meeting, t: float, law: Placed, s: int, inverse: float, has_groups: bool) -> _Meeting:
         """Return a meeting of grains, which have a radius, a mass, and springs along their surfaces."""
         if not isinstance(law.effect, Rough):
             return meeting
-        reach = float(_value(law.effect, "reach", law.columns["reach"], s))
+        reach = float(law.value("reach", s))
         arms = [reach / 2] * 2
         if has_groups:
             near = float(law.columns["near_radius"][0])
@@ -208,11 +208,11 @@ class Encounters:
         names = [name for name in ("shear_stiffness", "shear_damping") if name in law.effect.functions()]
 
         def slide(r: float) -> tuple[float, float]:
-            stiffness, *damping = (_call(law, name, s, given | {"r": r}) for name in names)
+            stiffness, *damping = (law.call(name, s, given | {"r": r}) for name in names)
             return stiffness, *(damping or [0.0])
 
         def push(r: float, rate: float) -> float:
-            return -_call(law, "tension", s, given | {"r": r, "rate": -rate})
+            return -law.call("tension", s, given | {"r": r, "rate": -rate})
 
         crowd = meeting.inverse / inverse
         return replace(meeting, push=push, slide=slide, turning=crowd * (inverse + turns))
@@ -235,7 +235,7 @@ class Encounters:
 
                 def push(r: float, rate: float, law=law, s=s, normal=normal, offset=offset, m=m) -> float:  # type: ignore[no-untyped-def]
                     at = {"x": tuple(((offset + r) * normal).tolist()), "v": tuple((-rate * normal).tolist())}
-                    return float(np.dot(_call(law, "force", s, {"t": t, "m": m, **at}), normal))
+                    return float(np.dot(law.call("force", s, {"t": t, "m": m, **at}), normal))
 
                 inverse = 1 / float(self._masses[i].min())
                 yield _Meeting(push, way, -depth, energies[i].max(), speeds[i].max(), inverse)
@@ -247,9 +247,11 @@ class Encounters:
         return np.linalg.norm(d, axis=1)
 
 
-def _meeting(t: float, laws: list[Law], s: int, depth: float, energy: float, speed: float, inverse: float) -> _Meeting:
+def _meeting(
+    t: float, laws: Sequence[Placed], s: int, depth: float, energy: float, speed: float, inverse: float
+) -> _Meeting:
     """Return the meeting of two points by laws with a cutoff; `depth` is how far within it they are at the start."""
-    reach = max(float(_value(law.effect, law.effect.cutoff, law.columns[law.effect.cutoff], s)) for law in laws)
+    reach = max(float(law.value(law.effect.cutoff, s)) for law in laws)
     decades = [math.log10(_HALF / part) for part in (_LEAST, _CLOSEST)]
     far, near = (round(_IN_A_DECADE * d) for d in decades)
     way = np.append(1 - np.geomspace(_LEAST, _HALF, far), np.geomspace(_HALF, _CLOSEST, near)[1:]) * reach
@@ -259,30 +261,14 @@ def _meeting(t: float, laws: list[Law], s: int, depth: float, energy: float, spe
         total = 0.0
         for law in laws:
             functions = law.effect.functions()
-            total -= _call(law, "tension", s, at) if "tension" in functions else 0.0
-            total -= r * _call(law, "density", s, at) if "density" in functions else 0.0
+            total -= law.call("tension", s, at) if "tension" in functions else 0.0
+            total -= r * law.call("density", s, at) if "density" in functions else 0.0
         return total
 
     return _Meeting(push, way, reach - depth, energy, speed, inverse)
 
 
-def _call(law: Law, name: str, s: int, given: dict[str, Any]) -> Any:
-    """Call a function of a law for a member."""
-    function = law.effect.functions()[name]
-    values = {"state": 0.0, **given}
-    taken = [values[a] if a in values else _value(law.effect, a, law.columns[a], s) for a in arguments(function)]
-    return function(*taken)
-
-
-def _value(effect: Effect, name: str, column: Any, s: int) -> Any:
-    """The value of a field for a member."""
-    if name in effect.arrays:
-        return column
-    value = column[s if len(column) > 1 else 0]
-    return tuple(value.tolist()) if name in effect.vectors else float(value)
-
-
-def _extremes(laws: Sequence[Law]) -> list[int]:
+def _extremes(laws: Sequence[Placed]) -> list[int]:
     """Return members with the least and the largest value of each field."""
     found = {0}
     for law in laws:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from ..animation import Mechanism
-from .assembly import STATE, Bodies, Cloud, Placement
+from .assembly import STATE, Bodies, Cloud
 from .cell import Cell
 from .constraint import Constraint
 from .effect import Body, Link, Motion, arguments
 from .mesh import surface
+from .placed import Placed
 from .swarm import Swarm
 
 _TRAILS = 3  # masses of a scene with trails, at most
@@ -64,37 +65,38 @@ class Places:
         return np.concatenate([across, x] if self.upright else [x, across], axis=2)
 
 
-def mechanism(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm] = ()) -> Mechanism:
+def mechanism(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm] = ()) -> Mechanism:
     """Return the view of a scene.
 
     Parameters
     ----------
     cloud : Cloud
-    placements : sequence of Placement
-        Effects whose columns contain the numbers of their states, and all of which have columns.
+    placed : sequence of Placed
+        Effects whose columns contain the numbers of their states.
     """
     dimension, masses = cloud.positions.shape[1], cloud.material
-    radii = _radii(cloud, placements, swarms)
-    upright = dimension == 1 and any(effect.picture == "weight" for effect, _, _ in placements)
+    radii = _radii(cloud, placed, swarms)
+    upright = dimension == 1 and any(law.effect.picture == "weight" for law in placed)
     links: dict[tuple[int, int], str] = {}
     strings: dict[tuple[int, int], int] = {}
     first_state = (dimension + cloud.spins.shape[1]) * np.count_nonzero(cloud.is_own)
-    for effect, numbers, columns in placements:
-        if isinstance(effect, Link | Constraint) and effect.picture not in ("", "discs") and len(numbers) == 2:
-            for k, ends in enumerate(zip(*(x.tolist() for x in numbers), strict=True)):
+    for law in placed:
+        picture = law.effect.picture
+        if isinstance(law.effect, Link | Constraint) and picture not in ("", "discs") and len(law.points) == 2:
+            for k, ends in enumerate(zip(*(x.tolist() for x in law.points), strict=True)):
                 if links.get(ends) != "spring":
-                    links[ends] = effect.picture
-                if effect.picture == "string":
-                    strings[ends] = first_state + int((columns or {})[STATE][k])
+                    links[ends] = picture
+                if picture == "string":
+                    strings[ends] = first_state + int(law.columns[STATE][k])
     for point, (parts, _) in cloud.bodies.carried.items():
         if point not in cloud.bodies.vectors:
             links.setdefault((int(parts[0]), point), "line")
-    faces, hidden = _surfaces(placements)
+    faces, hidden = _surfaces(placed)
     hidden = np.union1d(hidden, cloud.bodies.vectors).astype(int)
     inside = set(hidden.tolist())
     order = [ends for ends in links if not inside.issuperset(ends)]
     return Mechanism(
-        places=Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placements)),
+        places=Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed)),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
@@ -103,17 +105,17 @@ def mechanism(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Sw
         fixed=np.flatnonzero(cloud.free < 0),
         radii=radii,
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
-        planes=_planes(placements, radii, masses, dimension, upright),
+        planes=_planes(placed, radii, masses, dimension, upright),
         labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
     )
 
 
-def _surfaces(placements: Sequence[Placement]) -> tuple[np.ndarray, np.ndarray]:
+def _surfaces(placed: Sequence[Placed]) -> tuple[np.ndarray, np.ndarray]:
     """Return the triangles of sheets and around solids, and all points of these sheets and solids."""
     meshes = [
-        np.column_stack(numbers)
-        for effect, numbers, _ in placements
-        if isinstance(effect, Cell) and effect.picture == "surface"
+        np.column_stack(law.points)
+        for law in placed
+        if isinstance(law.effect, Cell) and law.effect.picture == "surface"
     ]
     sizes = {cells.shape[1] for cells in meshes}
     whole = [surface(np.concatenate([cells for cells in meshes if cells.shape[1] == size])) for size in sizes]
@@ -121,27 +123,18 @@ def _surfaces(placements: Sequence[Placement]) -> tuple[np.ndarray, np.ndarray]:
     return faces, np.unique(np.concatenate([faces.ravel(), *(cells.ravel() for cells in meshes)]))
 
 
-def moves(placements: Sequence[Placement]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
+def moves(placed: Sequence[Placed]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
     """Return the motions of supports: functions, their arguments after the time, directions and points."""
     found = []
-    for effect, numbers, columns in placements:
-        if isinstance(effect, Motion) and columns is not None:
-            function = effect.functions()["motion"]
-            given = tuple(_argument(effect, name, columns[name]) for name in arguments(function) if name != "t")
-            found.append((function, given, columns["direction"][0], numbers[0]))
+    for law in placed:
+        if isinstance(law.effect, Motion):
+            function = law.effect.functions()["motion"]
+            given = tuple(law.value(name, 0) for name in arguments(function) if name != "t")
+            found.append((function, given, law.columns["direction"][0], law.points[0]))
     return found
 
 
-def _argument(effect: Motion, name: str, column: np.ndarray) -> Any:
-    """Return a parameter in the form that a motion takes: an array, a tuple for a vector, or a number."""
-    if name in effect.arrays:
-        values = np.array(column)
-        values.flags.writeable = False
-        return values
-    return tuple(column[0].tolist()) if name in effect.vectors else float(column[0])
-
-
-def _radii(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm]) -> np.ndarray:
+def _radii(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm]) -> np.ndarray:
     """Return the radius of each point, so that two points touch at the reach of their contact; 0 without a contact.
 
     If the contacts leave a choice, as between two balls, it is the one with the least sum of squares: equal radii. The
@@ -149,9 +142,9 @@ def _radii(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm
     needs no matrix. Every scene has radii, also without SciPy: so this is not its `lsqr`.
     """
     given = [
-        (*numbers, columns["reach"])
-        for effect, numbers, columns in placements
-        if isinstance(effect, Link) and effect.picture == "discs" and columns is not None
+        (*law.points, law.columns["reach"])
+        for law in placed
+        if isinstance(law.effect, Link) and law.effect.picture == "discs"
     ]
     count = cloud.masses.size
     radii = np.zeros(count)
@@ -182,15 +175,15 @@ def _radii(cloud: Cloud, placements: Sequence[Placement], swarms: Sequence[Swarm
 
 
 def _planes(
-    placements: Sequence[Placement], radii: np.ndarray, masses: np.ndarray, dimension: int, upright: bool
+    placed: Sequence[Placed], radii: np.ndarray, masses: np.ndarray, dimension: int, upright: bool
 ) -> list[tuple[tuple, float]]:
     """Return the different planes of effects, in the dimensions of the picture. A mass with a radius touches it."""
     planes: dict[tuple, tuple[tuple, float]] = {}
-    for effect, numbers, columns in placements:
-        if isinstance(effect, Body) and effect.picture == "plane" and columns is not None:
-            radius = radii[numbers[0] if numbers else masses]
-            unit = _ROUND_OFF * (np.abs(columns["offset"]) + radius).max() or 1.0
-            for normal, offset in zip(columns["normal"], columns["offset"] - radius, strict=True):
+    for law in placed:
+        if isinstance(law.effect, Body) and law.effect.picture == "plane":
+            radius = radii[law.points[0] if law.points else masses]
+            unit = _ROUND_OFF * (np.abs(law.columns["offset"]) + radius).max() or 1.0
+            for normal, offset in zip(law.columns["normal"], law.columns["offset"] - radius, strict=True):
                 across = () if dimension > 1 else (0.0,)
                 along = tuple(normal.tolist())
                 along = (*across, *along) if upright else (*along, *across)

@@ -10,23 +10,38 @@ of D; and lk is a value, and then the multiplier.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..kernels.constraint_lanes import CONVERGED, LOST, Straight
 from ..kernels.constraints import CLOSE, EPS, LENGTH, SINGULAR
-from .packing import HeldBlock
+from .assembly import Assembly
+
+if TYPE_CHECKING:
+    from .constraint_table import ConstraintTable, Packed
 
 _LAST = "r[0]"
+
+#: Rows of constraints (and points of bodies), and degrees of freedom, up to which straight lines are written for them:
+#: with more, to compile these takes longer than most ensembles.
+_FEW, _FEW_DEGREES = 8, 24
+
+
+def is_few(assembly: Assembly) -> bool:
+    """Return whether a scene has constraints, and so few that they are written as straight lines."""
+    held = assembly.held
+    if held is None or held.kinds or assembly.swarms:
+        return False
+    is_small = assembly.size <= _FEW_DEGREES and assembly.n - assembly.own <= _FEW
+    return len(held.names) <= _FEW and is_small
 
 
 class StraightText:
     """A few constraints in the source."""
 
-    def __init__(self, block: HeldBlock, dimension: int) -> None:
-        self._axes, self._place = "xyz"[:dimension], block.place
-        self._areas, self._at, self._order = block.packed.areas, block.packed.begins, block.packed.order
-        self._structure = block.packed.structure
-        table = block.held.table
+    def __init__(self, table: ConstraintTable, packed: Packed, place: int) -> None:
+        self._axes, self._place = "xyz"[: table.dimension], place
+        self._areas, self._at, self._order = packed.areas, packed.begins, packed.order
+        self._structure = packed.structure
         self._n, self._rows, self._arms = len(table.weights), range(len(table.rows)), range(len(table.arms))
         places = [*((i, j) for i in self._rows for j in range(self._low(i), i)), *((i, i) for i in self._rows)]
         self._numbers = {place: f"r[{k + 1}]" for k, place in enumerate(places)}

@@ -14,7 +14,8 @@ from ..kernels.neighbours import Areas
 from .cell import Cell
 from .constraint import Constraint
 from .effect import Link, Motion
-from .rough import Rough
+from .grain_contact import Rough
+from .placed import Placed
 
 _SKIN = 0.2  # as a part of the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
@@ -24,16 +25,13 @@ _GROWTH = 2.0  # room for so many times the pairs at the start
 
 
 @dataclass(frozen=True, eq=False)
-class Swarm:
+class Swarm(Placed):
     """A link with a cutoff between all pairs of points of a group, or of two groups.
+
+    The parameters have one value, or one for each point of the first group.
 
     Attributes
     ----------
-    effect : Link
-    first, second : ndarray of int
-        The numbers of the points of the groups; there is one group if `second` is empty.
-    columns : dict of str to ndarray
-        The fields of the effect: one value, or one for each point of the first group.
     leaves_joined : bool
         Whether pairs are left out that another effect joins.
     room : int or None
@@ -41,11 +39,18 @@ class Swarm:
     """
 
     effect: Link
-    first: np.ndarray
-    second: np.ndarray
-    columns: dict[str, np.ndarray]
-    leaves_joined: bool
-    room: int | None
+    leaves_joined: bool = False
+    room: int | None = None
+
+    @property
+    def first(self) -> np.ndarray:
+        """The points of the first group, and of the only one."""
+        return self.points[0]
+
+    @property
+    def second(self) -> np.ndarray:
+        """Those of the second group; empty if there is none."""
+        return self.points[1]
 
     @property
     def size(self) -> int:
@@ -79,7 +84,7 @@ class Members:
 
     @classmethod
     def of(cls, swarm: Swarm, free: np.ndarray, positions: np.ndarray) -> Members:
-        numbers = np.concatenate([swarm.first, swarm.second])
+        numbers = np.concatenate(swarm.points)
         is_fixed = free[numbers] < 0
         order = np.lexsort((free[numbers], is_fixed))
         if _jumps(positions[numbers[order]]):
@@ -118,7 +123,7 @@ def check_swarm(swarm: Swarm, cloud: Any) -> None:
     TypeError, ValueError
         If it cannot. The error names the effect.
     """
-    effect, numbers, box = swarm.effect, np.concatenate([swarm.first, swarm.second]), cloud.box
+    effect, numbers, box = swarm.effect, np.concatenate(swarm.points), cloud.box
     is_mass = cloud.masses[numbers] > 0
     title = effect.title
     if not effect.cutoff:
@@ -151,7 +156,7 @@ def check_swarm(swarm: Swarm, cloud: Any) -> None:
         raise ValueError(f"near of {title} must be fixed points; give masses in the same array as the others.")
 
 
-def check_rest(swarms: Sequence[Swarm], placements: Sequence[Any]) -> None:
+def check_rest(swarms: Sequence[Swarm], placed: Sequence[Placed]) -> None:
     """Refuse swarms with fixed points that a motion moves: a list has their places at the start.
 
     Raises
@@ -159,24 +164,24 @@ def check_rest(swarms: Sequence[Swarm], placements: Sequence[Any]) -> None:
     ValueError
         The error names the effect.
     """
-    moved = [numbers[0] for effect, numbers, _ in placements if isinstance(effect, Motion)]
+    moved = [law.points[0] for law in placed if isinstance(law.effect, Motion)]
     for swarm in swarms:
-        if moved and np.isin(np.concatenate(moved), np.concatenate([swarm.first, swarm.second])).any():
+        if moved and np.isin(np.concatenate(moved), np.concatenate(swarm.points)).any():
             raise ValueError(
                 f"{swarm.effect.title} acts between near points, of which a motion moves a fixed one: give it two "
                 "arguments of points, the ends of each link."
             )
 
 
-def joined_pairs(placements: Sequence[Any], carried: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+def joined_pairs(placed: Sequence[Placed], carried: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """Return the pairs of points that are joined, of shape (pairs, 2), the smaller number first.
 
     A link, a cell or a constraint joins its points. A rigid body joins its centre and the points that it carries.
     """
     found = [np.empty((0, 2), dtype=np.int64)]
-    for effect, numbers, _ in placements:
-        if isinstance(effect, Link | Cell | Constraint):
-            ends = np.column_stack(numbers)
+    for law in placed:
+        if isinstance(law.effect, Link | Cell | Constraint):
+            ends = np.column_stack(law.points)
             found += [ends[:, [i, j]] for i in range(ends.shape[1]) for j in range(i)]
     bodies: dict[int, list[int]] = {}
     for point, (parts, _) in carried.items():

@@ -11,168 +11,162 @@ In a large scene, threads share the points: then the forces are in a function of
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
 
-from ..kernels.compile.source import Writer
+from ..kernels import neighbours
 from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
 from .assembly import Assembly
-from .packing import Packing, SwarmBlock, entry
-from .text import Text
+from .placed import Placed
+from .source import Source, entry
+from .swarm import Swarm, listed
+from .text import BlockText
 
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
 _VECTOR = 32  # pairs: a multiple of those whose forces are computed together, and a divisor of BATCH
 _ALL_ABOVE = "above[begin], stops[stop - 1]"  # those of several points
 
 
-B = TypeVar("B", bound=SwarmBlock)
+class SwarmText(BlockText):
+    """A link between near points in the source.
 
-
-class SwarmText(Text, Generic[B]):
-    """The swarms of one scene in the source."""
+    Attributes
+    ----------
+    listing : Listing
+    """
 
     _functions: tuple[str, ...] = ("tension", "density")  # of the forces
 
-    def __init__(self, assembly: Assembly, packing: Packing, out: Writer, blocks: Sequence[B], first: int = 0) -> None:
-        super().__init__(assembly, packing, out)
-        self._team = packing.team
-        self._blocks, self._first = blocks, first  # the latter is the number of the first list among all of the scene
-        self._in_part = False  # whether the lines are for a part of the points
+    def __init__(self, assembly: Assembly, source: Source, swarm: Swarm, number: int) -> None:
+        super().__init__(assembly, source)
+        self._law = source.symbols(Placed(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))
+        pairs = assembly.joined if swarm.leaves_joined else assembly.joined[:0]
+        u0 = assembly.cloud.in_order(assembly.cloud.positions).T.ravel()
+        self.listing = listed(swarm, source.size, assembly.cloud, u0, pairs)
+        source.add(self.listing.values)
+        self._number = number  # of the list among all of the scene
+        self._first = LISTS + number * STAGES
+        used = ("memory", "floats", "integers", "batch", "REFRESH", "SCAN", "BUILD", "REACH")
+        source.functions |= {name: getattr(neighbours, name) for name in used}
+        source.functions["lists"] = neighbours.LISTS[assembly.dimension]
 
     def forces(self) -> None:
-        """Add the forces between near points to the accelerations of their masses."""
-        for number, block in enumerate(self._blocks, self._first):
-            if self._team is None:
-                self._refreshed(block, *self._functions)
-                self._act(block, lambda block=block: self._on_both(block, "", self._if_mass(block)))
-            else:
-                self._line(f"kept, place = memory(p), index({block.listing.place})")
-                velocity = "v" if self._reads_rate(block) else "u"  # a rhs that names v is one that reads it
-                given = f"t, memory(u), memory({velocity}), kept, memory(a), place"
-                self._line(f"add_forces(share, lists, {number}, {given}, {self._team})")
+        if self._source.team is None:
+            self._refreshed(*self._functions)
+            self._act(lambda: self._on_both("", self._if_mass))
+            return
+        self._line(f"kept, place = memory(p), index({self.listing.place})")
+        velocity = "v" if self._reads_rate else "u"  # a rhs that names v is one that reads it
+        given = f"t, memory(u), memory({velocity}), kept, memory(a), place"
+        self._line(f"add_forces(share, lists, {self._number}, {given}, {self._source.team})")
 
     def stages(self) -> None:
         """Do a part of a stage that threads share: the lists of points, or the forces on them."""
-        if self._team is not None:
-            self._stages()
+        for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")) if self._source.team is not None else ():
+            with self._block(f"if stage == {self._first + stage}"):
+                self._line(f"lists({task}, {self._time}, u, p, index({self.listing.place}), part, parts)")
+        self._acting()
 
-    def _stages(self) -> None:
-        self._in_part = True
-        for number, block in enumerate(self._blocks, self._first):
-            first = LISTS + number * STAGES
-            for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")) if self._team is not None else ():
-                with self._block(f"if stage == {first + stage}"):
-                    self._line(f"lists({task}, {self._time}, u, p, index({block.listing.place}), part, parts)")
-            self._acting(block, first)
-        self._in_part = False
-
-    def _acting(self, block: B, first: int) -> None:
+    def _acting(self) -> None:
         """Add the forces on the points of a part."""
-        with self._block(f"if stage == {first + ACTING}"):
-            self._of_part(block)
-            self._part(block, "parts == 1")
+        with self._block(f"if stage == {self._first + ACTING}"):
+            self._of_part()
+            self._part("parts == 1")
 
-    def _of_part(self, block: B) -> None:
+    def _of_part(self) -> None:
         """Read where the list is, and which points are those of the part."""
-        self._line(f"kept, place = p, index({block.listing.place})")
-        self._line(f"low, end = bounds({block.listing.masses}, part, parts)")
-        self._views(block, *self._functions)
+        self._line(f"kept, place = p, index({self.listing.place})")
+        self._line(f"low, end = bounds({self.listing.masses}, part, parts)")
+        self._views(*self._functions)
 
-    def _part(self, block: B, only_up: str) -> None:
+    def _part(self, only_up: str) -> None:
         """Add the forces on the points of a part: those from points before the part, and then those from points above.
 
         One loop does both. In two loops, the compiler could round in two ways. `only_up` is the condition that only the
         latter are wanted.
         """
-        listing = block.listing
+        listing = self.listing
         self._line(f"firsts = integers(kept, {listing.areas.first}, {listing.masses})")
         self._line(f"end_of_list = bounds({listing.room}, part, parts)[1]")
         where = f"({_ALL_ABOVE}) if goes_up else (firsts[stop - 1], end_of_list)"
-        if self._is_dense(block):
+        if self._is_dense:
             before = "(firsts[point], firsts[point - 1] if point > low else end_of_list)"
             where = f"({_ABOVE}) if goes_up else {before}"
         with self._block(f"for goes_up in range(int({only_up}), 2)"):
-            self._act(block, lambda: self._on_part(block), where)
+            self._act(self._on_part, where)
 
-    def _on_part(self, block: B) -> None:
-        if not self._is_dense(block):
-            self._on_both(block, "point >= low", "mate < end")
+    def _on_part(self) -> None:
+        if not self._is_dense:
+            self._on_both("point >= low", "mate < end")
             return
         with self._block("if goes_up"):
-            self._on_both(block, "", "mate < end")
+            self._on_both("", "mate < end")
         with self._block("else"):
             for axis in self._axes:
                 self._line(f"{self._at('a', axis, 'i')} += f{axis} * {self._w('i')}")
 
-    def _on_both(self, block: B, if_point: str, if_mate: str) -> None:
+    def _on_both(self, if_point: str, if_mate: str) -> None:
         """Add a force to the point, and to the mate, each on a condition."""
         with self._only_if(if_point):
-            self._on_point(block)
+            self._on_point()
         with self._only_if(if_mate):
-            self._on_mate(block)
+            self._on_mate()
 
-    def _act(self, block: B, act: Callable[[], None], where: str = "") -> None:
+    def _act(self, act: Callable[[], None], where: str = "") -> None:
         """Compute the forces between near points in one loop, and add them in another one."""
 
         def pull() -> None:
-            self._length(block, self._reads_rate(block))
-            self._line(f"pulls[q] = ({self._tension(block)}) * inverse")
+            self._length(self._reads_rate)
+            self._line(f"pulls[q] = ({self._tension}) * inverse")
 
         def add() -> None:
             self._line("pull = pulls[q]", *(f"f{axis} = pull * d{axis}" for axis in self._axes))
             act()
 
         self._line("pulls = batch()")
-        self._near(block, [pull, add], where)
+        self._near([pull, add], where)
 
-    def _on_point(self, block: B) -> None:
+    def _on_point(self) -> None:
         """Add a force to the point, or to its sum if points have many mates."""
-        if self._is_dense(block):
+        if self._is_dense:
             self._line(*(f"{axis}_sum += f{axis}" for axis in self._axes))
             return
-        self._line(f"i = {self._mass(block, 'point')}")
+        self._line(f"i = {self._mass('point')}")
         for axis in self._axes:
             self._line(f"{self._at('a', axis, 'i')} += f{axis} * {self._w('i')}")
 
-    def _on_mate(self, block: B) -> None:
+    def _on_mate(self) -> None:
         """Add the opposite force to the mate."""
-        self._line(f"j = {self._mass(block, 'mate')}")
+        self._line(f"j = {self._mass('mate')}")
         for axis in self._axes:
             self._line(f"{self._at('a', axis, 'j')} -= f{axis} * {self._w('j')}")
 
-    def potentials(self) -> None:
-        """Add the potentials of near points to the total."""
-        for block in self._blocks:
-            if "potential" in block.law.functions:
-                self._refreshed(block, "potential")
-                potential = block.law.call("potential", "", self._offered(block))
-                self._near(
-                    block, [lambda potential=potential: self._line("r = sqrt(tiny + square)", f"total += {potential}")]
-                )
+    def potential(self) -> None:
+        if "potential" in self._law.functions:
+            self._refreshed("potential")
+            add = f"total += {self._law.call('potential', '', self._offered)}"
+            self._near([lambda: self._line("r = sqrt(tiny + square)", add)])
 
     def power(self) -> None:
-        """Add the power of the forces without a potential, and of the images in a box that shears."""
-        for block in self._blocks:
-            loses = "potential" not in block.law.functions
-            if loses or self._box.shears:
-                self._refreshed(block, *self._functions)
-                self._near(block, [lambda block=block, loses=loses: self._add_power(block, loses)])
+        loses = "potential" not in self._law.functions
+        if loses or self._box.shears:
+            self._refreshed(*self._functions)
+            self._near([lambda: self._add_power(loses)])
 
-    def _add_power(self, block: B, loses: bool) -> None:
-        self._length(block, True)
-        self._line(f"force = {self._tension(block)}", *["total -= force * rate"] * loses)
+    def _add_power(self, loses: bool) -> None:
+        self._length(True)
+        self._line(f"force = {self._tension}", *["total -= force * rate"] * loses)
         if self._box.shears:
             self._line("fx = force * inverse * dx", *self._box.power())
 
-    def _refreshed(self, block: B, *functions: str) -> None:
+    def _refreshed(self, *functions: str) -> None:
         """Refresh the list, and read what all pairs share."""
-        self._line(f"kept, place = memory(p), index({block.listing.place})")
+        self._line(f"kept, place = memory(p), index({self.listing.place})")
         self._line(f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)")
-        self._views(block, *functions)
+        self._views(*functions)
 
-    def _views(self, block: B, *functions: str) -> None:
+    def _views(self, *functions: str) -> None:
         """Read where the list is, and what all pairs share."""
-        listing, areas = block.listing, block.listing.areas
+        listing, areas = self.listing, self.listing.areas
         self._line(f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})")
         for name, area in (("above", areas.above), ("stops", areas.stop)):
             self._line(f"{name} = integers(kept, {area}, {listing.masses})")
@@ -183,7 +177,7 @@ class SwarmText(Text, Generic[B]):
         self._line(f"near_mates = integers(some, {BATCH // 2}, {BATCH})")
         if listing.begin < 0:
             self._line(f"indices = integers(kept, {areas.number}, {listing.masses})")
-        self._line(*block.law.constants(*functions))
+        self._line(*self._law.constants(*functions))
 
     @property
     def _time(self) -> str:
@@ -195,39 +189,39 @@ class SwarmText(Text, Generic[B]):
         ways = {f"d{axis}": f"{axis}_ways" for axis in self._axes}
         return ways | ({"turns": "y_turns"} if self._box.shears else {})
 
-    def _near(self, block: B, loops: Sequence[Callable[[], None]], where: str = "") -> None:
+    def _near(self, loops: Sequence[Callable[[], None]], where: str = "") -> None:
         """Do loops over the pairs within the cutoff. The last of two adds forces, to sums for a point with many mates.
 
         `where` are the places of the pairs in the list. The list has the pairs of a few points at a time if it has no
         room for all.
         """
-        low, end = ("low", "end") if self._in_part else ("0", str(block.listing.masses))
+        low, end = ("low", "end") if self._source.is_of_part else ("0", str(self.listing.masses))
         self._line(f"stop = index({low})")
         with self._block(f"while stop < {end}"):
             self._line(f"begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({end})))")
-            if not self._is_dense(block):
-                self._batches(block, loops, where or _ALL_ABOVE)
+            if not self._is_dense:
+                self._batches(loops, where or _ALL_ABOVE)
                 return
             sums = [f"{axis}_sum" for axis in self._axes if len(loops) > 1]
             with self._block("for point in range(begin, stop)"):
-                self._line(f"i = {self._mass(block, 'point')}")
+                self._line(f"i = {self._mass('point')}")
                 self._here()
                 self._line(*[f"{' = '.join(sums)} = 0.0"] * bool(sums))
-                self._batches(block, loops, where or _ABOVE)
+                self._batches(loops, where or _ABOVE)
                 self._line(*(f"{self._at('a', total[0], 'i')} += {total} * {self._w('i')}" for total in sums))
 
-    def _batches(self, block: B, loops: Sequence[Callable[[], None]], where: str) -> None:
+    def _batches(self, loops: Sequence[Callable[[], None]], where: str) -> None:
         """Collect the pairs within the cutoff that are somewhere in the list, and do loops over them."""
-        has_points = not self._is_dense(block)
+        has_points = not self._is_dense
         kept = {"near_mates": "mate", "squares": "square"} | {batch: value for value, batch in self._ways.items()}
         kept |= {"near_points": "point"} if has_points else {}
         self._line(f"low_pair, high_pair = {where}")
         with self._block(f"for low_of_batch in range(low_pair, high_pair, {BATCH})"):
             self._line("near = index(0)")
             with self._block(f"for e in range(low_of_batch, min(low_of_batch + {BATCH}, high_pair))"):
-                self._pair(block)
+                self._pair()
                 self._line(*(f"{batch}[near] = {value}" for batch, value in kept.items()))
-                self._line(f"near += {self._is_near(block)}")
+                self._line(f"near += {self._is_near}")
             for number, loop in enumerate(loops):
                 is_last = number == len(loops) - 1
                 if not is_last:
@@ -251,71 +245,77 @@ class SwarmText(Text, Generic[B]):
     def _here(self) -> None:
         self._line(*(f"{axis}_here = {self._place('point', axis)}" for axis in self._axes))
 
-    def _pair(self, block: B) -> None:
+    def _pair(self) -> None:
         """Read a pair of the list, and compute the way from the point to its mate, and the square of its length.
 
         The point is the one with the smaller number unless one loops over the points.
         """
         self._line("mate = index(mates[e])")
-        if not self._is_dense(block):
+        if not self._is_dense:
             self._line("point = index(owners[e])")
-            if self._in_part:
+            if self._source.is_of_part:
                 self._line("point, mate = min(point, mate), max(point, mate)")
             self._here()
         self._line(*(f"d{axis} = {self._place('mate', axis)} - {axis}_here" for axis in self._axes))
         self._line(*self._box.nearest())
         self._line(f"square = {' + '.join(f'd{axis} * d{axis}' for axis in self._axes)}")
 
-    def _is_near(self, block: B) -> str:
+    @property
+    def _is_near(self) -> str:
         """The condition that two points are within the cutoff."""
-        law = block.law
-        cutoff = law.value(law.cutoff, "") if law.cutoff in law.columns else self._own(block, law.cutoff)
+        name = self._law.effect.cutoff
+        cutoff = self._law.value(name, "") if name in self._law.columns else self._field(name)
         return f"square < {cutoff} * {cutoff}"
 
-    def _length(self, block: B, reads_rate: bool) -> None:
+    def _length(self, reads_rate: bool) -> None:
         """Compute the distance of two points, and the rate at which it grows."""
         self._line("r = sqrt(tiny + square)", "inverse = 1 / r")
         if reads_rate:
-            self._line(f"i = {self._mass(block, 'point')}")
+            self._line(f"i = {self._mass('point')}")
             self._line(f"{' = '.join(f'e{axis}' for axis in self._axes)} = 0.0")
-            with self._only_if(self._if_mass(block)):
-                self._line(f"j = {self._mass(block, 'mate')}")
+            with self._only_if(self._if_mass):
+                self._line(f"j = {self._mass('mate')}")
                 self._line(*(f"e{axis} = {self._at('v', axis, 'j')}" for axis in self._axes))
             # if the point's came first, with its sign, it would be rounded in one way in vectors and in another alone
             self._line(*(f"e{axis} -= {self._at('v', axis, 'i')}" for axis in self._axes))
             self._line(*self._box.rate())
             self._line(f"rate = ({' + '.join(f'd{axis} * e{axis}' for axis in self._axes)}) * inverse")
 
-    def _if_mass(self, block: B) -> str:
+    @property
+    def _if_mass(self) -> str:
         """The condition that the mate is a mass, if the swarm has fixed points."""
-        listing = block.listing
+        listing = self.listing
         return "" if listing.points == listing.masses else f"mate < {listing.masses}"
 
-    def _is_dense(self, block: B) -> bool:
+    @property
+    def _is_dense(self) -> bool:
         """Whether one loops over the points, and for each over its mates, because these are many."""
-        return block.listing.is_dense
+        return self.listing.is_dense
 
-    def _tension(self, block: B) -> str:
-        law, offered = block.law, self._offered(block)
+    @property
+    def _tension(self) -> str:
+        law, offered = self._law, self._offered
         terms = [law.call("tension", "", offered)] if "tension" in law.functions else []
         terms += [f"{law.call('density', '', offered)} * r"] if "density" in law.functions else []
         return " + ".join(terms)
 
-    def _reads_rate(self, block: B) -> bool:
-        return block.law.reads("rate", "tension", "density")
+    @property
+    def _reads_rate(self) -> bool:
+        return self._law.reads("rate", "tension", "density")
 
-    def _offered(self, block: B) -> dict[str, str]:
+    @property
+    def _offered(self) -> dict[str, str]:
         offered = {"t": "t", "r": "r", "rate": "rate"}
-        return offered | {name: self._own(block, name) for name in block.listing.own}
+        return offered | {name: self._field(name) for name in self.listing.own}
 
-    def _own(self, block: B, name: str) -> str:
-        place = block.listing.own[name]
+    def _field(self, name: str) -> str:
+        place = self.listing.own[name]
         return f"({entry('p', place, 'point')} + {entry('p', place, 'mate')})"
 
     def _place(self, point: str, axis: str) -> str:
         d = len(self._axes)
         return entry("places", self._axes.index(axis), point if d == 1 else f"{d} * {point}")
 
-    def _mass(self, block: B, place: str) -> str:
-        begin = block.listing.begin
+    def _mass(self, place: str) -> str:
+        begin = self.listing.begin
         return f"{begin} + {place}" if begin > 0 else place if begin == 0 else f"index(indices[{place}])"

@@ -18,8 +18,9 @@ except ImportError as error:
 
 from .constraint import TINY, Constraint
 from .constraint_table import Arm, ConstraintTable, Row
-from .effect import Motion, arguments
+from .effect import Effect, Motion
 from .names import words
+from .placed import Placed
 
 _WRONG = 1e-9  # a value of phi at the start, as a part of the largest length, that is no round-off
 _DEPENDENT = 1e-10  # a pivot, as a part of the entry on the diagonal
@@ -28,24 +29,7 @@ _MOST_NAMED = 4  # constraints that an error names
 
 
 @dataclass(frozen=True, eq=False)
-class Kind:
-    """Constraints of one placement with functions of their own, or with a target that depends on the time.
-
-    Attributes
-    ----------
-    effect : Constraint
-    columns : dict of str to ndarray
-        The parameters of its members.
-    rows : ndarray of int, shape (members,)
-    """
-
-    effect: Constraint
-    columns: dict[str, Any]
-    rows: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Held:
+class ConstraintSet:
     """The constraints of a scene.
 
     Attributes
@@ -55,39 +39,37 @@ class Held:
         The name of each row, such as "rod 3".
     counts : Counter
         The number of constraints by the title of their effect.
-    effects : list of Constraint
-    kinds : list of Kind
+    effects : list of Effect
+    kinds : list of (Placed, ndarray of int, shape (members,))
+        The constraints with functions of their own, or with a target that depends on the time, and their rows.
     """
 
     table: ConstraintTable
     names: list[str]
     counts: Counter[str]
-    effects: list[Constraint]
-    kinds: list[Kind]
+    effects: list[Effect]
+    kinds: list[tuple[Placed, np.ndarray]]
 
     @property
     def depends_on_time(self) -> bool:
-        return any({"length", "target"} & kind.effect.functions().keys() for kind in self.kinds)
-
-    def period(self, row: int) -> float:
-        """Return the period of phi of a constraint of its own, from the number of its first row."""
-        return next(kind.effect.period for kind in self.kinds if kind.rows[0] == row)
+        return any({"length", "target"} & law.effect.functions().keys() for law, _ in self.kinds)
 
 
-def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held:
+def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintSet:
     """Collect the constraints of a scene."""
-    placed = [placement for placement in placements if isinstance(placement[0], Constraint)]
-    _check_still(placements, placed)
+    _check_still(placed)
+    held = [law for law in placed if isinstance(law.effect, Constraint)]
     arms: list[Arm] = []
     rows: list[Row] = []
     names: list[str] = []
     counts: Counter[str] = Counter()
-    kinds: list[Kind] = []
+    kinds: list[tuple[Placed, np.ndarray]] = []
     slopes = 0
-    for effect, numbers, columns in placed:
-        columns, first = columns or {}, len(rows)
+    for law in held:
+        effect, first = law.effect, len(rows)
+        assert isinstance(effect, Constraint)
         functions = effect.functions()
-        for member, points in enumerate(zip(*(array.tolist() for array in numbers), strict=True)):
+        for member, points in enumerate(zip(*(array.tolist() for array in law.points), strict=True)):
             name = f"{words(effect.title)} {counts[effect.title]}"
             counts[effect.title] += 1
             if "phi" in functions:
@@ -98,7 +80,7 @@ def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held:
                 slopes += len(points)
                 continue
             positions = [cloud.positions[point] for point in points]
-            values = {key: column[member] for key, column in columns.items() if key not in functions}
+            values = {key: column[member] for key, column in law.columns.items() if key not in functions}
             equations = effect.equations(positions, values)
             for k, equation in enumerate(equations):
                 both: list[int] = []
@@ -111,20 +93,20 @@ def held(cloud: Any, placements: Sequence[Any], degrees: int) -> Held:
                 rows.append(Row((both[0], both[1]), equation.scale, equation.target))
                 names.append(f"{name} ({k + 1} of {len(equations)})" if len(equations) > 1 else name)
         if functions:
-            kinds.append(Kind(effect, columns, np.arange(first, len(rows))))
+            kinds.append((law, np.arange(first, len(rows))))
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
     table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
-    return Held(table, names, counts, [effect for effect, _, _ in placed], kinds)
+    return ConstraintSet(table, names, counts, [law.effect for law in held], kinds)
 
 
-def _check_still(placements: Sequence[Any], placed: Sequence[Any]) -> None:
+def _check_still(placed: Sequence[Placed]) -> None:
     """Refuse constraints on fixed points that a motion moves."""
-    moved = [numbers[0] for effect, numbers, _ in placements if isinstance(effect, Motion)]
-    for effect, numbers, _ in placed:
-        if moved and np.isin(np.concatenate(numbers), np.concatenate(moved)).any():
+    moved = [law.points[0] for law in placed if isinstance(law.effect, Motion)]
+    for law in (law for law in placed if isinstance(law.effect, Constraint)):
+        if moved and np.isin(np.concatenate(law.points), np.concatenate(moved)).any():
             raise ValueError(
-                f"{effect.title} takes fixed points that no motion moves: move a mass with an Actuator instead."
+                f"{law.effect.title} takes fixed points that no motion moves: move a mass with an Actuator instead."
             )
 
 
@@ -142,12 +124,12 @@ def _arm(cloud: Any, points: Sequence[int], factors: Any, constant: np.ndarray) 
     return Arm(np.array(list(kept), dtype=int), np.array(list(kept.values()), dtype=float), constant)
 
 
-def fitting(held: Held, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
+def fitting(held: ConstraintSet, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
     """Check the constraints at the start; return the velocities that are nearest to v0 and keep them.
 
     Parameters
     ----------
-    held : Held
+    held : ConstraintSet
     u0, v0 : ndarray, shape (degrees,)
     t : float
         The time at the start, s.
@@ -184,35 +166,36 @@ def fitting(held: Held, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
     return np.concatenate([v0[:size] + change, v0[size:]])
 
 
-def _driven(held: Held, t: float, values: np.ndarray) -> np.ndarray:
+def _driven(held: ConstraintSet, t: float, values: np.ndarray) -> np.ndarray:
     """Put targets that depend on the time into the values of phi; return their part of its rate."""
     rates = np.zeros(len(values))
-    for kind in held.kinds:
-        functions, period = kind.effect.functions(), kind.effect.period
-        for member, row in enumerate(kind.rows):
+    for law, its_rows in held.kinds:
+        assert isinstance(law.effect, Constraint)
+        functions = law.effect.functions()
+        for member, row in enumerate(its_rows):
             if "length" in functions:
-                length, rate, _ = _call(kind, member, "length", {"t": t})
+                length, rate, _ = law.call("length", member, {"t": t})
                 scale, target = held.table.rows[row].scale, held.table.rows[row].target
                 values[row] -= scale * (length * length - target)
                 rates[row] = -2 * scale * length * rate
             if "target" in functions:
-                target, rate, _ = _call(kind, member, "target", {"t": t})
+                target, rate, _ = law.call("target", member, {"t": t})
                 values[row] -= target
                 rates[row] = -rate
-            if period:
+            if period := law.effect.period:
                 values[row] -= period * np.rint(values[row] / period)
     return rates
 
 
-def _linearised(held: Held, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
+def _linearised(held: ConstraintSet, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
     """Return phi and its gradients for masses at some places."""
     table = held.table
     arms = np.array([arm.factors @ places[arm.points] + arm.constant for arm in table.arms])
     values, slopes = np.zeros(len(table.rows)), np.zeros((table.own_arms, table.dimension))
-    for kind in held.kinds:
-        if "phi" in kind.effect.functions():
-            for member, row in enumerate(kind.rows):
-                values[row], slope = _own(kind, member, arms[list(table.rows[row].arms)])
+    for law, rows in held.kinds:
+        if "phi" in law.effect.functions():
+            for member, row in enumerate(rows):
+                values[row], slope = _own(law, member, arms[list(table.rows[row].arms)])
                 slopes[np.array(table.rows[row].slopes) - len(arms)] = slope
     for k, row in enumerate(table.rows):
         if not row.slopes:
@@ -225,14 +208,13 @@ def _linearised(held: Held, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
     return values, csr_array((parts.ravel(), (np.repeat(row, table.dimension), columns.ravel())), shape=shape)
 
 
-def _own(kind: Kind, member: int, places: np.ndarray) -> tuple[float, np.ndarray]:
+def _own(law: Placed, member: int, places: np.ndarray) -> tuple[float, np.ndarray]:
     """Return phi of a constraint of its own, and its gradients."""
-    functions = kind.effect.functions()
 
     def call(function: str, x: np.ndarray) -> Any:
-        return _call(kind, member, function, {f"x{k}": tuple(place) for k, place in enumerate(x.tolist())})
+        return law.call(function, member, {f"x{k}": tuple(place) for k, place in enumerate(x.tolist())})
 
-    if "gradient" in functions:
+    if "gradient" in law.effect.functions():
         slope = np.reshape(call("gradient", places), places.shape)
     else:
         slope = np.empty(places.shape)
@@ -243,16 +225,7 @@ def _own(kind: Kind, member: int, places: np.ndarray) -> tuple[float, np.ndarray
     return float(call("phi", places)), slope
 
 
-def _call(kind: Kind, member: int, name: str, offered: dict[str, Any]) -> Any:
-    """Call a function of one of the constraints with the arguments that it takes, among these and the fields."""
-    function = kind.effect.functions()[name]
-    for field, column in kind.columns.items():
-        value = column[member]
-        offered[field] = tuple(value) if np.ndim(value) else float(value)
-    return function(*(offered[argument] for argument in arguments(function)))
-
-
-def _factors(held: Held, product: csc_array) -> Any:
+def _factors(held: ConstraintSet, product: csc_array) -> Any:
     """Return the function that solves with G W G^T, whose pivots tell which constraints depend on each other."""
     diagonal = product.diagonal()
     try:

@@ -7,7 +7,7 @@ from typing import ClassVar
 from .effect import Body
 
 
-class Turning(Body):
+class BodyTorque(Body):
     """A torque on a rigid body, as forces on its unit vectors: the points of ``body.axes`` together."""
 
     takes: ClassVar[tuple[int, ...]] = (1,)

@@ -1,0 +1,466 @@
+"""What a scene is made of: points, and the effects on them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..functions.checks import check_count, check_flag, reals
+from .assembly import Bodies, Cloud, count_states
+from .body_torque import BodyTorque
+from .cell import same_points
+from .effect import Body, Effect, Link, arguments
+from .grain_contact import Rough
+from .picture import moves
+from .placed import Placed
+from .swarm import Swarm, check_swarm
+
+_ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points of a scene: one point, or an array of points of any shape, which is indexed as NumPy arrays are.
+
+    Attributes
+    ----------
+    scene : Scene
+    numbers : ndarray of int
+        The points' numbers in their scene.
+    """
+
+    scene: Description
+    numbers: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the array of points; () for one point."""
+        return self.numbers.shape
+
+    @property
+    def position(self) -> np.ndarray:
+        """The positions at the start, m, of shape (*shape, dimension), or of shape `shape` in one dimension."""
+        places = self.scene._cloud().positions[self.numbers]
+        return places[..., 0] if self.scene.dimension == 1 else places
+
+    def __repr__(self) -> str:
+        return f"Points(shape={self.shape}, dimension={self.scene.dimension})"
+
+    def __len__(self) -> int:
+        if not self.shape:
+            raise TypeError("a single point has no length; only an array of points has one.")
+        return len(self.numbers)
+
+    def __iter__(self) -> Iterator[Points]:
+        return (self[k] for k in range(len(self)))
+
+    def __getitem__(self, index: Any) -> Points:
+        return Points(self.scene, _constant(np.asarray(self.numbers[index])))
+
+    def of(self, u: ArrayLike, t: ArrayLike | None = None) -> np.ndarray:
+        """Return the positions of these points in a run, m, also of fixed ones.
+
+        Of masses alone, it also returns the velocities from ``solution.v``; `velocities` has those of all points.
+
+        Parameters
+        ----------
+        u : array_like, shape (..., degrees of freedom)
+            Such as ``solution.u``.
+        t : float or array_like, shape (...), optional
+            The times of these states, such as ``solution.t``, s, for points that a `Motion` moves.
+
+        Returns
+        -------
+        ndarray, shape (..., *shape, dimension)
+            Without the last axis in scenes of one dimension.
+
+        Raises
+        ------
+        ValueError
+            If t is missing or does not match u, and if masses were added after the run.
+        """
+        return self.scene._values_of(self.numbers, u, t)
+
+    def velocities(self, v: ArrayLike, t: ArrayLike | None = None) -> np.ndarray:
+        """Return the velocities of these points in a run, m/s; 0 for fixed ones that no `Motion` moves.
+
+        Parameters
+        ----------
+        v : array_like, shape (..., degrees of freedom)
+            Such as ``solution.v``.
+        t
+            As for `of`.
+
+        Returns
+        -------
+        ndarray, shape (..., *shape, dimension)
+            Without the last axis in scenes of one dimension.
+
+        Raises
+        ------
+        ValueError
+            As for `of`.
+        """
+        return self.scene._values_of(self.numbers, v, t, rate=1)
+
+    def angles_of(self, values: ArrayLike) -> np.ndarray:
+        """Return these masses' angles, rad, or spins, rad/s, from the displacements or velocities of a run.
+
+        Parameters
+        ----------
+        values : array_like, shape (..., degrees of freedom)
+            Such as ``solution.u`` or ``solution.v``.
+
+        Returns
+        -------
+        ndarray, shape (..., *shape) in the plane, or (..., *shape, 3) in space
+
+        Raises
+        ------
+        ValueError
+            If no mass of the scene has an inertia, a point is fixed, or masses were added after the run.
+        """
+        return self.scene._values_of(self.numbers, values, angles=True)
+
+
+class Axes(Points):
+    """The unit vectors of one rigid body."""
+
+
+class Description:
+    """The points and the effects of a scene, as they are added one after the other."""
+
+    def __init__(self, dimension: int, box: Sequence[float | None] | None = None, shear: float = 0.0) -> None:
+        if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension not in (1, 2, 3):
+            raise ValueError(f"dimension must be 1, 2 or 3, not {dimension!r}.")
+        self.dimension = int(dimension)
+        self._box = self._check_box(box)
+        self._shear = float(reals(shear, "shear"))
+        if not math.isfinite(self._shear):
+            raise ValueError(f"shear must be finite, not {shear!r}.")
+        if self._shear and not (self.dimension > 1 and (self._box[:2] > 0).all()):
+            raise ValueError("shear needs a box with sides along x and y, such as box=(1.0, 1.0).")
+        self._swarms: list[Swarm] = []
+        self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
+        self._count = 0
+        self._placed: list[Placed] = []
+        self._bodies = Bodies([], {}, [])
+
+    def fixed(self, position: ArrayLike) -> Points:
+        """Add points that do not move, unless a `Motion` moves them.
+
+        Parameters
+        ----------
+        position : array_like, shape (..., dimension)
+            m. In one dimension it has any shape, without the last axis.
+
+        Returns
+        -------
+        Points
+        """
+        position = self._vectors(position, "position of fixed points")
+        return self._added(position, np.zeros(position.shape[:-1]), np.zeros_like(position))
+
+    def mass(
+        self,
+        m: ArrayLike,
+        position: ArrayLike,
+        velocity: ArrayLike = 0.0,
+        *,
+        inertia: ArrayLike | None = None,
+        spin: ArrayLike = 0.0,
+    ) -> Points:
+        """Add masses that are free to move.
+
+        Parameters
+        ----------
+        m : float or array_like, shape (...)
+            kg.
+        position : array_like, shape (..., dimension)
+            m. In one dimension it has any shape, without the last axis.
+        velocity : array_like, shape (..., dimension), optional
+            m/s; 0 if not given.
+        inertia : float or array_like, shape (...), optional
+            The moment of inertia of a disc or a sphere, kg m^2: the masses then spin. Without it, nothing turns them.
+        spin : array_like, shape (...) in the plane, or (..., 3) in space, optional
+            The angular velocity, rad/s; 0 if not given.
+
+        Returns
+        -------
+        Points
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a mass or an inertia is not positive, or shapes do not match.
+        """
+        position = self._vectors(position, "position of masses")
+        m = reals(m, "m of masses")
+        if not (np.isfinite(m).all() and (m > 0).all()):
+            raise ValueError(f"m of masses must be positive and finite, not {m[~((m > 0) & np.isfinite(m))].flat[0]}.")
+        if np.ndim(velocity) == 0 and velocity == 0:
+            velocity = np.zeros(position.shape if self.dimension > 1 else position.shape[:-1])
+        velocity = self._vectors(velocity, "velocity of masses")
+        shape = position.shape[:-1]
+        turning = self._turning(inertia, spin, shape)
+        given = spread(m, shape, "m"), spread(velocity, position.shape, "velocity")
+        return self._added(position, *given, turning=turning)
+
+    def add(
+        self,
+        effect: Effect,
+        *points: Points,
+        near: Points | None = None,
+        leaves_joined: bool = False,
+        room: int | None = None,
+    ) -> None:
+        """Add an effect on some points.
+
+        Parameters
+        ----------
+        effect : Effect
+            Its parameters are numbers, or arrays with one number for each of the points or pairs of points.
+        *points : Points
+            A `Body` takes masses; without them it acts on all masses of the scene. A `Link` takes its two ends, as
+            points of the same shape or as one point for many. A `Motion` takes fixed points. A `Cell` takes the points
+            of each of its corners, in the same way as a link.
+
+            A `Link` with a cutoff also takes one array of points, and then acts between all pairs of them. The compiled
+            code keeps a list of the pairs that are near each other, so that the time of a step grows as the number of
+            points. Its parameters are numbers; those in `Link.mixed` may have a value for each point, and a pair has
+            the mean of the values of its points.
+        near : Points, optional
+            The link acts between all pairs of a point and one of these. Only the former can have values of their own.
+        leaves_joined : bool
+            Leave out pairs that a link or a cell of the scene joins, such as neighbours in a cloth.
+        room : int, optional
+            The number of pairs of each point for which the list has memory. By default it is twice that at the start,
+            and at least that of a dense packing. A state with more pairs costs more time: they are then looked for in
+            each evaluation.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the points or parameters do not match the effect. The error names the effect.
+        """
+        if not isinstance(effect, Effect):
+            given = effect.__name__ if isinstance(effect, type) else type(effect).__name__
+            raise TypeError(f"effect must be an effect with parameters, such as LinearSpring(10.0), not {given}.")
+        effect.check(self.dimension)
+        effect = effect.snapshot()
+        if isinstance(effect, Rough) and len(points) != 1:
+            raise TypeError(f"{effect.title} takes one array of points, and fixed points as near=, not {len(points)}.")
+        if isinstance(effect, Link) and len(points) == 1:
+            self._add_swarm(effect, points[0], near, leaves_joined, room)
+            return
+        if near is not None or leaves_joined or room is not None:
+            raise TypeError(
+                f"near, leaves_joined and room are for a link on one array of points, not for {effect.title}."
+            )
+        numbers = self._numbers_of(points, effect)
+        if not numbers:  # on all masses; their number is known later
+            self._placed.append(Placed(effect, {}))
+            return
+        columns = effect.columns(numbers[0].shape, self.dimension)
+        flat = tuple(array.ravel() for array in numbers)
+        if same_points(flat):
+            raise ValueError(f"{effect.title} joins a point to itself.")
+        cloud = self._cloud()
+        if isinstance(effect, Body) and cloud.is_massless[np.concatenate(flat)].any():
+            self._check_massless(effect)
+        columns |= effect.shape_columns([cloud.rest[i] for i in flat])
+        effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat], columns)
+        if not flat[0].size:
+            return
+        self._placed.append(Placed(effect, columns, flat))
+
+    def _add_swarm(
+        self, effect: Link, points: Points, near: Points | None, leaves_joined: bool, room: int | None
+    ) -> None:
+        groups = [self._numbers_of([handle], effect)[0] for handle in (points, near) if handle is not None]
+        first, second = groups[0].ravel(), groups[1].ravel() if len(groups) > 1 else np.empty(0, dtype=np.int64)
+        columns = effect.columns(groups[0].shape, self.dimension)
+        if not first.size or (near is not None and not second.size):
+            return
+        columns = {name: column[:1] if (column == column[0]).all() else column for name, column in columns.items()}
+        room = None if room is None else check_count(room, "room")
+        swarm = Swarm(effect, columns, (first, second), check_flag(leaves_joined, "leaves_joined"), room)
+        cloud = self._cloud()
+        check_swarm(swarm, cloud)
+        self._swarms.append(swarm)
+
+    def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:
+        vectors = reals(values, name)
+        if self.dimension == 1:
+            vectors = vectors[..., np.newaxis]
+        elif vectors.shape[-1:] != (self.dimension,):
+            raise ValueError(f"{name} must have {self.dimension} components each, not the shape {vectors.shape}.")
+        if not np.isfinite(vectors).all():
+            raise ValueError(f"{name} must be finite.")
+        return vectors
+
+    def _added(
+        self,
+        position: np.ndarray,
+        m: np.ndarray,
+        velocity: np.ndarray,
+        rest: np.ndarray | None = None,
+        turning: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> Points:
+        numbers = np.arange(self._count, self._count + m.size).reshape(m.shape)
+        self._count += m.size
+        rows = (m.size, self.dimension)
+        rest = position if rest is None else rest
+        inertia, spins = turning or (np.zeros(m.size), np.zeros((m.size, _ANGLES[self.dimension])))
+        self._parts.append(
+            (m.ravel(), position.reshape(rows), velocity.reshape(rows), rest.reshape(rows), inertia, spins)
+        )
+        return Points(self, _constant(numbers))
+
+    def _cloud(self) -> Cloud:
+        """Return all points. Their parts are joined here, not when points are added, which may be one by one."""
+        if len(self._parts) > 1:
+            self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
+        if not self._parts:
+            none = np.empty((0, self.dimension))
+            return Cloud(np.empty(0), none, none, none, self._box, self._shear, np.empty(0), none[:, :0], self._bodies)
+        masses, positions, velocities, rest, inertia, spins = self._parts[0]
+        spins = spins if inertia.any() else spins[:, :0]
+        given = self._box, self._shear, inertia, spins, self._bodies
+        return Cloud(masses, positions, velocities, rest, *given)
+
+    def _turning(
+        self, inertia: ArrayLike | None, spin: ArrayLike, shape: tuple[int, ...]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the inertias and the spins of masses, as rows; None for masses that do not spin."""
+        if inertia is None:
+            if np.any(np.asarray(spin) != 0):
+                raise ValueError("spin of masses needs their inertia: give inertia too.")
+            return None
+        if self.dimension == 1:
+            raise ValueError("inertia is for scenes of 2 or 3 dimensions: nothing spins on a line.")
+        moments = spread(reals(inertia, "inertia of masses"), shape, "inertia")
+        if not (np.isfinite(moments).all() and (moments > 0).all()):
+            raise ValueError("inertia of masses must be positive and finite.")
+        spins = reals(spin, "spin of masses")
+        if not np.isfinite(spins).all():
+            raise ValueError("spin of masses must be finite.")
+        angles = _ANGLES[self.dimension]
+        spins = spread(spins, shape if angles == 1 else (*shape, angles), "spin")
+        return moments.ravel(), spins.reshape(-1, angles)
+
+    def _check_box(self, box: Sequence[float | None] | None) -> np.ndarray:
+        """Return the sides of the box, which are 0 along axes without repetition."""
+        if box is None:
+            return np.zeros(self.dimension)
+        sides = reals([0.0 if side is None else side for side in np.atleast_1d(np.array(box, dtype=object))], "box")
+        if sides.shape != (self.dimension,) or not (np.isfinite(sides) & (sides >= 0)).all():
+            raise ValueError(f"box must have {self.dimension} sides, each a positive length or None, not {box!r}.")
+        return sides
+
+    def _numbers_of(self, points: Sequence[Points], effect: Effect) -> list[np.ndarray]:
+        if isinstance(effect, BodyTorque) and [type(handle) for handle in points] != [Axes]:
+            name = effect.title
+            raise TypeError(f"{name} turns a rigid body: give its axes, as in scene.add({name}(...), body.axes).")
+        for handle in points:
+            if not isinstance(handle, Points):
+                hint = ": index an array of points, as in masses[[0, 3]]" * isinstance(handle, list | tuple)
+                hint += ": give body.centre, or a point such as body.point(place)" * hasattr(handle, "centre")
+                raise TypeError(f"{effect.title} acts on Points of a scene, not on {type(handle).__name__}{hint}.")
+            if handle.scene is not self:
+                raise ValueError(f"{effect.title} was given points of another scene.")
+        if len(points) not in effect.takes and not isinstance(effect, Link):
+            takes = " or ".join(map(str, effect.takes))
+            raise TypeError(f"{effect.title} takes {takes} arguments of points, not {len(points)}.")
+        numbers = [handle.numbers for handle in points]
+        if len({array.shape for array in numbers if array.size != 1}) > 1:
+            shapes = " and ".join(str(array.shape) for array in numbers)
+            raise ValueError(f"{effect.title} was given ends of shapes {shapes}; give one shape, or one point for all.")
+        return list(np.broadcast_arrays(*numbers)) if numbers else []
+
+    def _values_of(
+        self, numbers: np.ndarray, given: ArrayLike, t: ArrayLike | None = None, rate: int = 0, angles: bool = False
+    ) -> np.ndarray:
+        """Return the values of points, or of their angles. Fixed points have their position, or for rate=1 its rate."""
+        values, cloud = np.asarray(given, dtype=np.float64), self._cloud()
+        free, kinds = cloud.free, cloud.spins.shape[1]
+        if angles and not kinds:
+            raise ValueError("no mass of the scene has an inertia, so that none has an angle.")
+        is_fixed = free[numbers] < 0
+        if angles and is_fixed.any():
+            raise ValueError("fixed points have no angles; only masses do.")
+        count = np.count_nonzero(cloud.is_own)
+        size = values.shape[-1] if values.ndim else 0
+        expected = count * (self.dimension + kinds) + count_states(cloud, self._placed)
+        if size != expected:
+            raise ValueError(
+                f"values must have {expected} degrees of freedom on the last axis, such as those of "
+                f"solution.u of this scene, not {size}."
+            )
+        parts = self.dimension + np.arange(kinds) if angles else np.arange(self.dimension)
+        if cloud.is_carried[numbers].any():
+            return self._carried_of(numbers, values, t, rate)
+        taken = values[..., free[numbers][..., np.newaxis] + count * parts]
+        if is_fixed.any():
+            taken[..., is_fixed, :] = self._supports_of(numbers[is_fixed], values.shape[:-1], t, rate)
+        return taken[..., 0] if parts.size == 1 else taken
+
+    def _check_massless(self, effect: Body) -> None:
+        """Refuse an effect that takes the mass of a point which has none."""
+        functions = effect.functions()
+        if "acceleration" in functions or any("m" in arguments(function) for function in functions.values()):
+            raise ValueError(f"{effect.title} acts on masses, and a point of a rigid body has none: give body.centre.")
+
+    def _supports_of(self, numbers: np.ndarray, shape: tuple[int, ...], t: ArrayLike | None, rate: int) -> np.ndarray:
+        """Return the positions of fixed points, or their rates, in states of a shape."""
+        places = 0.0 * self._cloud().positions[numbers] if rate else self._cloud().positions[numbers]
+        found = np.tile(places, (*shape, 1, 1))
+        for function, given, direction, some in moves(self._placed):
+            moved = np.isin(numbers, some)
+            if not moved.any():
+                continue
+            if t is None:
+                call = "points.velocities(solution.v, solution.t)" if rate else "points.of(solution.u, solution.t)"
+                raise ValueError(f"t must be given for points that a motion moves, as in {call}.")
+            times = reals(t, "t")
+            if times.shape != shape[len(shape) - times.ndim :]:
+                raise ValueError(f"t must have the shape {shape} of the states, not {times.shape}.")
+            way = np.reshape([function(float(time), *given)[rate] for time in times.ravel()], times.shape)
+            found[..., moved, :] += way[..., np.newaxis, np.newaxis] * direction
+        return found
+
+    def _carried_of(self, numbers: np.ndarray, values: np.ndarray, t: ArrayLike | None, rate: int) -> np.ndarray:
+        """Return the values of points of which a body carries some."""
+        found = []
+        for number in numbers.ravel().tolist():
+            parts, factors = self._bodies.carried.get(number, (np.array([number]), np.ones(1)))
+            found.append(np.einsum("p,...pk->...k", factors, self._values_of(parts, values, t, rate)))
+        return np.stack(found, axis=-2).reshape(*values.shape[:-1], *numbers.shape, self.dimension)
+
+    def _carry(self, parts: np.ndarray, factors: np.ndarray, is_vector: bool) -> Points:
+        """Add points that are sums of the positions of others, with factors of shape (..., parts)."""
+        cloud = self._cloud()
+        shape = *factors.shape[:-1], self.dimension
+        position = (factors @ cloud.positions[parts]).reshape(shape)
+        points = self._added(position, np.ones(shape[:-1]), (factors @ cloud.velocities[parts]).reshape(shape))
+        for number, row in zip(points.numbers.ravel().tolist(), factors.reshape(-1, len(parts)), strict=True):
+            self._bodies.carried[number] = parts, row
+            self._bodies.vectors.extend([number] * is_vector)
+        return points
+
+
+def _constant(numbers: np.ndarray) -> np.ndarray:
+    numbers.flags.writeable = False
+    return numbers
+
+
+def spread(values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
+    try:
+        return np.broadcast_to(values, shape)
+    except ValueError:
+        raise ValueError(f"{name} of masses must have the shape {shape} of these masses, not {values.shape}.") from None

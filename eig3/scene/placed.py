@@ -1,0 +1,70 @@
+"""Placed effects: the points that effects act on, and the parameters of each member as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .effect import FORCES, RESETS, Effect, arguments
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Effects of one kind on some points.
+
+    Attributes
+    ----------
+    effect : Effect
+        One of the effects, for its functions and names.
+    columns : dict of str to ndarray or list
+        The parameters by name. For a field in `arrays` of several motions, it is the list of their arrays.
+    points : tuple of ndarray of int, shape (members,)
+        The points of each argument; none for an effect on all masses.
+    """
+
+    effect: Effect
+    columns: dict[str, Any]
+    points: tuple[np.ndarray, ...] = ()
+
+    @property
+    def is_conservative(self) -> bool:
+        """Whether the effects do no work besides the change of their potential."""
+        functions = self.effect.functions()
+        return not functions.keys() & RESETS and ("potential" in functions or not functions.keys() & FORCES)
+
+    def value(self, name: str, member: int) -> Any:
+        """Return a parameter of a member as functions take it: an array, a tuple for a vector, or a number."""
+        column = self.columns[name]
+        if name in self.effect.arrays:
+            values = np.array(column)
+            values.flags.writeable = False
+            return values
+        value = column[member if len(column) > 1 else 0]
+        return tuple(value.tolist()) if name in self.effect.vectors else float(value)
+
+    def call(self, name: str, member: int, given: dict[str, Any]) -> Any:
+        """Call a function for a member, with what is given, or else its parameters."""
+        function = self.effect.functions()[name]
+        values = {"state": 0.0, **given}
+        return function(*(values[a] if a in values else self.value(a, member) for a in arguments(function)))
+
+    def take(self, members: np.ndarray) -> Placed:
+        """Return those of some members, or of all members in another order."""
+        arrays = self.effect.arrays
+        columns = {name: column if name in arrays else column[members] for name, column in self.columns.items()}
+        return Placed(self.effect, columns, tuple(points[members] for points in self.points))
+
+
+def joined(parts: Sequence[Placed], of_arrays: Callable[[list[Any]], Any] = lambda arrays: arrays[0]) -> Placed:
+    """Return effects of one kind as one, with all their members; `of_arrays` joins what is no column of members."""
+    one = parts[0]
+    if len(parts) == 1:
+        return one
+    columns = {
+        name: (of_arrays if name in one.effect.arrays else np.concatenate)([part.columns[name] for part in parts])
+        for name in one.columns
+    }
+    return Placed(one.effect, columns, tuple(map(np.concatenate, zip(*(part.points for part in parts), strict=True))))

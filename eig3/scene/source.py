@@ -1,0 +1,219 @@
+"""The source of a scene as it is written, its parameters in one array p, and the names of these and of functions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..kernels.compile.source import Writer
+from .assembly import EVENT, STATE, Assembly
+from .box_text import BoxText
+from .effect import Effect, arguments
+from .names import identifier, words
+from .placed import Placed
+
+
+@dataclass(frozen=True)
+class Column:
+    """The place of a parameter in p.
+
+    p contains one value if all members have the same value, and otherwise one value for each member; for a vector, this
+    holds for each component. A component that is 0 in all members is written as 0.0 in the source, so that the compiler
+    removes it. This is not done if all components of an effect's vector are 0, because the code of an effect must not
+    depend on its parameters.
+    """
+
+    offset: int
+    members: int
+    zero: tuple[bool, ...] | None = None  # for each component of a vector, whether it is 0; None for numbers
+
+    @property
+    def is_uniform(self) -> bool:
+        return self.members == 1
+
+    def of(self, member: str) -> str:
+        """Return the source of a member's number or tuple."""
+        if self.zero is None:
+            return self._entry(0, member)
+        return f"({', '.join(self.component(k, member) for k in range(len(self.zero)))},)"
+
+    def component(self, k: int, member: str) -> str:
+        """Return the source of one component of a member's vector."""
+        return "0.0" if self.zero and self.zero[k] else self._entry(k, member)
+
+    def _entry(self, k: int, member: str) -> str:
+        offset = self.offset + k * self.members
+        if self.is_uniform:
+            return f"p[{offset}]"
+        return entry("p", offset, member)
+
+
+@dataclass(frozen=True)
+class Other:
+    """Where an array is in p, or a state in u: the source of that of a member."""
+
+    of: Callable[[str], str]
+    is_uniform: bool
+
+
+def entry(array: str, offset: int, index: str) -> str:
+    """Return the source of array[offset + index]."""
+    if index.isdecimal():
+        return f"{array}[{offset + int(index)}]"
+    return f"{array}[{offset} + {index}]" if offset else f"{array}[{index}]"
+
+
+@dataclass(frozen=True, eq=False)
+class Symbols:
+    """A law in the source: its functions and its parameters.
+
+    Attributes
+    ----------
+    effect : Effect
+    functions : dict of str to jitted function
+    columns : dict of str to Column or Other
+    members : int
+        The number of motions that the law stands for; 1 for other effects.
+    names : dict of str to str
+        Names in the source of functions, of parameters with one value for all members, and, as "=force", of results.
+    events : ndarray of int
+        The number of each member's event; empty for an effect without an event.
+    """
+
+    effect: Effect
+    functions: dict[str, Any]
+    columns: dict[str, Column | Other]
+    members: int
+    names: dict[str, str]
+    events: np.ndarray
+
+    def reads(self, name: str, *functions: str) -> bool:
+        """Return whether one of these functions has an argument of this name."""
+        return any(name in arguments(self.functions[f]) for f in functions if f in self.functions)
+
+    def constants(self, *functions: str) -> Iterator[str]:
+        """Return assignments of those parameters of these functions that have one value for all members."""
+        for name, column in self.columns.items():
+            if column.is_uniform and (name == self.effect.cutoff or self.reads(name, *functions)):
+                yield f"{self.names[name]} = {column.of('')}"
+
+    def call(self, function: str, member: str, offered: dict[str, str]) -> str:
+        """Return the source of a call for one member; `offered` has the source of arguments that are not parameters."""
+        needed = arguments(self.functions[function])
+        values = (self.value(name, member) if name in self.columns else offered[name] for name in needed)
+        return f"{self.names[function]}({', '.join(values)})"
+
+    def value(self, name: str, member: str) -> str:
+        """Return the source of one member's parameter."""
+        column = self.columns[name]
+        return self.names[name] if column.is_uniform else column.of(member)
+
+
+class Source(Writer):
+    """The source of one scene, and its array p.
+
+    Attributes
+    ----------
+    size : int
+        That of p so far.
+    functions : dict of str to jitted function
+        By their names in the source.
+    weight : Column
+        Inverse masses.
+    turn : Column or None
+        Inverse inertias, 0 for masses that do not spin; None if none does.
+    motions : list of Symbols
+    box : BoxText
+    team : int or None
+        The place of the team of threads that share the forces between near points; None if no number of threads is
+        given, or the scene is small.
+    is_of_part : bool
+        Whether what is written is for the masses of a part, from low to end.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        super().__init__()
+        self._parts: list[np.ndarray] = []
+        self.size = 0
+        self._wanted: list[str] = []  # names, by the numbers that stand for them until the source is written
+        self.functions: dict[str, Any] = {}
+        self._first_state, cloud = assembly.coordinates, assembly.cloud
+        self.weight = self.column(1 / cloud.in_order(cloud.masses))
+        self.turn = self.column(_inverse(cloud.in_order(cloud.inertia))) if assembly.angles else None
+        self.motions = [self.symbols(law) for law in assembly.motions]
+        sides = {axis: self.add(side) for axis, side in zip("xyz", cloud.box, strict=False) if side > 0}
+        self.box = BoxText(sides, self.add(np.array(cloud.shear)) if cloud.shear else None)
+        self.team: int | None = None
+        self.is_of_part = False
+
+    @property
+    def params(self) -> np.ndarray:
+        """The array p."""
+        return np.concatenate(self._parts)
+
+    def add(self, values: np.ndarray) -> int:
+        """Append to p; return where."""
+        self._parts.append(np.ravel(values).astype(np.float64))
+        self.size += self._parts[-1].size
+        return self.size - self._parts[-1].size
+
+    def column(self, values: np.ndarray, is_place: bool = False) -> Column:
+        """Append a parameter of members to p."""
+        if (values == values[0]).all():
+            values = values[:1]
+        zero = None
+        if values.ndim == 2:
+            is_zero = (values == 0).all(axis=0)
+            zero = tuple((is_zero & (is_place or not is_zero.all())).tolist())
+        return Column(self.add(values.T), len(values), zero)
+
+    def symbols(self, law: Placed) -> Symbols:
+        """Append the parameters of a law to p, and name its functions."""
+        effect, functions = law.effect, law.effect.functions()
+        columns: dict[str, Any] = {
+            name: self._array(values) if name in effect.arrays else self.column(values)
+            for name, values in law.columns.items()
+            if name != EVENT
+        }
+        if STATE in columns:
+            number = columns[STATE]
+            columns[STATE] = Other(lambda member: entry("u", self._first_state, f"index({number.of(member)})"), False)
+        members = len(law.columns["direction"]) if "direction" in law.columns else 1
+        stem = words(effect.title).replace(" ", "_")
+        names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
+        names |= {f"={function}": self._name(f"{stem}_{function[0]}") for function in functions}
+        self.functions.update({names[name]: function for name, function in functions.items()})
+        events = law.columns.get(EVENT, np.empty(0, dtype=np.int64))
+        return Symbols(effect, functions, columns, members, names, events)
+
+    def _array(self, values: np.ndarray | list[np.ndarray]) -> Other:
+        if not isinstance(values, list):
+            offset = self.add(values)
+            return Other(lambda member: f"p[{offset}:{offset + values.size}]", True)
+        first = np.array([self.add(array) for array in values])
+        starts, ends = self.column(first), self.column(first + [array.size for array in values])
+        return Other(lambda member: f"p[index({starts.of(member)}) : index({ends.of(member)})]", False)
+
+    def _name(self, wanted: str) -> str:
+        """Return what stands for a name in the source until `named` puts one there that is like `wanted`."""
+        self._wanted.append(wanted)
+        return f"${len(self._wanted) - 1}"
+
+    def named(self) -> tuple[str, dict[str, Any]]:
+        """Return the source with names that are nowhere else in it, and its functions by their names."""
+        source = str(self)
+        taken, names = {*re.findall(r"\w+", source), *self.functions}, dict[str, str]()
+        for number, wanted in enumerate(self._wanted):
+            names[f"${number}"] = identifier(wanted, taken)
+            taken.add(names[f"${number}"])
+        functions = {names.get(name, name): function for name, function in self.functions.items()}
+        return re.sub(r"\$\d+", lambda found: names[found[0]], source), functions
+
+
+def _inverse(values: np.ndarray) -> np.ndarray:
+    """Return the inverses of numbers, and 0 for 0."""
+    return np.divide(1.0, values, out=np.zeros_like(values), where=values > 0)
