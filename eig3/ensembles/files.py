@@ -59,10 +59,11 @@ def register(kind: type) -> None:
 
 def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
     """Return the ensemble with the fields of a file."""
-    t = np.broadcast_to(fields["t"], fields["u"].shape[:2]) if len(fields["t"]) == 1 else fields["t"]
-    state = {**fields, "t": t}
-    check_ensemble(state, MemberOccurrences)
-    return kind(**state)
+    t, u = fields["t"], fields["u"]
+    if len(t) == 1 < len(u):  # the times of all members
+        fields = {**fields, "t": np.broadcast_to(t, u.shape[:2])}
+    check_ensemble(fields, MemberOccurrences)
+    return kind(**fields)
 
 
 def _loaded_directory(path: Path) -> Any:

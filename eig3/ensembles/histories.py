@@ -88,9 +88,10 @@ class Histories:
             for place in np.flatnonzero(~complete):
                 member = int(chosen[place])
                 t = self.members.t_span[0] + index * float(self.members.steps[member])
-                state = {"t": t, "u": self.shaped(u[:, place].copy()), "v": self.shaped(v[:, place].copy())}
-                values = {name: self._valued(name, x[:, place].copy()) for name, x in outputs.items()}
-                self.last[member] = state | {"outputs": values, "integrals": {}}
+                last: dict[str, Any] = {"t": t, "integrals": {}}
+                last["u"], last["v"] = (self.shaped(x[:, place].copy()) for x in (u, v))
+                last["outputs"] = {name: self._valued(name, x[:, place].copy()) for name, x in outputs.items()}
+                self.last[member] = last
 
     def _beside(
         self, u: np.ndarray, v: np.ndarray, outputs: Mapping[str, np.ndarray]
@@ -121,18 +122,18 @@ class Histories:
     def take(self, member: int, solution: Solution) -> None:
         """Store the result of a member that ran alone."""
         t, u, v = whole_rows(solution, self.members.n)
+        states = {"t": t, "u": u, "v": v, "outputs": solution.outputs, "integrals": {}}
         rows = len(t)
         self.last.pop(member, None)  # of the same member in lanes
         if self.options.has_own_times:
             with self._room:
                 self._reserve(rows)
-                self._store(member, rows, t, u, v, solution)
+                self._store(member, rows, states | {"steps": solution.steps})
         else:
             if self.options.t_eval is None and solution.n_steps < self.members.n_steps[member]:
                 rows = min(rows, solution.n_steps // self.every + 1)
-            self._store(member, rows, t, u, v, solution)
+            self._store(member, rows, states)
             if rows < len(t):  # the last state of a run that failed is not one to save
-                states = {"t": t, "u": u, "v": v, "outputs": solution.outputs, "integrals": {}}
                 self.last[member] = {name: each(lambda x: x[-1], x) for name, x in states.items()}
         for name in OF_RUNS:
             each(lambda x, value: x.__setitem__(member, value), getattr(self, name), getattr(solution, name))
@@ -182,16 +183,15 @@ class Histories:
             rows = (self.shaped(states[mine, i, degrees]) for i in range(4))
             self.events[name].append((member[mine], Occurrences(t[mine], *rows)))
 
-    def _store(self, member: int, rows: int, t: np.ndarray, u: np.ndarray, v: np.ndarray, solution: Solution) -> None:
+    def _store(self, member: int, rows: int, states: Mapping[str, Any]) -> None:
         """Write the rows of a member, and NaN after them."""
-        values = [(self.u, u), (self.v, v), *((self.outputs[name], x) for name, x in solution.outputs.items())]
-        if self._t is not None:
-            values.append((self._t, t))
-        if self.steps is not None and solution.steps is not None:
-            values.append((self.steps, solution.steps))
-        for whole, x in values:
-            whole[member, :rows] = np.reshape(x[:rows], (rows, *whole.shape[2:]))
-            whole[member, rows:] = np.nan
+
+        def put(whole: np.ndarray, x: np.ndarray) -> None:
+            whole[member, :rows], whole[member, rows:] = np.reshape(x[:rows], (rows, *whole.shape[2:])), np.nan
+
+        arrays = {"t": self._t, "u": self.u, "v": self.v, "steps": self.steps, "outputs": self.outputs}
+        for name, whole in arrays.items():
+            each(put, whole, states.get(name))
 
     def _reserve(self, rows: int) -> None:
         """Make room for members with more states than the others."""

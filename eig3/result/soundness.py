@@ -41,16 +41,17 @@ def check_run(fields: Mapping[str, Any]) -> None:
             raise ValueError("_a_jumps are not the accelerations before and after the jumps.")
 
 
-def check_ensemble(fields: Mapping[str, Any], occurrences: type) -> None:
+def check_ensemble(fields: Mapping[str, Any], occurrences: Any) -> None:
     """Do the same for an ensemble. `occurrences` is the class of the occurrences of an event in all members."""
     states, degrees = _shapes(fields["u"], 2)
     m = states[0]
 
     def are_of_members(x: Any) -> bool:
-        if not (isinstance(x, occurrences) and _are_occurrences(x, degrees)):
+        if not isinstance(x, occurrences) or not _are_occurrences(x, degrees):
             return False
         has_first = _is_array(x.first) and x.first.shape == (m,)
-        return has_first and isinstance(x.member, np.ndarray) and (x.member.dtype, x.member.shape) == (int, x.t.shape)
+        has_members = isinstance(x.member, np.ndarray) and x.member.dtype == np.int64 and x.member.shape == x.t.shape
+        return has_first and has_members
 
     tests: dict[str, Test] = {
         "events": partial(_are_named, are_of_members),
@@ -96,10 +97,7 @@ def _is_column(column: Column, states: tuple[int, ...], degrees: tuple[int, ...]
             return isinstance(x, Extremes) and all(is_value(part, float) for part in x)
         if not isinstance(x, np.ndarray):
             return not first and _IS_ONE[kind](x)
-        if kind in _DTYPES:
-            has_kind = x.dtype == _DTYPES[kind]
-        else:
-            has_kind = x.dtype == np.object_ and all(isinstance(one, kind) for one in x.flat)
+        has_kind = x.dtype == _DTYPES.get(kind, object) and (kind in _DTYPES or all(map(_IS_ONE[kind], x.flat)))
         rest = x.shape[len(first) :]
         has_shape = len(rest) < 2 if column.shape is ANY else rest == shape
         return has_kind and x.ndim > 0 and x.shape[: len(first)] == first and has_shape

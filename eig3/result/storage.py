@@ -189,7 +189,7 @@ def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.n
     foreign = f"{target} is not a file that Solution.save has written, or it is damaged: name such a file."
     with target.open("rb") as stream:
         try:
-            arrays = _Members(stream)
+            arrays = _arrays(stream)
             text = str(arrays[_RECORD])
         except Exception as error:  # many kinds, from zipfile, zlib and NumPy
             raise ValueError(foreign) from error
@@ -207,22 +207,12 @@ def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.n
     raise ValueError(f"{target} has version {version} of its format, and not {_VERSION}: use the eig3 that wrote it.")
 
 
-class _Members(Mapping[str, np.ndarray]):
-    """The arrays of a file, which are read when they are asked for. A compressed one could be larger than memory."""
-
-    def __init__(self, file: Any) -> None:
-        self._content = np.load(file, allow_pickle=False)
-        if any(member.compress_type != zipfile.ZIP_STORED for member in self._content.zip.infolist()):
-            raise ValueError("Solution.save compresses no array.")
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self._content[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._content)
-
-    def __len__(self) -> int:
-        return len(self._content)
+def _arrays(stream: Any) -> Mapping[str, np.ndarray]:
+    """Return the arrays of a file, which are read when they are asked for."""
+    arrays = np.load(stream, allow_pickle=False)
+    if any(member.compress_type != zipfile.ZIP_STORED for member in arrays.zip.infolist()):
+        raise ValueError("Solution.save compresses no array: it could be larger than memory.")
+    return arrays
 
 
 @contextlib.contextmanager
