@@ -122,13 +122,13 @@ class Histories:
     def take(self, member: int, solution: Solution) -> None:
         """Store the result of a member that ran alone."""
         t, u, v = whole_rows(solution, self.members.n)
-        states = {"t": t, "u": u, "v": v, "outputs": solution.outputs, "integrals": {}}
+        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "integrals": {}}
         rows = len(t)
         self.last.pop(member, None)  # of the same member in lanes
         if self.options.has_own_times:
             with self._room:
                 self._reserve(rows)
-                self._store(member, rows, states | {"steps": solution.steps})
+                self._store(member, rows, states)
         else:
             if self.options.t_eval is None and solution.n_steps < self.members.n_steps[member]:
                 rows = min(rows, solution.n_steps // self.every + 1)
@@ -191,7 +191,7 @@ class Histories:
 
         arrays = {"t": self._t, "u": self.u, "v": self.v, "steps": self.steps, "outputs": self.outputs}
         for name, whole in arrays.items():
-            each(put, whole, states.get(name))
+            each(put, whole, states[name])
 
     def _reserve(self, rows: int) -> None:
         """Make room for members with more states than the others."""
