@@ -50,10 +50,10 @@ class MemberOccurrences:
         numbers = np.concatenate([np.empty(0, dtype=np.int64), *(member for member, _ in some)])
         order = np.argsort(numbers, kind="stable")
         member, t = numbers[order], np.concatenate([np.empty(0), *(found.t for _, found in some)])[order]
-        states = (np.concatenate([none, *(getattr(found, name) for _, found in some)])[order] for name in _STATES)
+        states = {name: np.concatenate([none, *(getattr(found, name) for _, found in some)])[order] for name in _STATES}
         first = np.full(m, np.nan)
         first[member[::-1]] = t[::-1]  # the first occurrence is written last
-        return cls(member, t, *states, first=first)
+        return cls(member, t, first=first, **states)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -74,6 +74,6 @@ class MemberOccurrences:
         return MemberOccurrences(
             joined(self.member, first + part.member),
             joined(self.t, part.t),
-            *(joined(getattr(self, name), getattr(part, name)) for name in _STATES),
             first=np.concatenate([self.first[:first], part.first, self.first[end:]]),
+            **{name: joined(getattr(self, name), getattr(part, name)) for name in _STATES},
         )
