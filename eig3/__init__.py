@@ -96,21 +96,22 @@ __all__ = [
 ]
 
 
+#: The modules of names that are imported on first access, so that `import eig3` stays fast; None for a module itself.
+_LATER = {
+    **dict.fromkeys(("effects", "math", "problems", "scene", "stability", "structures")),
+    **dict.fromkeys(("noise", "white_noise"), "philox"),
+    **dict.fromkeys(("Fit", "fit"), "fitting.fit"),
+    **dict.fromkeys(("Sensitivities", "sensitivities"), "fitting.sensitivities"),
+    **dict.fromkeys(("Modal", "Rayleigh", "linear"), "structures"),
+    "report": "bench.report",
+}
+
+
 def __getattr__(name: str) -> Any:
-    # These modules are imported on first access, so that `import eig3` stays fast.
-    if name in ("effects", "math", "problems", "scene", "stability", "structures"):
-        return importlib.import_module(f"eig3.{name}")
-    if name in ("noise", "white_noise"):
-        return getattr(importlib.import_module("eig3.philox"), name)
-    if name == "report":
-        return importlib.import_module("eig3.bench.report").report
-    if name in ("Fit", "fit"):
-        return getattr(importlib.import_module("eig3.fitting.fit"), name)
-    if name in ("Sensitivities", "sensitivities"):
-        return getattr(importlib.import_module("eig3.fitting.sensitivities"), name)
-    if name in ("Modal", "Rayleigh", "linear"):
-        return getattr(importlib.import_module("eig3.structures"), name)
-    raise AttributeError(f"module 'eig3' has no attribute {name!r}")
+    if name not in _LATER:
+        raise AttributeError(f"module 'eig3' has no attribute {name!r}")
+    module = importlib.import_module(f"eig3.{_LATER[name] or name}")
+    return getattr(module, name) if _LATER[name] else module
 
 
 def __dir__() -> list[str]:

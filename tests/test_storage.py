@@ -226,7 +226,7 @@ def rewritten(path, change):
 def test_files_of_another_version_and_broken_records_are_refused(tmp_path):
     path = oscillate().save(tmp_path / "run")
     rewritten(path, lambda record, arrays: record.update(version=storage._VERSION + 1, solution="of another form"))
-    with pytest.raises(ValueError, match=r"has version 6 of its format, and not 5: use the eig3 that wrote it"):
+    with pytest.raises(ValueError, match=r"has version 7 of its format, and not 6: use the eig3 that wrote it"):
         eig3.load(path)
     changes = [
         lambda record, arrays: record.pop("version"),

@@ -11,18 +11,16 @@ from typing import Any
 import numpy as np
 
 from ..result import storage
-from ..result.soundness import check_ensemble_fields
+from ..result.soundness import check_ensemble
 from .occurrences import MemberOccurrences
 
+_KIND = "ensemble"
 _WHOLE, _PARTS = "ensemble.npz", "part-*.npz"  # the files of a directory: all members at their start, and the parts
-_TEXTS = ("status", "message")  # fields with an array of objects
 
 
 def save(solution: Any, path: str | PathLike[str]) -> Path:
     """Write an ensemble to a file, as `EnsembleSolution.save` describes it."""
-    fields = solution.__getstate__()
-    fields |= {name: fields[name].tolist() for name in _TEXTS}
-    return storage.write(solution.method, fields, storage.file(path), kind="ensemble")
+    return storage.write(_KIND, solution.__getstate__(), storage.file(path))
 
 
 class Directory:
@@ -55,20 +53,17 @@ class Directory:
 def register(kind: type) -> None:
     """Let files of ensembles become objects of the class of their results."""
     storage.PARTS[MemberOccurrences.__name__] = MemberOccurrences
-    storage.KINDS["ensemble"] = partial(_loaded, kind)
+    storage.KINDS[_KIND] = partial(_loaded, kind)
     storage.DIRECTORIES[_WHOLE] = _loaded_directory
 
 
 def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
     """Return the ensemble with the fields of a file."""
-    state = dict(fields)
-    for name in _TEXTS:
-        state[name] = np.array((*state[name], None), dtype=object)[:-1]  # NumPy would make texts of another type
-    state["_last"] = dict(state["_last"])
-    check_ensemble_fields(state, MemberOccurrences)
-    if len(state["t"]) < len(state["u"]):
-        state["t"] = np.broadcast_to(state["t"], state["u"].shape[:2])
-    return kind(**state)
+    t, u = fields["t"], fields["u"]
+    if len(t) == 1 < len(u):  # the times of all members
+        fields = {**fields, "t": np.broadcast_to(t, u.shape[:2])}
+    check_ensemble(fields, MemberOccurrences)
+    return kind(**fields)
 
 
 def _loaded_directory(path: Path) -> Any:

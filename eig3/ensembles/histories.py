@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from threading import Lock
 from typing import Any
 
@@ -11,9 +12,9 @@ import numpy as np
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..kernels.protocol import SCALAR
+from ..result.columns import OF_RUNS, each
 from ..result.memory import check_members_history, n_rows
-from ..result.solution import Solution, Status
-from ..result.storage import whole_rows
+from ..result.solution import Solution, Status, whole_rows
 from ..run.options import RunOptions
 from .members import Members
 from .occurrences import MemberOccurrences
@@ -56,9 +57,9 @@ class Histories:
         shapes = {**dict.fromkeys(functions.invariants, ()), **functions.shapes}
         self._shapes: dict[str, tuple[int, ...]] = shapes
         self.outputs = {name: np.full((m, rows, *(shapes[name] or (1,))), np.nan) for name in functions.outputs}
-        self.extremes = {name: np.full((4, m, *(shape or (1,))), np.nan) for name, shape in shapes.items()}
+        self.extremes = {name: Extremes(*np.full((4, m, *(shape or (1,))), np.nan)) for name, shape in shapes.items()}
         self.events: dict[str, list[tuple[np.ndarray, Occurrences]]] = {name: [] for name in options.events}
-        self.last: dict[int, tuple] = {}  # t, u, v and the outputs of the last state, if it is not one to save
+        self.last: dict[int, dict[str, Any]] = {}  # the columns of the last state, if it is not one to save
 
     def save(
         self, chosen: np.ndarray, row: int, u: np.ndarray, v: np.ndarray, outputs: Mapping[str, np.ndarray]
@@ -87,8 +88,10 @@ class Histories:
             for place in np.flatnonzero(~complete):
                 member = int(chosen[place])
                 t = self.members.t_span[0] + index * float(self.members.steps[member])
-                state = (self.shaped(x[:, place].copy()) for x in (u, v))
-                self.last[member] = t, *state, *(self._valued(name, x[:, place].copy()) for name, x in outputs.items())
+                last: dict[str, Any] = {"t": t, "integrals": {}}
+                last["u"], last["v"] = (self.shaped(x[:, place].copy()) for x in (u, v))
+                last["outputs"] = {name: self._valued(name, x[:, place].copy()) for name, x in outputs.items()}
+                self.last[member] = last
 
     def _beside(
         self, u: np.ndarray, v: np.ndarray, outputs: Mapping[str, np.ndarray]
@@ -119,29 +122,24 @@ class Histories:
     def take(self, member: int, solution: Solution) -> None:
         """Store the result of a member that ran alone."""
         t, u, v = whole_rows(solution, self.members.n)
+        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "integrals": {}}
         rows = len(t)
         self.last.pop(member, None)  # of the same member in lanes
         if self.options.has_own_times:
             with self._room:
                 self._reserve(rows)
-                self._store(member, rows, t, u, v, solution)
+                self._store(member, rows, states)
         else:
             if self.options.t_eval is None and solution.n_steps < self.members.n_steps[member]:
                 rows = min(rows, solution.n_steps // self.every + 1)
-            self._store(member, rows, t, u, v, solution)
+            self._store(member, rows, states)
             if rows < len(t):  # the last state of a run that failed is not one to save
-                self.last[member] = tuple(x[-1] for x in (t, *self._shaped(u, v), *solution.outputs.values()))
-        self.n_steps[member], self.n_rhs[member] = solution.n_steps, solution.n_rhs
-        self.n_iterations[member], self.n_rejected[member] = solution.n_iterations, solution.n_rejected
-        self.h[member] = solution.h
-        for name, drift in solution.drift.items():
-            self.drift[name][member] = drift
-        for name, extremes in solution.extremes.items():
-            self.extremes[name][:, member] = np.reshape(extremes, (4, -1))
+                self.last[member] = {name: each(lambda x: x[-1], x) for name, x in states.items()}
+        for name in OF_RUNS:
+            each(lambda x, value: x.__setitem__(member, value), getattr(self, name), getattr(solution, name))
         for name, occurrences in solution.events.items():
             if len(occurrences):
                 self.events[name].append((np.full(len(occurrences), member), occurrences))
-        self.judge(member, solution.status, solution.message)
 
     def reach(
         self,
@@ -185,16 +183,15 @@ class Histories:
             rows = (self.shaped(states[mine, i, degrees]) for i in range(4))
             self.events[name].append((member[mine], Occurrences(t[mine], *rows)))
 
-    def _store(self, member: int, rows: int, t: np.ndarray, u: np.ndarray, v: np.ndarray, solution: Solution) -> None:
+    def _store(self, member: int, rows: int, states: Mapping[str, Any]) -> None:
         """Write the rows of a member, and NaN after them."""
-        values = [(self.u, u), (self.v, v), *((self.outputs[name], x) for name, x in solution.outputs.items())]
-        if self._t is not None:
-            values.append((self._t, t))
-        if self.steps is not None and solution.steps is not None:
-            values.append((self.steps, solution.steps))
-        for whole, x in values:
-            whole[member, :rows] = np.reshape(x[:rows], (rows, *whole.shape[2:]))
-            whole[member, rows:] = np.nan
+
+        def put(whole: np.ndarray, x: np.ndarray) -> None:
+            whole[member, :rows], whole[member, rows:] = np.reshape(x[:rows], (rows, *whole.shape[2:])), np.nan
+
+        arrays = {"t": self._t, "u": self.u, "v": self.v, "steps": self.steps, "outputs": self.outputs}
+        for name, whole in arrays.items():
+            each(put, whole, states[name])
 
     def _reserve(self, rows: int) -> None:
         """Make room for members with more states than the others."""
@@ -204,13 +201,8 @@ class Histories:
             return
         wanted = max(rows, 2 * room)
         check_members_history(len(self.members), wanted, self.members.n, self.options.functions.n_outputs)
-        self.u, self.v = widened(self.u, wanted), widened(self.v, wanted)
-        self.outputs = {name: widened(values, wanted) for name, values in self.outputs.items()}
-        self._t = None if self._t is None else widened(self._t, wanted)
-        self.steps = None if self.steps is None else widened(self.steps, wanted)
-
-    def _shaped(self, *states: np.ndarray) -> list[Any]:
-        return [self.shaped(x.reshape(len(x), -1)) for x in states]
+        histories = self.u, self.v, self._t, self.steps, self.outputs
+        self.u, self.v, self._t, self.steps, self.outputs = (each(partial(widened, wanted), x) for x in histories)
 
     def solution(
         self,
@@ -223,21 +215,14 @@ class Histories:
         """Return the result of the ensemble, or of its part."""
         rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.integrals)
         shape = () if self.members.form is SCALAR else (degrees,)
+        extremes = {name: each(partial(self._valued, name), x) for name, x in self.extremes.items()}
         solution = EnsembleSolution(
+            **{name: getattr(self, name) for name in OF_RUNS} | {"extremes": extremes},
             t=self.t[:, rows],
             u=self.shaped(self.u[:, rows]),
             v=self.shaped(self.v[:, rows]),
-            h=self.h,
-            n_steps=self.n_steps,
-            n_rhs=self.n_rhs,
-            n_iterations=self.n_iterations,
-            n_rejected=self.n_rejected,
-            status=self.status,
-            message=self.message,
             params=self.members.params,
             method=self.options.method,
-            drift=self.drift,
-            extremes={name: Extremes(*(self._valued(name, x) for x in e)) for name, e in self.extremes.items()},
             outputs={name: self._valued(name, x[:, rows]) for name, x in self.outputs.items()},
             events={name: MemberOccurrences.joined(len(self.u), shape, each) for name, each in self.events.items()},
             steps=None if self.steps is None else self.steps[:, rows],
@@ -245,7 +230,7 @@ class Histories:
             labels=self.options.labels,
             kernel_seconds=seconds,
             notes=tuple(notes),
-            _last=self.last,
+            _last=dict(self.last),
             _rhs=rhs,
             _repeat=repeat,
             _again=again,

@@ -9,6 +9,8 @@ import numpy as np
 
 from ..functions.events import Occurrences
 
+_STATES = "u", "v", "u_after", "v_after"
+
 
 @dataclass(frozen=True, eq=False)
 class MemberOccurrences:
@@ -48,13 +50,10 @@ class MemberOccurrences:
         numbers = np.concatenate([np.empty(0, dtype=np.int64), *(member for member, _ in some)])
         order = np.argsort(numbers, kind="stable")
         member, t = numbers[order], np.concatenate([np.empty(0), *(found.t for _, found in some)])[order]
-        u, v, u_after, v_after = (
-            np.concatenate([none, *(getattr(found, name) for _, found in some)])[order]
-            for name in ("u", "v", "u_after", "v_after")
-        )
+        states = {name: np.concatenate([none, *(getattr(found, name) for _, found in some)])[order] for name in _STATES}
         first = np.full(m, np.nan)
         first[member[::-1]] = t[::-1]  # the first occurrence is written last
-        return cls(member, t, u, v, u_after, v_after, first)
+        return cls(member, t, first=first, **states)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -62,7 +61,7 @@ class MemberOccurrences:
     def of_member(self, i: int) -> Occurrences:
         """Return the occurrences in member i."""
         chosen = slice(*np.searchsorted(self.member, [i, i + 1]))
-        return Occurrences(*(x[chosen] for x in (self.t, self.u, self.v, self.u_after, self.v_after)))
+        return Occurrences(*(getattr(self, name)[chosen] for name in ("t", *_STATES)))
 
     def with_part(self, part: MemberOccurrences, first: int) -> MemberOccurrences:
         """Return these occurrences with those of a part of the members, which begins with member `first`."""
@@ -75,9 +74,6 @@ class MemberOccurrences:
         return MemberOccurrences(
             joined(self.member, first + part.member),
             joined(self.t, part.t),
-            joined(self.u, part.u),
-            joined(self.v, part.v),
-            joined(self.u_after, part.u_after),
-            joined(self.v_after, part.v_after),
-            np.concatenate([self.first[:first], part.first, self.first[end:]]),
+            first=np.concatenate([self.first[:first], part.first, self.first[end:]]),
+            **{name: joined(getattr(self, name), getattr(part, name)) for name in _STATES},
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from os import PathLike
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method
 from ..result import frames
+from ..result.columns import OF_RUNS, OF_STATES, each, separated
 from ..result.labels import Labels
 from ..result.solution import Reason, Solution, Status
 from ..stepping.march import Cancel
@@ -109,7 +111,7 @@ class EnsembleSolution:
     n_rejected: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     steps: np.ndarray | None = None
     labels: Labels | None = None
-    _last: dict[int, tuple] = field(default_factory=dict)  # t, u, v, outputs and integrals, by member
+    _last: dict[int, dict[str, Any]] = field(default_factory=dict)  # columns of a last state that is not one to save
     _rhs: Any = None  # the jitted function
     _repeat: Repeat | None = None
     _again: Callable[..., EnsembleSolution] | None = None  # runs all members to another end
@@ -147,60 +149,40 @@ class EnsembleSolution:
             raise IndexError(f"the ensemble has {len(self)} members, numbered from 0: there is no member {i}.")
         i = int(i) % len(self)
         count = int(self._n_rows(slice(i, i + 1))[0])
-        rows = [values[i, :count] for values in self._histories]
-        if i in self._last:  # the last finite state is not one of the states to save
-            rows = [np.append(x, [y], axis=0) for x, y in zip(rows, self._last[i], strict=True)]
-        t, u, v = rows[:3]
-        others = iter(rows[3:])
+        fields = {name: each(lambda x: x[i, :count], getattr(self, name)) for name in OF_STATES}
+        fields |= {name: each(lambda x: x.item(i) if x.ndim == 1 else x[i], getattr(self, name)) for name in OF_RUNS}
+        for name, last in self._last.get(i, {}).items():  # the last finite state is not one of the states to save
+            fields[name] = each(lambda x, y: np.append(x, [y], axis=0), fields[name], last)
         return Solution(
-            t=t,
-            u=u,
-            v=v,
-            h=float(self.h[i]),
-            n_steps=int(self.n_steps[i]),
-            n_rhs=int(self.n_rhs[i]),
-            n_iterations=int(self.n_iterations[i]),
-            status=self.status[i],
-            message=self.message[i],
+            **fields,
             kernel_seconds=self.kernel_seconds * float(self.n_steps[i] / max(1, self.n_steps.sum())),
             method=self.method.of_member(self.first + i),
-            drift={name: float(values[i]) for name, values in self.drift.items()},
-            extremes={name: extremes.of_member(i) for name, extremes in self.extremes.items()},
             notes=self.notes,
-            outputs={name: next(others) for name in self.outputs},
-            integrals={name: next(others) for name in self.integrals},
             events={name: occurrences.of_member(i) for name, occurrences in self.events.items()},
-            n_rejected=int(self.n_rejected[i]),
-            steps=None if self.steps is None else self.steps[i, :count],
             labels=self.labels,
             reason=self._reason(i),
             _accelerations=self._accelerations_of(i),
         )
-
-    @property
-    def _histories(self) -> list[np.ndarray]:
-        return [self.t, self.u, self.v, *self.outputs.values(), *self.integrals.values()]
 
     def _n_rows(self, chosen: slice = slice(None)) -> np.ndarray:
         """Return how many of the saved states of some members are finite: they are the first ones."""
         finite = np.isfinite(self.u[chosen]) & np.isfinite(self.v[chosen])
         return np.count_nonzero(finite if finite.ndim == 2 else finite.all(axis=2), axis=1)
 
-    def _table(self) -> frames.Table:
-        """Return the states of all members, one after the other, also a last one that is not one to save."""
+    def _table(self) -> SimpleNamespace:
+        """Return the columns of all states, one after the other, also a last one that is not one to save."""
         counts = self._n_rows()
         chosen = np.arange(self.u.shape[1]) < counts[:, None]
-        member, rows = np.nonzero(chosen)[0], [values[chosen] for values in self._histories]
+        member = np.nonzero(chosen)[0]
+        fields = {name: each(lambda x: x[chosen], getattr(self, name)) for name in OF_STATES}
         if self._last:
-            last = sorted(self._last)
-            ends = np.cumsum(counts)[last]
-            states = zip(*(self._last[i] for i in last), strict=True)
-            member = np.insert(member, ends, last)
-            rows = [np.insert(x, ends, values, axis=0) for x, values in zip(rows, states, strict=True)]
-        t, u, v = rows[:3]
-        others = iter(rows[3:])
-        outputs, integrals = ({name: next(others) for name in names} for names in (self.outputs, self.integrals))
-        return frames.Table(self.first + member, t, u, v, outputs, integrals, self.labels)
+            numbers = sorted(self._last)
+            ends = np.cumsum(counts)[numbers]
+            member = np.insert(member, ends, numbers)
+            for name in self._last[numbers[0]]:
+                states = (self._last[i][name] for i in numbers)
+                fields[name] = each(lambda x, *last: np.insert(x, ends, last, axis=0), fields[name], *states)
+        return SimpleNamespace(**fields, member=self.first + member, labels=self.labels)
 
     def to_xarray(self) -> Any:
         """Return the saved states of all members as an `xarray.Dataset`.
@@ -304,47 +286,33 @@ class EnsembleSolution:
 
     def _separate(self, names: Sequence[str]) -> None:
         """Move the last degrees of freedom, whose velocities are integrals with these names, to `integrals`."""
-        n = self.u.shape[-1] - len(names)
-        self.integrals = {name: self.v[..., n + k].copy() for k, name in enumerate(names)}
-        self.u, self.v = self.u[..., :n], self.v[..., :n]
-        self._last = {i: (t, u[:n], v[:n], *outputs, *v[n:]) for i, (t, u, v, *outputs) in self._last.items()}
+        self.u, self.v, self.integrals = separated(self.u, self.v, names)
+        for i, last in self._last.items():
+            states = separated(last["u"], last["v"], names)
+            self._last[i] = last | dict(zip(("u", "v", "integrals"), states, strict=True))
 
     def _place(self, part: EnsembleSolution) -> None:
         """Store the results of some of the members, from member `part.first` on."""
         chosen, rows = slice(part.first, part.first + len(part)), part.u.shape[1]
         self._reserve(rows)
-        if self.t.strides[0]:
-            self.t[chosen, :rows], self.t[chosen, rows:] = part.t, np.nan
-        for whole, values in self._histories_beside(part):
-            whole[chosen, :rows] = values
-        for name in ("h", "n_steps", "n_rhs", "n_iterations", "n_rejected", "status", "message"):
-            getattr(self, name)[chosen] = getattr(part, name)
-        for name, drift in part.drift.items():
-            self.drift[name][chosen] = drift
-        for name, extremes in part.extremes.items():
-            for whole, values in zip(self.extremes[name], extremes, strict=True):
-                whole[chosen] = values
+
+        def put(whole: np.ndarray, values: np.ndarray) -> None:
+            whole[chosen, :rows], whole[chosen, rows:] = values, np.nan
+
+        for name in OF_STATES:
+            if name != "t" or self.t.strides[0]:  # the times of all members may be the same
+                each(put, getattr(self, name), getattr(part, name))
+        for name in OF_RUNS:
+            each(lambda whole, values: whole.__setitem__(chosen, values), getattr(self, name), getattr(part, name))
         for name, occurrences in part.events.items():
             self.events[name] = self.events[name].with_part(occurrences, part.first)
         self._last |= {part.first + i: state for i, state in part._last.items()}
 
-    def _histories_beside(self, part: EnsembleSolution) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield the arrays with rows of states, each with those of a part."""
-        yield self.u, part.u
-        yield self.v, part.v
-        for name, values in (*part.outputs.items(), *part.integrals.items()):
-            yield (self.outputs if name in part.outputs else self.integrals)[name], values
-        if self.steps is not None and part.steps is not None:
-            yield self.steps, part.steps
-
     def _reserve(self, rows: int) -> None:
         """Make room for more states of each member."""
-        if rows <= self.u.shape[1]:
-            return
-        self.u, self.v, self.t = widened(self.u, rows), widened(self.v, rows), widened(self.t, rows)
-        self.steps = None if self.steps is None else widened(self.steps, rows)
-        for values in (self.outputs, self.integrals):
-            values.update({name: widened(x, rows) for name, x in values.items()})
+        if rows > self.u.shape[1]:
+            for name in OF_STATES:
+                setattr(self, name, each(partial(widened, rows), getattr(self, name)))
 
     def _accelerations_of(self, i: int) -> Any:
         """Return the function of the accelerations of member i, if one is known."""
@@ -367,13 +335,8 @@ class EnsembleSolution:
 
     def __getstate__(self) -> dict[str, Any]:
         # These functions refer to compiled code. Members with the same times need them only once.
-        return {
-            **vars(self),
-            "_rhs": None,
-            "_repeat": None,
-            "_again": None,
-            "t": self.t if self.t.strides[0] else self.t[:1],
-        }
+        state = {name: value for name, value in vars(self).items() if name not in ("_rhs", "_repeat", "_again")}
+        return state | {"t": self.t if self.t.strides[0] else self.t[:1]}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -411,7 +374,7 @@ def _extent(values: np.ndarray, form: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def widened(values: np.ndarray, rows: int) -> np.ndarray:
+def widened(rows: int, values: np.ndarray) -> np.ndarray:
     """Return an array with NaN in further rows of its second axis."""
     wide = np.full((len(values), rows, *values.shape[2:]), np.nan)
     wide[:, : values.shape[1]] = values

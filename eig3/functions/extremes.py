@@ -2,8 +2,6 @@
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
 
 class Extremes(NamedTuple):
     """The extremes of an invariant or an output over a run, whatever is saved, and when they occurred.
@@ -28,7 +26,3 @@ class Extremes(NamedTuple):
     high: Any
     t_low: Any
     t_high: Any
-
-    def of_member(self, i: int) -> "Extremes":
-        """Return the extremes of one member of an ensemble."""
-        return Extremes(*(x[i].item() if np.ndim(x) == 1 else x[i] for x in self))

@@ -4,25 +4,13 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from .labels import Labels
 
 _PLAIN = Labels()  # of degrees of freedom without names
-
-
-class Table(NamedTuple):
-    """The states of all members of an ensemble, one after the other, with the member and the time of each."""
-
-    member: np.ndarray
-    t: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-    outputs: dict[str, np.ndarray]
-    integrals: dict[str, np.ndarray]
-    labels: Labels | None
 
 
 def to_pandas(solution: Any) -> Any:
@@ -117,7 +105,7 @@ def _dataset(
     if has_degrees:
         coordinates["dof"] = list(labels.names) or np.arange(n)
     variables = [*_states(solution, (*axes, "dof") if has_degrees else axes, n), *further.items()]
-    for name, values in (*getattr(solution, "outputs", {}).items(), *solution.integrals.items()):
+    for name, values in (*solution.outputs.items(), *solution.integrals.items()):
         variables.append((name, (axes if values.ndim == len(axes) else (*axes, f"{name} component"), values)))
     dataset = xarray.Dataset(_distinct([*coordinates.items(), *variables]), attrs=attributes)
     return dataset.set_coords([*coordinates])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import enum
 import functools
 import warnings
 from collections.abc import Callable, Sequence
@@ -21,10 +20,13 @@ from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..kernels.compile.interrupt import with_solution
 from ..methods import Method
-from . import frames
+from . import frames, storage
+from .columns import separated
 from .interpolation import Knots
 from .labels import Labels
 from .resolution import Resolution
+from .soundness import check_run
+from .status import Status
 
 _TOO_FAR = 1e-2  # the relative error from which on states are too far apart to be interpolated
 
@@ -34,41 +36,6 @@ _NO_STATES = "the run ended before the first time of t_eval"
 Reason = Callable[[], str]
 #: The fields that a copy, a pickle and a file do not keep.
 TRANSIENT = ("reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_later")
-
-
-class Status(enum.Enum):
-    """How a run ended.
-
-    Attributes
-    ----------
-    COMPLETED
-        The run reached the end of its span.
-    DIVERGED
-        The state became infinite or NaN, or the motion grew beyond doubt because the step is too long.
-    NOT_CONVERGED
-        The solve of an implicit step did not converge.
-    INTERRUPTED
-        Ctrl-C, a cancellation, or an exception in a function of the user ended the run, or its process was killed.
-    TERMINATED
-        A terminal event ended the run, as it should.
-    STEP_TOO_SMALL
-        The tolerances need a step below the resolution of t.
-    TOO_MANY_STEPS
-        The run took `max_steps` steps before the end of its span.
-    ZENO
-        Events with `apply` follow each other in times below the resolution of the run, as the impacts of a ball that
-        comes to rest do. Or the state rests on the surface of such an event and is pushed through it, as a ball is that
-        does not rebound.
-    """
-
-    COMPLETED = "completed"
-    DIVERGED = "diverged"
-    NOT_CONVERGED = "not converged"
-    INTERRUPTED = "interrupted"
-    TERMINATED = "ended by an event"
-    STEP_TOO_SMALL = "step too small"
-    TOO_MANY_STEPS = "too many steps"
-    ZENO = "events without end"
 
 
 @dataclass(repr=False, eq=False)
@@ -172,9 +139,9 @@ class Solution:
         vars(self)[name] = value = find()
         return value
 
-    def _fields(self) -> dict[str, Any]:
-        """All fields, with those that were not read yet."""
-        return {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+    def _kept(self) -> dict[str, Any]:
+        """The fields that a copy keeps, with those that were not read yet."""
+        return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name not in TRANSIENT}
 
     def explain(self, *, check: bool = False) -> str:
         """Find out why a run diverged, or how large its error is.
@@ -468,9 +435,7 @@ class Solution:
         `explain` has found, and the state from which the run can go on. Functions are not: the right-hand side, and the
         jacobian of the method. ``np.load`` reads the arrays without eig3.
         """
-        from .storage import save  # which imports this class
-
-        return save(self, path)
+        return storage.write(storage.RUN, self.__getstate__() | {"_resume": self._state}, storage.file(path))
 
     def to_pandas(self) -> Any:
         """Return the saved states as a `pandas.DataFrame`, with a row for each of them.
@@ -512,14 +477,9 @@ class Solution:
 
     def __getstate__(self) -> dict[str, Any]:
         # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
-        state = {
-            **self._fields(),
-            **dict.fromkeys(TRANSIENT),
-            "_resume": None if callable(self._resume) else self._resume,
-        }
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
-            state |= {"_a": self.a, "_a_jumps": self._a_jumps}
-        return state
+            _ = self.a
+        return self._kept() | {"_resume": None if callable(self._resume) else self._resume}
 
     def __repr__(self) -> str:
         per_step = 1e9 * self.kernel_seconds / self.n_steps if self.n_steps else 0.0
@@ -543,12 +503,27 @@ class Solution:
 _EMPTY = {each.name: each.default_factory for each in dataclasses.fields(Solution) if callable(each.default_factory)}
 
 
-def separated(
-    u: np.ndarray, v: np.ndarray, names: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Return u and v without their last columns, and the integrals with these names, which are the velocities there."""
-    n = u.shape[1] - len(names)
-    return u[:, :n], v[:, :n], {name: v[:, n + k] for k, name in enumerate(names)}
+def _loaded(fields: dict[str, Any]) -> Solution:
+    """Return the solution with the fields of a file."""
+    check_run(fields)
+    return Solution._of(fields, {})
+
+
+storage.KINDS[storage.RUN] = _loaded
+
+
+def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return t, u and v of the saved states with all n degrees of freedom, also those of integrals.
+
+    A file of `Solution.save` has the velocities of integrals only: the displacements, which nothing reads, are NaN.
+    """
+    u, v = solution._whole or (solution.u, solution.v)
+    if solution._whole is None and solution.integrals:
+        v = np.column_stack([v, *solution.integrals.values()])
+        u = np.column_stack([u, np.full((len(u), len(solution.integrals)), np.nan)])
+    if (u.shape[1] if u.ndim == 2 else 1) != n:
+        raise ValueError(f"the states have {u.shape[1:]} degrees of freedom and not {n}.")
+    return solution.t, u, v
 
 
 def _steps_to(saved: np.ndarray, h: float, steps: np.ndarray | None, t: np.ndarray) -> np.ndarray:

@@ -20,34 +20,28 @@ import numpy as np
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..methods import METHODS, Method, shown
+from .columns import OF_STATES, ROWS, separated
 from .labels import Labels
 from .mapped import DamagedFileError, MappedRows, check_directory, output_files, read_mapped
-from .solution import TRANSIENT, Solution, Status, separated
-from .soundness import check_fields
+from .status import Status
 
-_VERSION = 5  # raise it with every change that another eig3 would read wrongly
+_VERSION = 6  # raise it with every change that another eig3 would read wrongly
 _RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
-_ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there, as those of outputs have
 _TRIALS, _PAUSE = 5, 0.02  # to read or replace a file that another process uses, and the seconds between them
 _LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and the part of its time they may take
-_FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
 #: The records that a file may have among its values, by name.
 PARTS: dict[str, Any] = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
-#: Functions that return what a file of another kind has, from the fields in it.
+RUN = "run"  # the kind of a file with one run
+#: Functions that return what a file of each kind has, from the fields in it.
 KINDS: dict[str, Callable[[dict[str, Any]], Any]] = {}
-#: Functions that read a directory of another kind, by a file that it has.
+#: Functions that read a directory of each kind, by a file that it has.
 DIRECTORIES: dict[str, Callable[[Path], Any]] = {}
 WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
 
 
 class _UnknownMethodError(ValueError):
     """The file is sound, but the class of its method is not known."""
-
-
-def save(solution: Solution, path: str | PathLike[str]) -> Path:
-    """Write a solution to a file, as `Solution.save` describes it."""
-    return _write(solution, {**solution.__getstate__(), "_resume": solution._state}, file(path))
 
 
 @dataclasses.dataclass
@@ -77,7 +71,7 @@ class Place:
         check_directory(directory)
         return cls(directory, labels, integrals)
 
-    def keep(self, files: MappedRows, rows: int, solution: Callable[[], Solution]) -> None:
+    def keep(self, files: MappedRows, rows: int, solution: Callable[[], Any]) -> None:
         """Write now and then what a run has found so far: what is left if its process is killed.
 
         Parameters
@@ -94,33 +88,25 @@ class Place:
             end = time.perf_counter()
             self._next = end + max(_LEAST_PAUSE, (end - begin) / _LARGEST_SHARE)
 
-    def write(self, solution: Solution, files: MappedRows, rows: int, *, has_ended: bool) -> None:
-        """Write what a solution has beside its rows, whose number in the files is `rows`."""
-        state = {name: None if name in _ROWS else value for name, value in solution._fields().items()}
-        state |= dict.fromkeys(TRANSIENT) | {"_resume": solution._state, "labels": self.labels, "outputs": {}}
+    def write(self, solution: Any, files: MappedRows, rows: int, *, has_ended: bool) -> None:
+        """Write what a `Solution` has beside its rows, whose number in the files is `rows`."""
+        fields = {name: value for name, value in solution._kept().items() if name not in OF_STATES}
+        fields |= {"_resume": solution._state, "labels": self.labels}
         rest = {"outputs": list(solution.outputs), "integrals": self.integrals, "has_ended": has_ended}
         rest |= {"rows": rows, "checksums": files.checksums(rows)}
-        _write(solution, state, self.directory / _RUN, is_lasting=has_ended, **rest)
+        write(RUN, fields, self.directory / _RUN, is_lasting=has_ended, **rest)
 
 
-def _write(
-    solution: Solution, values: Mapping[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any
-) -> Path:
-    """Write the values of the fields of a solution, and `rest` in the record beside them.
+def write(kind: str, fields: dict[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any) -> Path:
+    """Write the fields of what is of a kind, and `rest` in the record beside them.
 
     Afterwards the file has all of it, or what it had before. If it is lasting, that holds after a power failure too.
     """
-    state = {name: value for name, value in values.items() if name in _FIELDS}
-    return write(solution.method, state, target, is_lasting=is_lasting, **rest)
-
-
-def write(method: Method, state: dict[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any) -> Path:
-    """Write fields to a file, as `_write` does; `rest` has the kind of a file that is not one of a `Solution`."""
-    if method.jacobian is not None:
-        state["notes"] = *state["notes"], WITHOUT_JACOBIAN
+    if fields["method"].jacobian is not None:
+        fields = fields | {"notes": (*fields["notes"], WITHOUT_JACOBIAN)}
     arrays: dict[str, np.ndarray] = {}
-    fields = {name: _plain(value, name.lstrip("_"), arrays) for name, value in state.items()}
-    arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "solution": fields, **rest}))
+    plain = {name: _plain(value, name.lstrip("_"), arrays) for name, value in fields.items()}
+    arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "kind": kind, "solution": plain, **rest}))
     temporary = target.with_name(f".{uuid.uuid4().hex}.part")
     try:
         with temporary.open("xb") as stream:
@@ -149,7 +135,7 @@ def _rename(source: Path, target: Path) -> None:
 def load(path: str | PathLike[str]) -> Any:
     """Read what `save` or a run with `save_to` has written, as `eig3.load` describes it."""
     target = Path(path)
-    for name, read in {_RUN: _load_directory, **DIRECTORIES}.items():
+    for name, read in DIRECTORIES.items():
         if (target / name).is_file():
             return read(target)
     target = file(path)
@@ -158,13 +144,15 @@ def load(path: str | PathLike[str]) -> Any:
     return _read(target, _of_kind)
 
 
-def _of_kind(record: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Any:
-    if "kind" not in record:
-        return _solution(record["solution"], arrays)
-    return KINDS[record["kind"]]({name: _value(plain, arrays) for name, plain in record["solution"].items()})
+def _of_kind(
+    record: Mapping[str, Any], arrays: Mapping[str, np.ndarray], given: Mapping[str, Any] | None = None
+) -> Any:
+    """Return what has the fields of a record, and those that are `given`."""
+    fields = {name: _value(plain, arrays) for name, plain in record["solution"].items()}
+    return KINDS[record["kind"]](fields | dict(given or {}))
 
 
-def _load_directory(directory: Path) -> Solution:
+def _load_directory(directory: Path) -> Any:
     """Read a directory. If its run ends at this moment, its files change between two of them that are read."""
     for _ in range(_TRIALS - 1):
         try:
@@ -174,20 +162,18 @@ def _load_directory(directory: Path) -> Solution:
     return _read(directory / _RUN, partial(_solution_in, directory))
 
 
-def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str, np.ndarray]) -> Solution:
+def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str, np.ndarray]) -> Any:
     """Return the solution from the files of a directory, and the record and arrays that are not rows."""
     rows, files = record["rows"], output_files(record["outputs"])
     if not (isinstance(rows, int) and rows >= 0):
         raise ValueError(f"{rows} is not a number of rows.")
-    checksums = {name: record["checksums"][name] for name in (*_ROWS, *files.values()) if name in record["checksums"]}
+    checksums = {name: record["checksums"][name] for name in (*ROWS, *files.values()) if name in record["checksums"]}
     arrays = read_mapped(directory, checksums, rows)
-    given: dict[str, Any] = {name: arrays.get(name) for name in _ROWS}
+    given: dict[str, Any] = {name: arrays.get(name) for name in ROWS}
+    given["outputs"] = {name: arrays[file] for name, file in files.items()}
     whole, names = (given["u"], given["v"]), [str(name) for name in record["integrals"]]
-    if names:
-        given["u"], given["v"], given["integrals"] = separated(*whole, names)
-    if files:
-        given["outputs"] = {name: arrays[file] for name, file in files.items()}
-    result = _solution(record["solution"], others, given)
+    given["u"], given["v"], given["integrals"] = separated(*whole, names) if names else (*whole, {})
+    result = _of_kind(record, others, given)
     result._whole = whole if names else None
     if not record["has_ended"]:
         result.status = Status.INTERRUPTED
@@ -203,7 +189,7 @@ def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.n
     foreign = f"{target} is not a file that Solution.save has written, or it is damaged: name such a file."
     with target.open("rb") as stream:
         try:
-            arrays = _Members(stream)
+            arrays = _arrays(stream)
             text = str(arrays[_RECORD])
         except Exception as error:  # many kinds, from zipfile, zlib and NumPy
             raise ValueError(foreign) from error
@@ -221,22 +207,12 @@ def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.n
     raise ValueError(f"{target} has version {version} of its format, and not {_VERSION}: use the eig3 that wrote it.")
 
 
-class _Members(Mapping[str, np.ndarray]):
-    """The arrays of a file, which are read when they are asked for. A compressed one could be larger than memory."""
-
-    def __init__(self, file: Any) -> None:
-        self._content = np.load(file, allow_pickle=False)
-        if any(member.compress_type != zipfile.ZIP_STORED for member in self._content.zip.infolist()):
-            raise ValueError("Solution.save compresses no array.")
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self._content[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._content)
-
-    def __len__(self) -> int:
-        return len(self._content)
+def _arrays(stream: Any) -> Mapping[str, np.ndarray]:
+    """Return the arrays of a file, which are read when they are asked for."""
+    arrays = np.load(stream, allow_pickle=False)
+    if any(member.compress_type != zipfile.ZIP_STORED for member in arrays.zip.infolist()):
+        raise ValueError("Solution.save compresses no array: it could be larger than memory.")
+    return arrays
 
 
 @contextlib.contextmanager
@@ -251,35 +227,9 @@ def going_on() -> Iterator[None]:
         ) from error
 
 
-def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return t, u and v of the saved states with all n degrees of freedom, also those of integrals.
-
-    A file of `Solution.save` has the velocities of integrals only: the displacements, which nothing reads, are NaN.
-    """
-    u, v = solution._whole or (solution.u, solution.v)
-    if solution._whole is None and solution.integrals:
-        v = np.column_stack([v, *solution.integrals.values()])
-        u = np.column_stack([u, np.full((len(u), len(solution.integrals)), np.nan)])
-    if (u.shape[1] if u.ndim == 2 else 1) != n:
-        raise ValueError(f"the states have {u.shape[1:]} degrees of freedom and not {n}.")
-    return solution.t, u, v
-
-
 def file(path: str | PathLike[str]) -> Path:
     target = Path(path)
     return target if target.suffix == ".npz" else target.with_name(f"{target.name}.npz")
-
-
-def _solution(
-    fields: Mapping[str, Any], arrays: Mapping[str, np.ndarray], given: Mapping[str, Any] | None = None
-) -> Solution:
-    """Return the solution with the fields of a record, and those that are `given`."""
-    state = {name: _value(plain, arrays) for name, plain in fields.items()} | dict(given or {})
-    check_fields(state)
-    found = {name: state.pop(name) for name in [*state] if not _FIELDS[name].init}
-    solution = Solution(**state)
-    vars(solution).update(found)
-    return solution
 
 
 def _plain(value: Any, key: str, arrays: dict[str, np.ndarray]) -> Any:
@@ -291,6 +241,8 @@ def _plain(value: Any, key: str, arrays: dict[str, np.ndarray]) -> Any:
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         arrays[key] = value
         return {"array": key}
+    if isinstance(value, np.ndarray) and value.ndim == 1 and all(isinstance(one, str | Status) for one in value):
+        return {"objects": _plain(value.tolist(), key, arrays)}
     if isinstance(value, Status):
         return {"status": value.name}
     if isinstance(value, Method):
@@ -340,6 +292,8 @@ def _value(plain: Any, arrays: Mapping[str, np.ndarray]) -> Any:
         return plain
     if "array" in plain:
         return arrays[plain["array"]]
+    if "objects" in plain:
+        return np.array((*_value(plain["objects"], arrays), None), dtype=object)[:-1]  # never of texts or of two axes
     if "status" in plain:
         return Status[plain["status"]]
     if "names" in plain:
@@ -357,3 +311,6 @@ def _method(plain: Mapping[str, Any], options: Mapping[str, Any]) -> Method:
             f"{plain['module']} before you load it."
         )
     return cls(**options)
+
+
+DIRECTORIES[_RUN] = _load_directory

@@ -17,8 +17,8 @@ from ..functions.guard import guarded
 from ..kernels.protocol import FAILED, SCALAR
 from ..methods import EIG
 from ..result.memory import check_disk, check_history, n_rows
-from ..result.solution import Solution, Status
-from ..result.storage import Place, going_on, whole_rows
+from ..result.solution import Solution, Status, whole_rows
+from ..result.storage import Place, going_on
 from ..stability import alternating_limit
 from ..stepping.march import NEVER, Rows
 from ..stepping.stepper import Stepper

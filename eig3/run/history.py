@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..result.columns import ROWS
 from ..result.mapped import MappedRows, output_files
 from ..result.memory import NOT_WORTH_A_LOOK, available_memory
 from ..stepping.march import Rows
@@ -163,7 +164,7 @@ class History:
         """Return all rows: u, v and, where there are such rows, t and steps."""
         if self._full:
             self._join()
-        return {name: self.arrays[name][: self.row] for name in ("t", "steps", "u", "v") if name in self.arrays}
+        return {name: self.arrays[name][: self.row] for name in ROWS if name in self.arrays}
 
     def whole_outputs(self) -> dict[str, np.ndarray]:
         """Return the values of the outputs in all rows."""

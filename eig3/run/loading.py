@@ -99,7 +99,7 @@ def with_functions(
         if not solution.can_go_on:
             why = f"its status is {solution.status.name}"
         raise ValueError(f"this run cannot go on: {why}; load it without functions.")
-    if state.get("layout"):
+    if state["layout"]:
         with storage.going_on():
             layout = Layout.of_text(state["layout"])
         rhs, jacobian = layout.bind(rhs), layout.bind(jacobian)

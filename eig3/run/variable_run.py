@@ -13,8 +13,8 @@ from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
-from ..result.solution import Solution, Status
-from ..result.storage import Place, going_on, whole_rows
+from ..result.solution import Solution, Status, whole_rows
+from ..result.storage import Place, going_on
 from ..stepping.march import NEVER, Rows
 from ..stepping.system import System
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
