@@ -31,8 +31,8 @@ from .result import storage
 from .result.labels import Labels
 from .result.solution import Solution
 from .run.loading import with_functions
-from .run.options import run_options
 from .run.prepare import Prepared
+from .stepping.options import run_options
 from .stepping.stepper import Stepper
 
 #: Draws the response on a matplotlib figure.

@@ -14,7 +14,7 @@ from ..kernels.protocol import SCALAR
 from ..result.memory import check_members_history, n_rows
 from ..result.solution import Solution, Status
 from ..result.storage import whole_rows
-from ..run.options import RunOptions
+from ..stepping.options import RunOptions
 from .members import Members
 from .occurrences import MemberOccurrences
 from .solution import EnsembleSolution, widened

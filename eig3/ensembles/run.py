@@ -18,10 +18,10 @@ from ..kernels.compile.interrupt import with_solution
 from ..kernels.compile.numba_internals import Jitted, options_of
 from ..methods import Method
 from ..result.labels import Labels
-from ..run.options import RunOptions, run_options
 from ..run.prepare import Prepared
 from ..run.progress import check_progress
 from ..stepping.march import Cancel
+from ..stepping.options import RunOptions, run_options
 from ..stepping.watching import check_times
 from .files import Directory
 from .in_process import Run, at_start, cores
@@ -173,8 +173,8 @@ def ensemble(
 
 def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
     """Return the options of members with the method of their runs, after all checks of a single run."""
-    method, times = Prepared(rhs, members.form, options).method, check_times(options.t_eval, *members.t_span)
-    return options._replace(method=method, t_eval=times)
+    times = check_times(options.t_eval, *members.t_span)
+    return Prepared(rhs, members.form, options).options._replace(t_eval=times)
 
 
 def _refuse_parallel(rhs: Any) -> None:

@@ -14,7 +14,7 @@ from ..functions.named import named
 from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
-from .options import run_options
+from ..stepping.options import run_options
 from .prepare import Prepared
 
 
