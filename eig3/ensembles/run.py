@@ -140,12 +140,11 @@ def ensemble(
     if has_names(params):
         params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
         rhs = one.layout.bind(rhs)
-    layout = bound_layout(rhs)  # a problem's function is bound already
     _refuse_parallel(rhs)
     members = check_members(rhs, t_span, u0, v0, params, h)
     try:
         options = run_options(
-            layout,
+            bound_layout(rhs),  # a problem's function is bound already
             h=None if h is None else float(members.steps[0]),
             rtol=rtol,
             atol=atol,

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import check_params, check_resolution, check_span, check_state, shown
 from ..functions.guard import guarded
-from ..functions.layout import bound_layout
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
@@ -54,7 +53,8 @@ class Prepared:
 
     @with_solution
     def __init__(self, rhs: Any, form: Form, options: RunOptions, defaults: tuple = ()) -> None:
-        self._layout, self._defaults = bound_layout(rhs), defaults
+        self._layout, self._defaults = options.layout, defaults
+        rhs = self._layout.bind(rhs) if self._layout else rhs
         self._t_eval, self._every = options.t_eval, options.every
         if defaults:  # arrays are checked faster than other sequences at each call
             span, u0, v0, params = defaults
@@ -247,8 +247,8 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
         The parameters, or an example of them, if they have names: ``prepare(rhs, h=0.01, params={"k": 4.0})``. Those of
         a run may have arrays of other sizes. Parameters without names are for each call only.
     **options
-        h or rtol, and atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps and
-        inline, as for `eig3.integrate`. The run has its own copies of them.
+        As for `eig3.integrate`, without those of a call, which are progress, raise_on_failure, cancel and save_to. The
+        run has its own copies of them.
 
     Returns
     -------
@@ -272,5 +272,4 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
     if params is not None and not has_names(params):
         raise TypeError("params is for parameters with names; give an array to each call: prepared(t_span, u0, v0, p).")
     layout = None if params is None else named(params).layout
-    checked = run_options(layout, **options)
-    return Prepared(layout.bind(rhs) if layout else rhs, form_of(rhs), checked)
+    return Prepared(rhs, form_of(rhs), run_options(layout, **options))

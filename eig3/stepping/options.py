@@ -44,6 +44,8 @@ class RunOptions(NamedTuple):
         Names and units of the degrees of freedom.
     integrals : tuple of str
         The names of the last degrees of freedom, whose velocities are integrals over time and no motion.
+    layout : Layout or None
+        The names of the parameters of each call, to which the functions are bound; None for an array.
     """
 
     h: float | None = None
@@ -56,6 +58,7 @@ class RunOptions(NamedTuple):
     inline: bool = False
     labels: Labels | None = None
     integrals: tuple[str, ...] = ()
+    layout: Layout | None = None
 
     @property
     def has_tolerances(self) -> bool:
@@ -121,7 +124,7 @@ def run_options(
     events = check_events(_own(layout, events))
     functions = check_functions(_own(layout, invariants), _own(layout, outputs))
     inline = check_flag(inline, "inline")
-    return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, integrals)
+    return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, integrals, layout)
 
 
 def _own(layout: Layout | None, functions: Any) -> Any:
