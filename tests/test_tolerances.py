@@ -748,9 +748,3 @@ def test_a_history_that_outgrows_memory_is_kept(monkeypatch):
     for name in ("t", "u", "v", "steps"):
         np.testing.assert_array_equal(getattr(kept, name), getattr(whole, name)[: len(kept.t)])
     np.testing.assert_array_equal(kept.outputs["height"], kept.u)
-
-
-def test_integrals_decide_about_the_steps_with_a_tolerance_of_their_own():
-    problem = eig3.problems.shear_building(work=True)
-    free, bound = (problem.integrate(rtol=1e-5, integral_atol=atol, t_end=0.5) for atol in (None, 1e-3))
-    assert bound.n_steps > free.n_steps

@@ -57,7 +57,6 @@ def ensemble(
     h_max: float | None = None,
     first_step: float | None = None,
     max_steps: int | None = None,
-    integral_atol: float | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
     reduce: Reduce | None = None,
@@ -86,8 +85,7 @@ def ensemble(
     params : array_like, shape (k,) or (m, k); or NamedTuple or dict
         The parameters. rhs gets those of a member as p, of shape (k,). Of parameters with names, each array whose first
         axis has the length m has a value for each member. It is refused if rhs could take it as a whole too.
-    rtol, atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps, integral_atol,
-    progress, cancel
+    rtol, atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps, progress, cancel
         As for `eig3.integrate`. By default only the first and the last state are saved.
     threads : int
         Number of threads; by default all cores that the process may use.
@@ -159,7 +157,6 @@ def ensemble(
             h_max=h_max,
             first_step=first_step,
             max_steps=max_steps,
-            integral_atol=integral_atol,
             integrals=tuple(integrals),
             labels=labels,
         )

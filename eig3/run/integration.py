@@ -37,7 +37,6 @@ def integrate(
     h_max: float | None = None,
     first_step: float | None = None,
     max_steps: int | None = None,
-    integral_atol: float | None = None,
     inline: bool = False,
     progress: bool = False,
     raise_on_failure: bool = False,
@@ -81,9 +80,6 @@ def integrate(
         their values at the saved states, and `solution.extremes` their extremes over the run.
     h_max, first_step, max_steps : float, float, int
         With rtol: the longest and the first step, and the number of steps after which the run ends.
-    integral_atol : float
-        With rtol, for a problem with integrals over time: their absolute tolerance. By default they do not decide
-        about the steps.
     inline : bool
         Compile the loop with rhs inside: faster for long runs, for about a second of compilation in each process.
     progress, raise_on_failure : bool
@@ -124,7 +120,6 @@ def integrate(
         h_max=h_max,
         first_step=first_step,
         max_steps=max_steps,
-        integral_atol=integral_atol,
         inline=inline,
     )
     of_call: dict[str, Any] = {"progress": progress, "raise_on_failure": raise_on_failure}

@@ -96,7 +96,6 @@ def run_options(
     h_max: float | None = None,
     first_step: float | None = None,
     max_steps: int | None = None,
-    integral_atol: float | None = None,
     inline: bool = False,
     labels: Labels | None = None,
     integrals: tuple[str, ...] = (),
@@ -114,13 +113,12 @@ def run_options(
     method = layout.bind_method(method) if layout else method
     tolerances = None
     if h is not None:
-        limits = {"h_max": h_max, "first_step": first_step, "max_steps": max_steps, "integral_atol": integral_atol}
-        _refuse({"rtol": rtol, "atol": atol, **limits})
+        _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
         h, method = check_h(h), check_method("eig3" if method is None else method)
     elif rtol is None and atol is None:
         raise ValueError("give h for a fixed step, or rtol for tolerances: one of the two is needed.")
     else:
-        tolerances = check_tolerances(rtol, atol, h_max, first_step, max_steps, integral_atol)
+        tolerances = check_tolerances(rtol, atol, h_max, first_step, max_steps)
         method = None if method is None else check_variable(method)
     save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
     events = check_events(_own(layout, events))

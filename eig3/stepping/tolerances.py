@@ -33,8 +33,6 @@ class Tolerances(NamedTuple):
         The longest step.
     max_steps : int
         The largest number of steps.
-    integral_atol : float
-        The absolute tolerance of integrals over time.
     """
 
     rtol: float
@@ -43,25 +41,18 @@ class Tolerances(NamedTuple):
     h_first: float
     h_max: float
     max_steps: int
-    integral_atol: float
 
     def of(self, n: int, n_integrals: int = 0) -> Tolerances:
         """Return the tolerances of a run with n degrees of freedom, and with integrals over time after them.
 
-        Integrals do not act on the motion: they do not decide about the steps, unless `integral_atol` is finite.
+        Integrals do not act on the motion: they do not decide about the steps.
         """
-        if self.is_relative and not n_integrals:
-            return self._replace(atol=np.zeros((2, n)))
-        return self._replace(atol=_absolute(self.atol, n, n_integrals, self.integral_atol))
+        plain = self.is_relative and not n_integrals
+        return self._replace(atol=np.zeros((2, n)) if plain else _absolute(self.atol, n, n_integrals))
 
 
 def check_tolerances(
-    rtol: float | None,
-    atol: ArrayLike | None,
-    h_max: float | None,
-    first_step: float | None,
-    max_steps: int | None,
-    integral_atol: float | None,
+    rtol: float | None, atol: ArrayLike | None, h_max: float | None, first_step: float | None, max_steps: int | None
 ) -> Tolerances:
     """Check the arguments of a run with tolerances."""
     if rtol is None:
@@ -78,11 +69,10 @@ def check_tolerances(
         0.0 if first_step is None else _positive(first_step, "first_step"),
         math.inf if h_max is None else _positive(h_max, "h_max"),
         2**62 if max_steps is None else check_count(max_steps, "max_steps"),
-        math.inf if integral_atol is None else _positive(integral_atol, "integral_atol"),
     )
 
 
-def _absolute(atol: np.ndarray, n: int, n_integrals: int, of_integrals: float) -> np.ndarray:
+def _absolute(atol: np.ndarray, n: int, n_integrals: int) -> np.ndarray:
     """Return the absolute tolerances of u and v, an array of shape (2, n + n_integrals)."""
     if not (np.isfinite(atol).all() and (atol >= 0).all()):
         raise ValueError(f"atol must be finite and not negative, not {shown(atol)}.")
@@ -94,7 +84,7 @@ def _absolute(atol: np.ndarray, n: int, n_integrals: int, of_integrals: float) -
             f"atol must be a number, {each}or an array of shape (2, {n}) with a row for u and a row for v, not of the "
             f"shape {atol.shape}."
         ) from None
-    return np.ascontiguousarray(np.concatenate([rows, np.full((2, n_integrals), of_integrals)], axis=1))
+    return np.ascontiguousarray(np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1))
 
 
 def usual_method(rtol: float, reads_velocity: bool) -> Method:
