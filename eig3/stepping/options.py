@@ -107,10 +107,12 @@ def run_options(
     TypeError, ValueError
         If an option is not valid, or two exclude each other.
     """
+    if layout:
+        method = layout.bind_method(method)
+        events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
     t_eval = None if t_eval is None else reals(t_eval, "t_eval")
     if t_eval is not None and save_every not in (1, None):
         raise ValueError("save_every and t_eval exclude each other: give one of them.")
-    method = layout.bind_method(method) if layout else method
     tolerances = None
     if h is not None:
         _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
@@ -121,17 +123,8 @@ def run_options(
         tolerances = check_tolerances(rtol, atol, h_max, first_step, max_steps)
         method = None if method is None else check_variable(method)
     save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
-    events = check_events(_own(layout, events))
-    functions = check_functions(_own(layout, invariants), _own(layout, outputs))
-    inline = check_flag(inline, "inline")
+    events, functions, inline = check_events(events), check_functions(invariants, outputs), check_flag(inline, "inline")
     return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, integrals, layout)
-
-
-def _own(layout: Layout | None, functions: Any) -> Any:
-    """Return a dictionary of functions that the caller cannot change, bound to the layout if there is one."""
-    if functions is None or not isinstance(functions, Mapping):
-        return functions
-    return layout.bind_all(functions) if layout else dict(functions)
 
 
 def _refuse(given: dict[str, Any]) -> None:

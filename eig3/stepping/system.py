@@ -154,7 +154,7 @@ def remembered(rhs: Any, form: Form, options: RunOptions) -> System:
     """
     functions = (tuple(part.items()) for part in (options.events, *options.functions))
     others = options.method, options.inline, options.labels, options.integrals
-    key = form.name, options.has_tolerances, options.t_eval is None, *functions, *others
+    key = form.name, options.h is None, options.t_eval is None, *functions, *others
     try:
         systems = vars(rhs).setdefault("_eig3_systems", {})
         known = systems.get(key)
