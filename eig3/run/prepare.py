@@ -53,12 +53,12 @@ class Prepared:
 
     @with_solution
     def __init__(self, rhs: Any, form: Form, options: RunOptions, defaults: tuple = ()) -> None:
-        self._layout, self._defaults = options.layout, defaults
-        rhs = self._layout.bind(rhs) if self._layout else rhs
+        self._defaults, layout = defaults, options.layout
+        rhs = layout.bind(rhs) if layout else rhs
         self._t_eval, self._every = options.t_eval, options.every
         if defaults:  # arrays are checked faster than other sequences at each call
             span, u0, v0, params = defaults
-            self._defaults = span, *check_state(u0, v0)[:2], params if self._layout else check_params(params)
+            self._defaults = span, *check_state(u0, v0)[:2], params if layout else check_params(params)
         if options.tolerances and not options.method:
             reads_velocity = check_callback(rhs, "rhs", form).reads_velocity
             options = options._replace(method=usual_method(options.tolerances.rtol, reads_velocity))
@@ -124,8 +124,8 @@ class Prepared:
             raise self._wrong_form(u0)
         if self._system.integrals:
             u, v = self._with_integrals(u, v)
-        if self._layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
-            params = in_layout(self._layout, params)
+        if self.options.layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
+            params = in_layout(self.options.layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start) if is_plain else None
