@@ -31,8 +31,8 @@ from .result import storage
 from .result.labels import Labels
 from .result.solution import Solution
 from .run.loading import with_functions
-from .run.options import run_options
 from .run.prepare import Prepared
+from .stepping.options import run_options
 from .stepping.stepper import Stepper
 
 #: Draws the response on a matplotlib figure.
@@ -251,15 +251,9 @@ class Problem:
             In a call, t_span, u0, v0 and params are those of the problem where they are left out. The solution has
             `integrals`, if the problem follows any.
         """
-        _refuse_fields(options, "prepare")
-        options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
-        if self.events:
-            options.setdefault("events", self.events)
-        options["method"] = self._with_masses(options.get("method"))
+        options = self._with_own(options, "prepare")
+        options["invariants"] = self._balanced(options["invariants"])
         form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
-        options["labels"] = self.labels
-        if self.integrals:
-            options |= {"invariants": self._balanced(options["invariants"]), "integrals": tuple(self.integrals)}
         start = self.t_span, self.u0, self.v0, self.params
         return Prepared(self.rhs, form, run_options(self._layout, **options), start)
 
@@ -340,10 +334,7 @@ class Problem:
         ValueError
             If a start has a wrong shape, and as for `eig3.ensemble`.
         """
-        _refuse_fields(options, "ensemble")
-        options["method"] = self._with_masses(options.get("method"))
-        options.setdefault("events", self.events)
-        options.setdefault("invariants", {} if self.energy is None else {"energy": self.energy})
+        options = self._with_own(options, "ensemble")
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         if self._layout:
@@ -353,7 +344,6 @@ class Problem:
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)
             if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
                 params = params[None]  # they are shared also if there are as many parameters as members
-        options |= {"h": h, "params": params, "labels": self.labels, "integrals": tuple(self.integrals)}
         if self.integrals:
             n = np.size(self.u0)
             for name, x in zip(("u0", "v0"), start, strict=True):
@@ -362,7 +352,7 @@ class Problem:
                         f"{name} must have the shape ({n},) or (m, {n}) in {self.name}, not {np.shape(x)}."
                     )
             start = [_with_integrals(x, len(self.integrals)) for x in start]
-        return ensemble(self.rhs, span, *start, **options)
+        return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
         """Return a `Stepper` at the start of the problem, which does not follow `integrals`.
@@ -496,6 +486,14 @@ class Problem:
     def uses_velocity(self) -> bool:
         """Whether rhs may read v. If not, "cd" takes one evaluation per step, and "eig3" uses fewer arrays."""
         return reads_velocity(self.rhs)
+
+    def _with_own(self, options: dict[str, Any], call: str) -> dict[str, Any]:
+        """Return the options of runs, with what the problem adds; refuse those that would replace one of its fields."""
+        _refuse_fields(options, call)
+        invariants = {} if self.energy is None else {"energy": self.energy}
+        options = {"events": self.events, "invariants": invariants, **options}
+        options |= {"method": self._with_masses(options.get("method")), "labels": self.labels}
+        return options | {"integrals": tuple(self.integrals)}
 
     def _with_masses(self, method: Any) -> Any:
         """Return a method that knows the masses of the problem, if it is a record."""

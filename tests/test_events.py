@@ -16,6 +16,7 @@ from eig3 import Event, Status
 from eig3.functions.guard import guarded
 from eig3.kernels.protocol import SCALAR
 from eig3.problems.bouncing_ball import bouncing_ball, impact_times
+from eig3.stepping.options import run_options
 from eig3.stepping.stepper import Stepper
 from eig3.stepping.system import System
 
@@ -762,7 +763,7 @@ class _Set:
 def test_a_step_with_a_full_log_can_be_taken_back():
     """The log is full after some thousand impacts, within a step: a cancellation waits for the end of the step."""
     events = {"impact": Event(height, -1, apply=bounce)}
-    system = System(fall, SCALAR, eig3.EIG3(), events=events)
+    system = System(fall, SCALAR, run_options(h=0.25, events=events))
     stepper = Stepper.of(system, 0.0, 0.25, 1e-10, 0.0, guarded(np.array([9.81, 1.0])))
     whole = stepper.fork()
     whole.advance(2)

@@ -151,6 +151,17 @@ def make_problem(**changes):
     return eig3.Problem("spring", spring, 1.0, 0.0, params, (0.0, 3.0), energy=energy, events=events)
 
 
+def test_the_function_of_a_problem_takes_its_array_too():
+    problem = make_problem()
+    p = np.array([4.0, 0.1, 1.0])
+    expected = problem.integrate(invariants={}, events={}, **H).u
+    for run in (
+        eig3.integrate(problem.rhs, (0, 3), 1.0, 0.0, params=p, **H),
+        eig3.prepare(problem.rhs, **H)((0, 3), 1.0, 0.0, p),
+    ):
+        np.testing.assert_array_equal(run.u, expected)
+
+
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 def test_a_problem(options, tmp_path):
     problem = make_problem()

@@ -34,7 +34,8 @@ from ..kernels.lanes import Lanes, Layout
 from ..kernels.protocol import EVENTS, SEARCHES
 from ..result.memory import aligned
 from ..run.prepare import Prepared
-from ..stepping.march import NEVER, Cancel
+from ..stepping.march import Cancel
+from ..stepping.options import NEVER
 from ..stepping.slices import Slices
 from ..stepping.system import System
 from ..stepping.tolerances import Tolerances

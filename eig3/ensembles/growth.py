@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..stepping.march import NEVER, Cancel
+from ..stepping.march import Cancel
+from ..stepping.options import NEVER
 from .block_setup import BlockSetup
 from .lane_state import LaneState
 

@@ -15,7 +15,7 @@ from ..kernels.protocol import SCALAR
 from ..result.columns import OF_RUNS, each
 from ..result.memory import check_members_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
-from ..run.options import RunOptions
+from ..stepping.options import RunOptions
 from .members import Members
 from .occurrences import MemberOccurrences
 from .solution import EnsembleSolution, widened

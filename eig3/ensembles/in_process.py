@@ -25,9 +25,9 @@ from ..kernels.constraint_lanes import Straight
 from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS, VECTOR
-from ..run.options import RunOptions
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
+from ..stepping.options import RunOptions
 from ..stepping.team import alone
 from ..stepping.watching import further_times
 from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes

@@ -8,7 +8,8 @@ from ..functions.guard import written_beyond
 from ..kernels.lanes import Layout
 from ..kernels.protocol import EVALUATIONS, EVENTS, PART_END, T_LOW, Look, Steps, Watch
 from ..result.memory import aligned
-from ..stepping.march import NEVER, Cancel
+from ..stepping.march import Cancel
+from ..stepping.options import NEVER
 from ..stepping.slices import Slices
 from .block_setup import BlockSetup
 from .members import Members

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ..run.options import RunOptions
 from ..stepping.march import Cancel
+from ..stepping.options import RunOptions
 from .files import Directory
 from .lanewise import FEWEST_MEMBERS
 from .members import Members

@@ -18,10 +18,10 @@ from ..kernels.compile.interrupt import with_solution
 from ..kernels.compile.numba_internals import Jitted, options_of
 from ..methods import Method
 from ..result.labels import Labels
-from ..run.options import RunOptions, run_options
 from ..run.prepare import Prepared
 from ..run.progress import check_progress
 from ..stepping.march import Cancel
+from ..stepping.options import RunOptions, run_options
 from ..stepping.watching import check_times
 from .files import Directory
 from .in_process import Run, at_start, cores
@@ -140,12 +140,11 @@ def ensemble(
     if has_names(params):
         params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
         rhs = one.layout.bind(rhs)
-    layout = bound_layout(rhs)  # a problem's function is bound already
     _refuse_parallel(rhs)
     members = check_members(rhs, t_span, u0, v0, params, h)
     try:
         options = run_options(
-            layout,
+            bound_layout(rhs),  # a problem's function is bound already
             h=None if h is None else float(members.steps[0]),
             rtol=rtol,
             atol=atol,
@@ -173,8 +172,8 @@ def ensemble(
 
 def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
     """Return the options of members with the method of their runs, after all checks of a single run."""
-    method, times = Prepared(rhs, members.form, options).method, check_times(options.t_eval, *members.t_span)
-    return options._replace(method=method, t_eval=times)
+    times = check_times(options.t_eval, *members.t_span)
+    return Prepared(rhs, members.form, options).options._replace(t_eval=times)
 
 
 def _refuse_parallel(rhs: Any) -> None:

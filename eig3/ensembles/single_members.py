@@ -10,9 +10,9 @@ import numpy as np
 from ..functions.guard import NotFiniteAtStartError
 from ..methods import Method
 from ..result.solution import Solution, Status
-from ..run.options import RunOptions
 from ..run.prepare import Prepared
 from ..stepping.march import Cancel
+from ..stepping.options import RunOptions
 from .histories import Histories
 from .members import Members
 

@@ -98,14 +98,14 @@ class Occurrences:
         return Occurrences(*(x[some] for x in (self.t, self.u, self.v, self.u_after, self.v_after)))
 
 
-def check_events(events: Any) -> Mapping[str, Event]:
-    """Return the events by name."""
+def check_events(events: Any) -> dict[str, Event]:
+    """Return the events by name, in a dictionary that the caller cannot change."""
     if events is None:
-        events = {}
+        return {}
     if not isinstance(events, Mapping):
         raise TypeError("events must be a dictionary of names and events, such as {'impact': eig3.Event(g)}.")
     for name, event in events.items():
         if not isinstance(event, Event):
             raise TypeError(f"events[{name!r}] must be an eig3.Event, not {shown(event)}: write eig3.Event(g).")
     check_names(events, "events")
-    return events
+    return dict(events)

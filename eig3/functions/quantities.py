@@ -65,7 +65,7 @@ class Functions(NamedTuple):
 
 
 def check_functions(invariants: Any, outputs: Any) -> Functions:
-    """Return the functions that are evaluated at every step.
+    """Return the functions that are evaluated at every step, in dictionaries that the caller cannot change.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def check_functions(invariants: Any, outputs: Any) -> Functions:
             "outputs must be a dictionary of names and jitted functions, such as {'force': force}, or "
             "{'forces': (forces, k)} for k values."
         )
-    functions = Functions(invariants or {}, dict(outputs or {}))
+    functions = Functions(dict(invariants or {}), dict(outputs or {}))
     check_names(functions.invariants, "invariants")
     check_names(functions.outputs, "outputs")
     for name, value in functions.outputs.items():

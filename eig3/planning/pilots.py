@@ -22,6 +22,7 @@ from ..functions.guard import guarded
 from ..methods import EIG3, Method
 from ..problem import Problem
 from ..result.solution import Solution, Status
+from ..stepping.options import RunOptions
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
 
@@ -382,7 +383,7 @@ class Pilots:
         if not self._events:
             return Stepper(self.problem.rhs, self._u0, self._v0, **options)
         u, v, form = check_state(self._u0, self._v0)
-        system = System(self.problem.rhs, form, method, events=self._events)
+        system = System(self.problem.rhs, form, RunOptions(h=h, method=method, events=self._events))
         return Stepper.of(system, t0, h, u, v, guarded(check_params(self.problem.params)))
 
     def _solve(

@@ -20,7 +20,8 @@ from ..result.memory import check_disk, check_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
 from ..stability import alternating_limit
-from ..stepping.march import NEVER, Rows
+from ..stepping.march import Rows
+from ..stepping.options import NEVER
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
 from ..stepping.watching import check_times, further_times

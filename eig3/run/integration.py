@@ -14,7 +14,7 @@ from ..functions.named import named
 from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
-from .options import run_options
+from ..stepping.options import run_options
 from .prepare import Prepared
 
 
@@ -106,9 +106,8 @@ def integrate(
     """
     u, v, form = check_state(u0, v0)
     params = named(params)
-    layout = getattr(params, "layout", None)
     options = run_options(
-        layout,
+        getattr(params, "layout", None),
         h=h,
         rtol=rtol,
         atol=atol,
@@ -123,6 +122,5 @@ def integrate(
         max_steps=max_steps,
         inline=inline,
     )
-    prepared = Prepared(layout.bind(rhs) if layout else rhs, form, options)
     of_call: dict[str, Any] = {"progress": progress, "raise_on_failure": raise_on_failure}
-    return prepared(t_span, u, v, params, cancel=cancel, save_to=save_to, **of_call)
+    return Prepared(rhs, form, options)(t_span, u, v, params, cancel=cancel, save_to=save_to, **of_call)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..functions.checks import check_flag
 from ..functions.events import Event, check_events
 from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
@@ -16,6 +17,7 @@ from ..kernels.protocol import SCALAR, VECTOR
 from ..result import storage
 from ..result.labels import Labels
 from ..result.solution import Solution
+from ..stepping.options import RunOptions
 from ..stepping.system import System
 from .fixed_run import FixedRun
 from .variable_run import VariableRun
@@ -120,10 +122,16 @@ def with_functions(
         solution.notes = tuple(note for note in solution.notes if note != storage.WITHOUT_JACOBIAN)
     kind: Any = FixedRun if "h" in state else VariableRun
     form = SCALAR if np.ndim(state["start"][0]) == 0 else VECTOR
-    events, has_times = given.pop("events"), state["times"] is not None
-    options = {"inline": state["inline"], "events": events, "functions": Functions(**given), "has_times": has_times}
-    options |= {"labels": labels, "integrals": integrals}
-    run = kind.restored(solution, System(rhs, form, solution.method, **options))
+    options = RunOptions(
+        method=solution.method,
+        t_eval=state["times"],
+        events=given.pop("events"),
+        functions=Functions(**given),
+        inline=check_flag(state["inline"], "inline"),
+        labels=labels,
+        integrals=integrals,
+    )
+    run = kind.restored(solution, System(rhs, form, options))
     solution._accelerations = run.stepper.accelerations
     if isinstance(run, VariableRun):
         solution._between = run.between

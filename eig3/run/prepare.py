@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
-from ..functions.checks import check_method, check_params, check_resolution, check_span, check_state, shown
+from ..functions.checks import check_params, check_resolution, check_span, check_state, shown
 from ..functions.guard import guarded
-from ..functions.layout import bound_layout
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
@@ -21,14 +20,14 @@ from ..methods import Method
 from ..result.solution import Solution
 from ..result.storage import Place
 from ..stepping.march import Cancel, March
+from ..stepping.options import RunOptions, run_options
 from ..stepping.stepper import Stepper
 from ..stepping.system import System, remembered
-from ..stepping.tolerances import Tolerances, check_variable, usual_method
+from ..stepping.tolerances import Tolerances, usual_method
 from ..stepping.variable_stepper import VariableStepper
 from ..stepping.watching import check_times
 from . import short
 from .fixed_run import FixedRun, divide
-from .options import RunOptions, run_options
 from .progress import check_progress
 from .run import Run, carry_out
 from .variable_run import VariableRun
@@ -54,32 +53,17 @@ class Prepared:
 
     @with_solution
     def __init__(self, rhs: Any, form: Form, options: RunOptions, defaults: tuple = ()) -> None:
-        self._rhs, self._given = rhs, (form, options, defaults)
-        self.options, self._layout, self._defaults = options, bound_layout(rhs), defaults
+        self._defaults, layout = defaults, options.layout
+        rhs = layout.bind(rhs) if layout else rhs
         self._t_eval, self._every = options.t_eval, options.every
         if defaults:  # arrays are checked faster than other sequences at each call
             span, u0, v0, params = defaults
-            self._defaults = span, *check_state(u0, v0)[:2], params if self._layout else check_params(params)
-        method = options.method
-        if options.limits is None:
-            record = check_method("eig3" if method is None else method)
-        elif method is None:
+            self._defaults = span, *check_state(u0, v0)[:2], params if layout else check_params(params)
+        if options.tolerances and not options.method:
             reads_velocity = check_callback(rhs, "rhs", form).reads_velocity
-            record = usual_method(options.limits.rtol, reads_velocity)
-        else:
-            record = check_variable(method)
-        self._system: System = remembered(
-            rhs,
-            form,
-            record,
-            has_tolerances=options.limits is not None,
-            inline=options.inline,
-            events=options.events,
-            functions=options.functions,
-            has_times=options.t_eval is not None,
-            labels=options.labels,
-            integrals=options.integrals,
-        )
+            options = options._replace(method=usual_method(options.tolerances.rtol, reads_velocity))
+        self.options = options
+        self._system: System = remembered(rhs, form, options)
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
@@ -140,8 +124,8 @@ class Prepared:
             raise self._wrong_form(u0)
         if self._system.integrals:
             u, v = self._with_integrals(u, v)
-        if self._layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
-            params = in_layout(self._layout, params)
+        if self.options.layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
+            params = in_layout(self.options.layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start) if is_plain else None
@@ -156,7 +140,7 @@ class Prepared:
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start. It has refused what the right-hand side or the method do not accept."""
         start = span, *self._with_integrals(u, v), guarded(params), None
-        return self._variable_stepper(*start) if self.options.limits else self._fixed_stepper(*start)[0]
+        return self._variable_stepper(*start) if self.options.tolerances else self._fixed_stepper(*start)[0]
 
     def _with_integrals(self, u: Any, v: Any) -> tuple[Any, Any]:
         if not self._system.integrals:
@@ -166,11 +150,11 @@ class Prepared:
 
     def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
-        again, t_end, limits = partial(self._begin, span, u, v, p, False, None), span[1], self.options.limits
+        again, t_end, tolerances = partial(self._begin, span, u, v, p, False, None), span[1], self.options.tolerances
         try:
             times = None if self._t_eval is None else self._times_in(span)
-            if limits:
-                (steps, rows), every = self._system.last_sizes.get(limits.rtol, (0, 0)), self._every
+            if tolerances:
+                (steps, rows), every = self._system.last_sizes.get(tolerances.rtol, (0, 0)), self._every
                 stepper: Any = self._variable_stepper(span, u, v, p, times)
             else:
                 stepper, steps = self._fixed_stepper(span, u, v, p, times)
@@ -179,12 +163,12 @@ class Prepared:
             pace = self._system.pace.get(stepper.kernel.pace_key)
             if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
                 return None
-            if limits:
+            if tolerances:
                 seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
                 steps = int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE))
             if times is not None:
                 return short.at_times(stepper, steps, t_end, times, again)
-            if limits:
+            if tolerances:
                 return short.variable(stepper, steps, every, rows, again)
             return short.fixed(stepper, steps, t_end, every, again)
         except KeyboardInterrupt as error:
@@ -204,7 +188,7 @@ class Prepared:
             check_progress(progress)
         place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.integrals)
         times, options = None if self._t_eval is None else self._times_in(span), self.options
-        if options.limits:
+        if options.tolerances:
             stepper = self._variable_stepper(span, u, v, p, times)
             return VariableRun.at_start(stepper, self._every, times, place, progress, self._note_size)
         fixed, n_steps = self._fixed_stepper(span, u, v, p, times)
@@ -236,19 +220,19 @@ class Prepared:
 
     def _note_size(self, n_steps: int, rows: int) -> None:
         """Note how many steps a run with tolerances had, and how many rows the next one may need."""
-        assert self.options.limits
-        self._system.last_sizes[self.options.limits.rtol] = n_steps, rows + rows // 4 + 16
+        assert self.options.tolerances
+        self._system.last_sizes[self.options.tolerances.rtol] = n_steps, rows + rows // 4 + 16
 
     def tolerances(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""
         if n not in self._tolerances:
-            limits, n_integrals = self.options.limits, len(self._system.integrals)
-            assert limits
-            self._tolerances[n] = limits.tolerances(self.options.atol, n - n_integrals, n_integrals)
+            n_integrals = len(self._system.integrals)
+            assert self.options.tolerances
+            self._tolerances[n] = self.options.tolerances.of(n - n_integrals, n_integrals)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
-        return Prepared, (self._rhs, *self._given)
+        return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults)
 
 
 def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
@@ -263,8 +247,8 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
         The parameters, or an example of them, if they have names: ``prepare(rhs, h=0.01, params={"k": 4.0})``. Those of
         a run may have arrays of other sizes. Parameters without names are for each call only.
     **options
-        h or rtol, and atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps and
-        inline, as for `eig3.integrate`. The run has its own copies of them.
+        As for `eig3.integrate`, without those of a call, which are progress, raise_on_failure, cancel and save_to. The
+        run has its own copies of them.
 
     Returns
     -------
@@ -288,5 +272,4 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
     if params is not None and not has_names(params):
         raise TypeError("params is for parameters with names; give an array to each call: prepared(t_span, u0, v0, p).")
     layout = None if params is None else named(params).layout
-    checked = run_options(layout, **options)
-    return Prepared(layout.bind(rhs) if layout else rhs, form_of(rhs), checked)
+    return Prepared(rhs, form_of(rhs), run_options(layout, **options))

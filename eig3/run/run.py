@@ -21,7 +21,8 @@ from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL,
 from ..methods import Method
 from ..result.solution import Solution, Status
 from ..result.storage import Place
-from ..stepping.march import NEVER, Cancel, Rows
+from ..stepping.march import Cancel, Rows
+from ..stepping.options import NEVER
 from ..stepping.system import System
 from .history import History
 from .progress import Progress

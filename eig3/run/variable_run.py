@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -15,7 +14,8 @@ from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
-from ..stepping.march import NEVER, Rows
+from ..stepping.march import Rows
+from ..stepping.options import NEVER
 from ..stepping.system import System
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
 from ..stepping.variable_stepper import VariableStepper
@@ -107,7 +107,7 @@ class VariableRun(Run):
     def finer(self, k: int) -> VariableRun:
         stepper, given, factor = self.stepper, self.stepper.tolerances, _RATIO**k
         rtol = max(LEAST_RTOL, given.rtol / factor)
-        tolerances = replace(given, rtol=rtol, atol=given.atol / factor, max_steps=NEVER)
+        tolerances = given._replace(rtol=rtol, atol=given.atol / factor, max_steps=NEVER)
         start = *stepper.start, guarded(stepper.params)
         fine = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
         return VariableRun.at_start(fine, 1, self.times, None, False)
@@ -127,7 +127,7 @@ class VariableRun(Run):
             "layout": stepper.system.layout.text if stepper.system.layout else "",
             "inline": stepper.inline,
             "has_jacobian": False,
-            "tolerances": vars(stepper.tolerances),
+            "tolerances": stepper.tolerances._asdict(),
             "every": self.every,
             "times": self.times,
             "rows": mark.rows,

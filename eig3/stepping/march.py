@@ -40,7 +40,6 @@ from .system import Kernel, System
 from .team import team
 from .watching import not_a_number
 
-NEVER = 2**62  # `every` of a run that writes no states
 ENDED_BY_EVENT = (TERMINAL, RESTING)  # the first and the last of the outcomes of an event that ends a run
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ..functions.callbacks import check_callback
 from ..functions.checks import (
     check_cancel,
+    check_flag,
     check_h,
     check_method,
     check_params,
@@ -27,7 +28,8 @@ from ..kernels.loops import fixed
 from ..kernels.protocol import DEGREE, FAILED, ITERATIONS, RESIDUAL, SCALAR, TIME, Steps
 from ..methods import Method
 from ..result.memory import aligned, check_workspace
-from .march import NEVER, Cancel, March, Rows
+from .march import Cancel, March, Rows
+from .options import NEVER, RunOptions
 from .slices import Slices
 from .system import Kernel, System
 
@@ -105,7 +107,7 @@ class Stepper(March):
         params, record = named(params), check_method(method)
         if isinstance(params, Parameters):
             rhs, record = params.layout.bind(rhs), params.layout.bind_method(record)
-        system = System(rhs, form, record, inline=inline)
+        system = System(rhs, form, RunOptions(method=record, inline=check_flag(inline, "inline")))
         vars(self).update(vars(Stepper.of(system, t0, h, u, v, guarded(check_params(params)))))
 
     @classmethod

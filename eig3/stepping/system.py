@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..functions.callbacks import Callback, check_callback
-from ..functions.checks import check_flag
 from ..functions.companions import constraints_of, history_of
-from ..functions.events import Event, check_events
+from ..functions.events import Event
 from ..functions.layout import bound_layout
-from ..functions.quantities import Functions
 from ..kernels.compile.jit import compiled
 from ..kernels.compile.numba_internals import address_of
 from ..kernels.protocol import FOLLOWS, SEARCHES, Form
 from ..methods import Method
-from ..result.labels import Labels
 from .follower import Followed
+from .options import RunOptions
 from .team import Shares
 
 _MOST_REMEMBERED = 16  # systems of one right-hand side
-_NOTHING = Functions({}, {})
 
 
 class Kernel(NamedTuple):
@@ -59,17 +56,9 @@ class System:
     ----------
     rhs : jitted function
     form : Form
-    method : Method
-    inline : bool
-    events : dict of str to Event, optional
-    functions : Functions
-        The invariants and outputs.
-    has_times : bool
-        Whether runs save the states at wanted times.
-    labels : Labels or None
-        Names and units of the degrees of freedom.
-    integrals : tuple of str
-        The names of the last degrees of freedom, whose velocities are integrals over time and no motion.
+    options : RunOptions
+        Of these, a system has the method, the events, functions, labels and integrals, and whether there are wanted
+        times and whether the loop is compiled with rhs inside.
 
     Attributes
     ----------
@@ -107,29 +96,17 @@ class System:
         If a function is not valid.
     """
 
-    def __init__(
-        self,
-        rhs: Any,
-        form: Form,
-        method: Method,
-        *,
-        inline: bool = False,
-        events: Any = None,
-        functions: Functions = _NOTHING,
-        has_times: bool = False,
-        labels: Labels | None = None,
-        integrals: tuple[str, ...] = (),
-    ) -> None:
-        self.labels, self.integrals, self.layout = labels, integrals, bound_layout(rhs)
-        self.rhs, self.form, self.method, self.functions = rhs, form, method, functions
+    def __init__(self, rhs: Any, form: Form, options: RunOptions) -> None:
+        self.rhs, self.form, self.layout, self.method = rhs, form, bound_layout(rhs), options.method
+        self.labels, self.integrals = options.labels, options.integrals
+        self.events, self.functions = options.events, options.functions
         history, constraints = history_of(rhs), constraints_of(rhs)
-        self.inline = check_flag(inline, "inline") and history is None and constraints is None
-        self.events: Mapping[str, Event] = check_events(events)
+        self.inline = options.inline and history is None and constraints is None
         self._checked: list[tuple[tuple, Callback]] = []
         self.callback = self._check(rhs, "rhs", form)
         self.shares: Shares | None = getattr(getattr(rhs, "py_func", rhs), "shares", None)
-        if method.jacobian is not None:
-            self._check(method.jacobian, "jacobian", form)
+        if self.method.jacobian is not None:
+            self._check(self.method.jacobian, "jacobian", form)
         self.event_callbacks = [self._check_event(name, event) for name, event in self.events.items()]
         table = [
             (g.address, apply.address if apply else 0, event.direction, event.terminal)
@@ -140,13 +117,14 @@ class System:
         self.leap = constraints and address_of(compiled(constraints.leap, form.leap.args))
         project = constraints and self._check(constraints.project, "invariant", form)
         self.followed = Followed(
-            functions, form, self.history[1].address if self.history else 0, project.address if project else 0
+            self.functions, form, self.history[1].address if self.history else 0, project.address if project else 0
         )
         for quantity in self.followed.quantities:
             self._checked.append(((quantity.function, quantity.kind, form, quantity.name), quantity.callback))
-        self.looks = SEARCHES if has_times or self.events else FOLLOWS if self.followed.is_needed else 0
+        searches = options.t_eval is not None or self.events
+        self.looks = SEARCHES if searches else FOLLOWS if self.followed.is_needed else 0
         self.pace = {} if self.looks else self.callback.pace
-        self.ignores_velocity = method.ignores_velocity
+        self.ignores_velocity = self.method.ignores_velocity
         self.kernels: dict[Any, Kernel] = {}
         self.last_sizes: dict[float | None, tuple[int, int]] = {}
 
@@ -167,23 +145,23 @@ class System:
         return all(check_callback(*arguments) is callback for arguments, callback in self._checked)
 
 
-def remembered(rhs: Any, form: Form, method: Method, *, has_tolerances: bool, **options: Any) -> System:
+def remembered(rhs: Any, form: Form, options: RunOptions) -> System:
     """Return a system, which is the same in each call with the same functions and options.
 
     The systems of runs with tolerances are others than those of runs with a fixed step, because their kernels are. A
     right-hand side itself has its systems, so that they are forgotten with it. A function that was compiled anew, or
     whose captured values have changed, makes another system.
     """
-    parts = options["events"], *options["functions"]
-    others = (options[name] for name in ("inline", "has_times", "labels", "integrals"))
-    key = form.name, method, has_tolerances, *(tuple(part.items()) for part in parts), *others
+    functions = (tuple(part.items()) for part in (options.events, *options.functions))
+    others = options.method, options.inline, options.labels, options.integrals
+    key = form.name, options.h is None, options.t_eval is None, *functions, *others
     try:
         systems = vars(rhs).setdefault("_eig3_systems", {})
         known = systems.get(key)
     except TypeError:  # rhs is no jitted function, or an option cannot be a key
-        return System(rhs, form, method, **options)
+        return System(rhs, form, options)
     if known is None or not known.is_present:
         while len(systems) >= _MOST_REMEMBERED:
             systems.pop(next(iter(systems)), None)
-        known = systems[key] = System(rhs, form, method, **options)
+        known = systems[key] = System(rhs, form, options)
     return known

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,8 +16,7 @@ _RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
 _RKN12_FROM = 1e-6  # for errors up to this, RKN12 takes less time than RK8; for the same rtol it may take more
 
 
-@dataclass(frozen=True, eq=False)
-class Tolerances:
+class Tolerances(NamedTuple):
     """What the steps of a run follow from.
 
     Attributes
@@ -26,7 +24,7 @@ class Tolerances:
     rtol : float
         The tolerance relative to the size of u and of v.
     atol : ndarray, shape (2, n)
-        The absolute tolerances of u and of v.
+        The absolute tolerances of u and of v. Before `of`, they have the shape in which they were given.
     is_relative : bool
         Whether `rtol` is relative to the largest value so far of each degree of freedom, and not to the value itself.
     h_first : float
@@ -44,26 +42,19 @@ class Tolerances:
     h_max: float
     max_steps: int
 
-
-class Limits(NamedTuple):
-    """What of `Tolerances` does not depend on the number of degrees of freedom."""
-
-    rtol: float
-    h_first: float
-    h_max: float
-    max_steps: int
-
-    def tolerances(self, atol: ArrayLike | None, n: int, n_integrals: int = 0) -> Tolerances:
+    def of(self, n: int, n_integrals: int = 0) -> Tolerances:
         """Return the tolerances of a run with n degrees of freedom, and with integrals over time after them.
 
         Integrals do not act on the motion: they do not decide about the steps.
         """
-        rows = _absolute(atol, n, n_integrals)
-        return Tolerances(self.rtol, rows, atol is None, self.h_first, self.h_max, self.max_steps)
+        plain = self.is_relative and not n_integrals
+        return self._replace(atol=np.zeros((2, n)) if plain else _absolute(self.atol, n, n_integrals))
 
 
-def check_limits(rtol: float | None, h_max: float | None, first_step: float | None, max_steps: int | None) -> Limits:
-    """Check the arguments of a run with tolerances that are numbers."""
+def check_tolerances(
+    rtol: float | None, atol: ArrayLike | None, h_max: float | None, first_step: float | None, max_steps: int | None
+) -> Tolerances:
+    """Check the arguments of a run with tolerances."""
     if rtol is None:
         raise ValueError("atol needs rtol too: the relative tolerance, such as 1e-6.")
     relative = rtol if type(rtol) is float else reals(rtol, "rtol")
@@ -71,28 +62,27 @@ def check_limits(rtol: float | None, h_max: float | None, first_step: float | No
         raise ValueError(
             f"rtol must be a number from {LEAST_RTOL:.3g}, below which round-off decides, to 1, not {shown(rtol)}."
         )
-    return Limits(
+    return Tolerances(
         float(relative),
+        np.zeros(()) if atol is None else reals(atol, "atol"),
+        atol is None,
         0.0 if first_step is None else _positive(first_step, "first_step"),
         math.inf if h_max is None else _positive(h_max, "h_max"),
         2**62 if max_steps is None else check_count(max_steps, "max_steps"),
     )
 
 
-def _absolute(atol: ArrayLike | None, n: int, n_integrals: int) -> np.ndarray:
+def _absolute(atol: np.ndarray, n: int, n_integrals: int) -> np.ndarray:
     """Return the absolute tolerances of u and v, an array of shape (2, n + n_integrals)."""
-    if atol is None and not n_integrals:
-        return np.zeros((2, n))
-    absolute = np.zeros(()) if atol is None else reals(atol, "atol")
-    if not (np.isfinite(absolute).all() and (absolute >= 0).all()):
+    if not (np.isfinite(atol).all() and (atol >= 0).all()):
         raise ValueError(f"atol must be finite and not negative, not {shown(atol)}.")
     try:
-        rows = np.broadcast_to(absolute, (2, n))
+        rows = np.broadcast_to(atol, (2, n))
     except ValueError:
         each = f"{n} numbers for the degrees of freedom, " if n > 1 else ""
         raise ValueError(
             f"atol must be a number, {each}or an array of shape (2, {n}) with a row for u and a row for v, not of the "
-            f"shape {absolute.shape}."
+            f"shape {atol.shape}."
         ) from None
     return np.ascontiguousarray(np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1))
 

@@ -8,15 +8,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.checks import check_count, check_flag, check_h, reals
+from ..functions.checks import check_count, check_flag, check_h, check_method, reals
 from ..functions.events import Event, check_events
 from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
 from ..methods import Method
 from ..result.labels import Labels
 from ..result.memory import n_rows
-from ..stepping.march import NEVER
-from ..stepping.tolerances import Limits, check_limits
+from .tolerances import Tolerances, check_tolerances, check_variable
+
+NEVER = 2**62  # `every` of a run that writes no states
+_NO_EVENTS: Mapping[str, Event] = {}
+_NO_FUNCTIONS = Functions({}, {})
 
 
 class RunOptions(NamedTuple):
@@ -26,11 +29,10 @@ class RunOptions(NamedTuple):
     ----------
     h : float or None
         The fixed step; None with tolerances.
-    limits : Limits or None
-        The tolerances, as far as they do not depend on the number of degrees of freedom.
-    atol : ndarray or None
-    method : str, Method or None
-        None for the usual method.
+    tolerances : Tolerances or None
+        Those of any number of degrees of freedom; None with a fixed step.
+    method : Method or None
+        None for the usual method of a run with tolerances, which depends on the right-hand side.
     save_every : int or None
         None saves the first and the last state, or those at `t_eval`.
     t_eval : ndarray or None
@@ -42,23 +44,25 @@ class RunOptions(NamedTuple):
         Names and units of the degrees of freedom.
     integrals : tuple of str
         The names of the last degrees of freedom, whose velocities are integrals over time and no motion.
+    layout : Layout or None
+        The names of the parameters of each call, to which the functions are bound; None for an array.
     """
 
-    h: float | None
-    limits: Limits | None
-    atol: np.ndarray | None
-    method: Any  # str, Method or None; in an ensemble a Method
-    save_every: int | None
-    t_eval: np.ndarray | None
-    events: Mapping[str, Event]
-    functions: Functions
-    inline: bool
-    labels: Labels | None
-    integrals: tuple[str, ...]
+    h: float | None = None
+    tolerances: Tolerances | None = None
+    method: Any = None  # None only before the run is prepared
+    save_every: int | None = None
+    t_eval: np.ndarray | None = None
+    events: Mapping[str, Event] = _NO_EVENTS
+    functions: Functions = _NO_FUNCTIONS
+    inline: bool = False
+    labels: Labels | None = None
+    integrals: tuple[str, ...] = ()
+    layout: Layout | None = None
 
     @property
     def has_tolerances(self) -> bool:
-        return self.h is None
+        return self.tolerances is not None
 
     @property
     def every(self) -> int:
@@ -103,31 +107,24 @@ def run_options(
     TypeError, ValueError
         If an option is not valid, or two exclude each other.
     """
-    method = layout.bind_method(method) if layout else method
-    atol = None if atol is None else reals(atol, "atol")
+    if layout:
+        method = layout.bind_method(method)
+        events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
     t_eval = None if t_eval is None else reals(t_eval, "t_eval")
     if t_eval is not None and save_every not in (1, None):
         raise ValueError("save_every and t_eval exclude each other: give one of them.")
-    limits = None
+    tolerances = None
     if h is not None:
         _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
-        h = check_h(h)
+        h, method = check_h(h), check_method("eig3" if method is None else method)
     elif rtol is None and atol is None:
         raise ValueError("give h for a fixed step, or rtol for tolerances: one of the two is needed.")
     else:
-        limits = check_limits(rtol, h_max, first_step, max_steps)
+        tolerances = check_tolerances(rtol, atol, h_max, first_step, max_steps)
+        method = None if method is None else check_variable(method)
     save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
-    events = check_events(_own(layout, events))
-    functions = check_functions(_own(layout, invariants), _own(layout, outputs))
-    inline = check_flag(inline, "inline")
-    return RunOptions(h, limits, atol, method, save_every, t_eval, events, functions, inline, labels, integrals)
-
-
-def _own(layout: Layout | None, functions: Any) -> Any:
-    """Return a dictionary of functions that the caller cannot change, bound to the layout if there is one."""
-    if functions is None or not isinstance(functions, Mapping):
-        return functions
-    return layout.bind_all(functions) if layout else dict(functions)
+    events, functions, inline = check_events(events), check_functions(invariants, outputs), check_flag(inline, "inline")
+    return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, integrals, layout)
 
 
 def _refuse(given: dict[str, Any]) -> None:
