@@ -383,7 +383,7 @@ EQUIVALENT = [
         "eig3/effects/shifted.py",
         "tension - pull_at_reach if r <",
         "tension - pull_at_reach if r <=",
-        "both are 0 at the reach",
+        "both are 0 there",
     ),
 ]
 
