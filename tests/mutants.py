@@ -51,7 +51,7 @@ MUTANTS = {
         ("5 * a2 - 16 * a1", "5 * a2 - 15 * a1"),
         ("16 * v1 + 5 * v2", "16 * v1 + 4 * v2"),
     ],
-    ("kernels/methods/cd.py", "test_order.py -k 'damped_forced and CentralDifference'"): [
+    ("kernels/methods/cd.py", "test_kernels.py -k lagged_central_difference"): [
         ("w + h / 2 * a", "w + h * a"),
         ("return v - h / 2 * a, a", "return v + h / 2 * a, a"),
     ],
