@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from queue import Empty, Queue
 from threading import Event as Flag
@@ -19,13 +18,14 @@ from ..functions.checks import check_time
 from ..functions.companions import constraints_of
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
 from ..functions.layout import bound_layout
-from ..functions.quantities import Quantity
+from ..functions.quantities import Functions, Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
 from ..kernels.constraint_lanes import Straight
 from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS, VECTOR
+from ..run.options import RunOptions
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
 from ..stepping.team import alone
@@ -36,7 +36,6 @@ from .block_setup import BlockSetup, SignOf
 from .histories import Histories
 from .lanewise import MOST_DEGREES, ROWS_FOLLOWED, constrained_of, keeping_of, lanes_of, layout_of
 from .members import Members
-from .options import Options
 from .single_members import Alone, Singles
 from .solution import EnsembleSolution
 from .stops import Stops
@@ -95,7 +94,7 @@ class _Stop:
 class Run:
     """An ensemble on its way in this process."""
 
-    def __init__(self, rhs: Any, members: Members, options: Options, threads: int, *, is_part: bool = False) -> None:
+    def __init__(self, rhs: Any, members: Members, options: RunOptions, threads: int, *, is_part: bool = False) -> None:
         self.rhs, self.members, self.options, self.threads, self.is_part = rhs, members, options, threads, is_part
         self.histories = Histories(members, options)
         self.notes: list[str] = []
@@ -198,7 +197,7 @@ class Run:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
         looks = FOLLOWS if quantities or (keeping and not keeping.is_leap) else 0
         kernel = wide_kernel(method.formulas, looks, method.second)
-        plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "invariants": {}, "outputs": {}}
+        plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "functions": Functions({}, {})}
         alone = Singles(self.rhs, members, options, **plain)
         stops = Stops(self._single.prepared(0).system, members, method) if self._is_stopped() else None
         given = rhs, keeping, quantities, stops, self.histories, alone, self._single
@@ -297,7 +296,7 @@ def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
     return constraints.straight, ""
 
 
-def at_start(rhs: Any, members: Members, options: Options) -> EnsembleSolution:
+def at_start(rhs: Any, members: Members, options: RunOptions) -> EnsembleSolution:
     """Return the result of an ensemble whose members have not started."""
     again = partial(_again, rhs, members, options)
     return _result(rhs, members, options, Histories(members, options), again=again)
@@ -306,7 +305,7 @@ def at_start(rhs: Any, members: Members, options: Options) -> EnsembleSolution:
 def _result(
     rhs: Any,
     members: Members,
-    options: Options,
+    options: RunOptions,
     histories: Histories,
     seconds: float = 0.0,
     notes: Sequence[str] = (),
@@ -320,7 +319,7 @@ def _result(
 def _again(
     rhs: Any,
     members: Members,
-    options: Options,
+    options: RunOptions,
     t_end: float,
     t_eval: ArrayLike | None,
     progress: bool,
@@ -329,4 +328,4 @@ def _again(
     """Run all members to a later end, as `EnsembleSolution.extend` describes it."""
     t_end = check_time(t_end, "t_end")
     times = further_times(options.t_eval, t_eval, members.t_span[1], t_end)
-    return Run(rhs, members.until(t_end), replace(options, t_eval=times), cores()).march(progress, cancel)
+    return Run(rhs, members.until(t_end), options._replace(t_eval=times), cores()).march(progress, cancel)
