@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 import eig3
 from eig3 import effects, problems
 from eig3.bench.squeezers import END
+from eig3.kernels.friction import friction_in_plane, friction_in_space
 from eig3.problems.four_bar import BASE, COUPLER, CRANK, ROCKER, linkage
 from eig3.problems.squeezer import START, mechanism, places
 from eig3.problems.tumbling_box import scene_of_box
@@ -198,6 +199,19 @@ def test_viscous_friction_in_a_hinge_takes_the_relative_spin():
     np.testing.assert_allclose(spins[0] - spins[1], decay, rtol=0, atol=1e-8)
     lost = inertias @ (spins**2 - spins[:, :1] ** 2) / 2
     np.testing.assert_allclose(run.integrals["work"], lost, rtol=0, atol=3e-8)
+
+
+def test_friction_in_a_hinge_is_a_couple_against_the_relative_spin():
+    """Its moment is limit + damping w, far above the speed of slip, on vectors across the axis in the two bodies."""
+    for axis in (np.array([0.0, 0.0, 1.0]), np.array([2.0, 1.0, 2.0]) / 3):
+        one, other = (tuple(np.cross(axis, x) / np.linalg.norm(np.cross(axis, x))) for x in ((1, 2, 0.5), (-2, 0.5, 3)))
+        v = tuple(np.cross(0.7 * axis, one)), tuple(np.cross(1.9 * axis, other))
+        found = [friction_in_space.py_func((one, other, tuple(axis)), v, 2.0, 0.3, 1e-9)[:2]]
+        if axis[2] == 1:
+            found.append(friction_in_plane.py_func((one[:2], other[:2]), (v[0][:2], v[1][:2]), 2.0, 0.3, 1e-9))
+        for forces in found:
+            moments = [np.cross(x, [*force, 0.0][:3]) for x, force in zip((one, other), forces, strict=True)]
+            np.testing.assert_allclose(moments, np.outer([1, -1], (2.0 + 0.3 * 1.2) * axis), rtol=0, atol=1e-12)
 
 
 def test_coulombs_friction_in_a_hinge_stops_a_wheel():

@@ -27,6 +27,11 @@ def falling(t, u, v, p):
 
 
 @eig3.jit
+def falling_from_a_stop(t, u, v, p):
+    return -1 - 1000 * max(u - 1, 0)
+
+
+@eig3.jit
 def rooted(t, u, v, p):
     if u < 0:
         raise ValueError("below the ground")
@@ -72,6 +77,10 @@ def test_damping_beyond_the_limit():
 def test_free_fall_has_no_period(h):
     for u0, v0 in ((0.0, 0.0), (100.0, 0.0), (0.0, 50.0)):
         assert not coarse(integrate(falling, (0, 10), u0, v0, h=h))
+
+
+def test_the_first_step_follows_the_acceleration():
+    assert not coarse(integrate(falling_from_a_stop, (0, 3), 1.0, 0.0, h=0.5))
 
 
 def test_rest_has_no_period():

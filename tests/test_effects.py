@@ -317,6 +317,12 @@ def test_friction_at_high_speed_is_its_limit():
     scene.add(CoulombFriction(0.5, 2.0 * 9.81, slip=1e-4))
     solution = scene.problem((0.0, 0.5)).integrate(h=1e-4)
     assert np.hypot(*solution.v[-1]) == pytest.approx(5 - 0.5 * 9.81 * 0.5, rel=1e-6)
+    scene = Scene(2)
+    scene.mass(2.0, (0.0, 0.0), (3.0, 4.0))
+    scene.add(CoulombFriction(0.5, 2.0 * 9.81, slip=1e-4, normal=(0.0, 1.0)))
+    problem = scene.problem((0.0, 0.5))
+    a = acceleration(problem, problem.u0, problem.v0, rhs=problem.rhs.py_func)
+    assert a == pytest.approx([-0.5 * 9.81, 0.0], rel=1e-6)  # along the plane only
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -375,6 +375,7 @@ def test_arguments_are_broadcast():
         (spring, {"u0": []}, "u0 must hold at least one member"),
         (spring, {"u0": [1.0, np.nan, 1.0]}, r"u0 must be finite, but u0\[1\] is not"),
         (spring, {"h": -0.1}, "h must be a positive"),
+        (spring, {"h": [0.1, 0.0, 0.2]}, r"h must be a positive, .* not 0\.0"),
         (spring, {"save_every": 0}, "save_every must be a whole number"),
         (spring, {"threads": 0}, "threads must be a whole number"),
         (spring, {"t_span": (1, 0)}, "t_span must end after it starts"),

@@ -10,8 +10,10 @@ import pytest
 
 import eig3
 from eig3 import effects, problems
+from eig3.effects.hertz_mindlin import damping_ratio
 from eig3.scene import Scene, swarm
 
+from .conftest import acceleration
 from .test_extend import assert_same
 
 R, M = 0.1, 0.02
@@ -86,12 +88,32 @@ def test_a_grain_that_slides_then_rolls(inertia, part):
     ball = scene.mass(M, (0.0, R - sink), (v0, 0.0), inertia=inertia)
     scene.add(hertz_mindlin(reach=R + large, near_radius=large), ball[None], near=scene.fixed([(0.0, -large)]))
     scene.add(effects.Gravity((0, -9.81)))
-    run = scene.problem((0, 0.2)).integrate(h=2e-5, method="rk4", save_every=100)
+    problem = scene.problem((0, 0.2))
+    a = ball.of(acceleration(problem, problem.u0, problem.v0))
+    assert abs(a[1]) < 1e-4 * 9.81  # Hertz's force at this indentation carries the weight
+    run = problem.integrate(h=2e-5, method="rk4", save_every=100)
     v, spin = ball.of(run.v)[:, 0], ball.angles_of(run.v)
     slides = 0.4 * 9.81 * run.t < 0.9 * v0 * (1 - part)
     np.testing.assert_allclose(v[slides], v0 - 0.4 * 9.81 * run.t[slides], rtol=0, atol=2e-4)
     assert v[-20:].mean() == pytest.approx(part * v0, abs=3e-3)
     assert -R * spin[-20:].mean() == pytest.approx(part * v0, abs=3e-3)
+
+
+def test_the_stiffness_along_the_surfaces_is_mindlins_part_of_hertzs():
+    """2 (1 - nu) / (2 - nu) of dF/dd = 2 E* sqrt(R d). Both have the damping of one ratio."""
+    nu, d, step, size = 0.3, 1e-3, 1e-8, (R / 2, M / 2, 2 * R)
+    effect = hertz_mindlin(nu=nu, restitution=0.5)
+
+    def push(d, rate=0.0):
+        return -effect.tension.py_func(2 * R - d, rate, *size, effect.plane_modulus, effect.loss)
+
+    across = (push(d + step) - push(d - step)) / (2 * step)
+    assert across == pytest.approx(2 * 1e7 / (2 * (1 - nu**2)) * np.sqrt(R / 2 * d), rel=1e-6)
+    along = effect.shear_stiffness.py_func(2 * R - d, R / 2, 2 * R, effect.shear_modulus)
+    assert along == pytest.approx(2 * (1 - nu) / (2 - nu) * across, rel=1e-6)
+    damping = effect.shear_damping.py_func(2 * R - d, *size, effect.shear_modulus, effect.loss)
+    for k, c in ((across, push(d) - push(d, 1.0)), (along, damping)):
+        assert c == pytest.approx(2 * np.sqrt(5 / 6) * damping_ratio(0.5) * np.sqrt(k * M / 2), rel=1e-6)
 
 
 def test_a_spring_that_sticks_oscillates():

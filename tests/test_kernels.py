@@ -107,6 +107,8 @@ def test_lagged_central_difference_uses_the_backward_difference():
     u = run.u
     lagged = u[1:-1] - u[:-2]
     np.testing.assert_allclose(u[2:] - 2 * u[1:-1] + u[:-2], -0.49 * u[1:-1] - 0.28 * lagged, atol=1e-13)
+    np.testing.assert_allclose((u[2:] - u[:-2]) / 2, run.v[1:-1], atol=1e-13)
+    assert u[1] == pytest.approx(1.0 + 0.3 + (-0.49 * 1.0 - 0.28 * 0.3) / 2)  # Taylor's series at the start
 
 
 @pytest.mark.parametrize("build", ["single_dof", "hardening_spring", "softening_spring"])

@@ -373,6 +373,24 @@ def test_a_list_looks_at_few_points_wherever_they_are(case):
     assert (np.diff(start) ** 2).sum() < 4000
 
 
+def test_a_list_is_kept_until_a_point_has_used_up_half_of_its_skin():
+    """Two points outside the skin at its edge touch when both have moved by half of it towards each other."""
+    x = np.zeros((7, 3))
+    x[:, 0] = 100.0 * np.arange(7) + 0.5
+    problem, params = near_places(x)
+    acceleration(problem, params=params)
+    head = params[np.flatnonzero(params == 7)[0] :]
+    built, skin = params[int(head[neighbours.HEAD + neighbours.BUILT]) :], head[neighbours.PRESENT_SKIN]
+    apart = problem.u0.copy()
+    apart[1] = apart[0] + 1.0 + 1.001 * skin
+    for way, way_when_built in ((0.0, 0.0), (0.499, 0.0), (0.502, 0.502)):
+        u = apart.copy()
+        u[:2] += way * skin, -way * skin
+        a = acceleration(problem, u, params=params)
+        assert built[0] == apart[0] + way_when_built * skin
+    assert a[1] > 0 > a[0]
+
+
 def test_points_without_a_place_are_near_to_none():
     """The others have the forces that they would have without them."""
     rng = np.random.default_rng(2)

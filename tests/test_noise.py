@@ -40,6 +40,9 @@ def test_the_numbers_are_normal_and_independent():
     error = 4 / np.sqrt(4000)
     assert np.abs(np.corrcoef(sequences) - np.eye(3)).max() < error
     assert abs(np.corrcoef(sequences[0, :-1], sequences[0, 1:])[0, 1]) < error
+    x, y = (np.random.Philox(key=[1, 2], counter=[7, 0, 0, 0]).random_raw(2) >> np.uint64(11)) * 2.0**-53
+    expected = np.sqrt(-2 * np.log(x + 2.0**-53)) * np.cos(2 * np.pi * y)  # Box and Muller
+    assert sequences[2, 7] == pytest.approx(expected, rel=1e-12)
     assert eig3.noise(1, 2.0, 7) == eig3.noise(1, 2, 7) == sequences[2, 7]
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import eig3
+from eig3.diagnosis.refinement import Refinement
 
 from .conftest import spring
 
@@ -37,6 +38,18 @@ def test_a_jump_lowers_the_order():
     (seen,) = numbers(r"they show the order (-?[\d.]+)", text)
     assert seen < 3
     assert "The order is lower if rhs has kinks or jumps" in text
+
+
+def test_the_error_and_the_order_follow_by_richardsons_rule():
+    """From displacements with the errors e, e / q and e / q^2."""
+    t = np.linspace(0, 1, 11)
+    u, e = np.cos(t), 1e-3 * np.sin(t)
+    for order, is_lower in ((3.5, False), (3.3, True)):
+        q = 2**order
+        found = Refinement.of(t, u + e, u + e / q, u + e / q**2, 2.0)
+        np.testing.assert_allclose(found.error, e, rtol=0, atol=1e-15)
+        assert found.order == pytest.approx(order, abs=1e-9)
+        assert ("kinks" in found.of_steps("RK4", 4, 0.1)) == is_lower
 
 
 def test_tolerances():

@@ -8,6 +8,8 @@ from scipy.integrate import solve_ivp
 
 import eig3
 from eig3 import Status
+from eig3.diagnosis.stiffness import stiffness
+from eig3.stability import limit
 
 SPAN = 0, 20
 
@@ -61,6 +63,23 @@ def test_no_note_about_other_motions(build, t_end, method):
     solution = problem.integrate(rtol=1e-6, method=method, save_every=10, invariants={})
     assert solution.n_steps > 2000
     assert not any("stiff" in note for note in solution.notes)
+
+
+def test_a_mode_is_stiff_if_it_decays_within_its_period_and_a_little_longer_step_lets_it_grow():
+    """In most states. The step may be longer by a quarter, and a mode may have a damping ratio of up to 0.7."""
+
+    def note(xi, parts):
+        def oscillator(t, u, v):
+            return -u - 2 * xi * v
+
+        states = [(0.0, 1.0, 0.5, part * limit("rk4", xi)) for part in parts]
+        return stiffness(eig3.RK4(), oscillator, states, "accuracy")
+
+    assert "in 4 of 4 states" in note(0.8, [0.95] * 4)
+    assert not note(0.6, [0.95] * 4)
+    assert not note(0.8, [0.75] * 4)
+    assert "in 3 of 4 states" in note(0.8, [0.95, 0.95, 0.95, 0.1])
+    assert not note(0.8, [0.95, 0.95, 0.1, 0.1])
 
 
 def test_a_plan_says_that_the_motion_is_stiff():

@@ -13,6 +13,7 @@ import pytest
 
 import eig3
 from eig3 import Status
+from eig3.kernels.loops import controller
 from eig3.kernels.methods import eig3_variable
 from eig3.run import history
 
@@ -128,6 +129,34 @@ def test_error_is_near_the_tolerance(method):
     solution = run(rtol=1e-7, method=method)
     # over a radian and a half, the errors of all steps add up to some tens of tolerances; EIG-3 takes hundreds of steps
     assert np.abs(solution.u - np.cos(solution.t)).max() < {"rk5": 50, "rk8": 50, "eig3": 500}[method] * 1e-7
+
+
+@pytest.mark.parametrize("order", [3, 5])
+def test_the_step_is_the_smaller_one_of_gustafssons_two_controllers(order):
+    """From two errors in parts of the tolerance; an estimate of order 3 knows no trend. Powers are exact to 1 %."""
+    for now, before, ratio in ((0.2, 0.2, 1.0), (0.9, 0.1, 1.0), (0.1, 0.8, 1.0), (0.3, 0.4, 0.7), (0.5, 0.3, 1.2)):
+        steady = 0.9 * now ** (-0.7 / order) * before ** (0.4 / order)
+        trend = 0.9 * ratio * (before / now**2) ** (1 / order)
+        found = controller.growth.py_func(math.log2(now), math.log2(before), math.log2(ratio), order)
+        assert found == pytest.approx(min(steady, trend) if order > 3 else steady, rel=0.01)
+    x = np.geomspace(0.01, 100.0, 41)
+    np.testing.assert_allclose([controller.log2.py_func(each) for each in x], np.log2(x), atol=0.01)
+    np.testing.assert_allclose([controller.exp2.py_func(each) for each in np.log2(x)], x, rtol=0.01)
+
+
+def test_steps_of_eig3_are_those_of_velocity_verlet_with_the_next_term_as_their_error():
+    """With V_n = v_n + h_{n-1}/2 (a_n - a_{n-1}), which keeps the order where each step has another length."""
+    solution = run(rtol=1e-6, method="eig3")
+    h, u, a = np.diff(solution.t), solution.u, -solution.u
+    V = solution.v[1:] + h / 2 * np.diff(a)
+    np.testing.assert_allclose(u[2:], u[1:-1] + h[1:] * V[:-1] + h[1:] ** 2 / 2 * a[1:-1], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(V[1:], V[:-1] + h[1:] / 2 * (a[1:-1] + a[2:]), rtol=0, atol=1e-14)
+    errors = h**2 / 6 * np.abs(np.diff(a)) / 1e-6
+    assert errors.max() < 1
+    now, before = errors[1:-2], errors[:-3]  # the last step ends with the run
+    growth = 0.9 * now ** (-0.7 / 3) * before ** (0.4 / 3)
+    some = (now > 0.01) & (before > 0.01)
+    np.testing.assert_allclose((h[2:-1] / h[1:-2])[some], growth[some], rtol=0.01)
 
 
 def test_without_a_method_the_tolerance_chooses_it():

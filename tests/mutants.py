@@ -1,0 +1,431 @@
+"""Small mistakes that a test must notice: `python tests/mutants.py [WORD ...]` makes those with one of the words.
+
+Each is made in a copy of the project, and the tests that reach the place run there. Those that no test notices are
+printed. Code that is compiled gets a cache of its own: a cache of the disk does not see changes of functions that a
+function calls.
+"""
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PLAIN = ("eig3/fitting", "eig3/diagnosis", "eig3/ensembles", "eig3/result")  # none of which is compiled
+
+#: What stands in a file before and after a mistake, for each file and the tests that notice it.
+MUTANTS = {
+    # Kernels
+    ("kernels/neighbours.py", "test_neighbours.py -k half_of_its_skin"): [
+        ("+ skin)) / 2", "+ skin)) / 1.6"),
+        ("+ skin)) / 2", "+ skin)) / 2.2"),
+        ("square += way * way", "square = way * way"),
+    ],
+    ("kernels/neighbours.py", "test_periodic_box.py -k follows_the_flow"): [
+        ("(skin - abs(strain)", "(skin + abs(strain)")
+    ],
+    ("kernels/loops/controller.py", "test_tolerances.py -k gustafsson"): [
+        ("- 0.7 * now", "- 0.6 * now"),
+        ("0.4 * before", "0.3 * before"),
+        ("order > 3 and", "order >= 3 and"),
+        ("before - 2 * now", "before - now"),
+        ("= 0.9, 0.2, 10.0", "= 0.85, 0.2, 10.0"),
+        ("= 0.9, 0.2, 10.0", "= 0.9, 0.95, 10.0"),
+        ("0.3465553856 *", "0.3 *"),
+        ("0.6565 + 0.3435", "0.6 + 0.3435"),
+    ],
+    ("kernels/loops/dense.py", "test_t_eval.py -k order_of_the_dense"): [
+        ("(3 * a[j] - a_b[j])", "(3 * a[j] + a_b[j])"),
+        ("8 * v[j] + 7 * v_b[j]", "7 * v[j] + 8 * v_b[j]"),
+        ("4 * c4 / h", "3 * c4 / h"),
+    ],
+    ("kernels/methods/rk4.py", "test_kernels.py -k step_is_the_matrix_of"): [
+        ("h * h / 4 * a1", "h * h / 2 * a1"),
+        ("2 * a2 + 2 * a3", "2 * a2 + a3"),
+    ],
+    ("kernels/methods/rk4.py", "test_order.py -k 'damped_forced and RK4'"): [("f(t + h, u_stage", "f(t, u_stage")],
+    ("kernels/methods/ab3.py", "test_kernels.py -k step_is_the_matrix_of"): [
+        ("5 * a2 - 16 * a1", "5 * a2 - 15 * a1"),
+        ("16 * v1 + 5 * v2", "16 * v1 + 4 * v2"),
+    ],
+    ("kernels/methods/cd.py", "test_kernels.py -k lagged_central_difference"): [
+        ("w + h / 2 * a", "w + h * a"),
+        ("return v - h / 2 * a, a", "return v + h / 2 * a, a"),
+    ],
+    ("kernels/methods/eig.py", "test_family.py -k 'coefficients_are or velocities_are'"): [
+        ("i in range(1, k + 1)", "i in range(1, k)"),
+        ("(shift + i) * high", "(shift - i) * high"),
+        ("_weighted_integral(j, -1)", "_weighted_integral(j, 0)"),
+        ("x / (k + 1) for k", "x / (k + 2) for k"),
+    ],
+    ("kernels/methods/eig3_variable.py", "test_tolerances.py -k velocity_verlet"): [
+        ("h * (a[j] + rise / 2)\n    f(", "h * (a[j] + rise / 3)\n    f("),
+        ("alpha = h_before / h", "alpha = h / h_before"),
+        ("return (h * h / 6) ** 2 * most", "return (h * h / 5) ** 2 * most"),
+    ],
+    ("kernels/methods/eig3_variable.py", "test_adaptive_lanes.py -k 'options_of_the_tolerances and eig3'"): [
+        ("before[lane] / h *", "h / before[lane] *"),
+        ("(h * h / 6) ** 2 * most[lane]", "(h * h / 7) ** 2 * most[lane]"),
+    ],
+    ("kernels/methods/langevin.py", "test_langevin.py -k steps_are_those"): [
+        ("-2 * settings[GAMMA]", "-settings[GAMMA]"),
+        ("middle + half * v[k]", "middle + half * kicked"),
+    ],
+    ("kernels/philox.py", "test_noise.py -k 'bits_are or normal_and'"): [
+        ("(a_0 * b_1 + (middle & _LOW))", "(a_0 * b_1 + middle)"),
+        ("sqrt(-2.0 * log", "sqrt(-1.9 * log"),
+    ],
+    ("eig3/philox.py", "test_noise.py -k 'white_noise or stationary'"): [
+        ("sqrt(2 * math.pi * S / dt)", "sqrt(math.pi * S / dt)"),
+        ("t / dt * _JUST_AFTER", "t / dt"),
+    ],
+    ("kernels/friction.py", "test_bodies.py -k is_a_couple"): [
+        ("slip * slip) + damping)", "slip * slip) - damping)"),
+        ("limit / math.sqrt", "2 * limit / math.sqrt"),
+        ("axis[1] * (mine[1] - theirs[1])", "axis[1] * (mine[1] + theirs[1])"),
+        ("(torque * g[1], -torque * g[0])", "(-torque * g[1], torque * g[0])"),
+    ],
+    ("kernels/grains.py", "test_grains.py -k 'at_most_mu or then_rolls'"): [
+        ("part = limit / math.sqrt(square)", "part = 1.1 * limit / math.sqrt(square)"),
+        ("square <= limit * limit", "square <= 2 * limit * limit"),
+    ],
+    ("kernels/grains.py", "test_grains.py -k 'sticks_oscillates or order_is_two'"): [
+        ("half = since / 2", "half = since"),
+        ("part = k / before if k < before else 1.0", "part = 1.0"),
+        ("ex + half * k * wx", "ex - half * k * wx"),
+        ("scale = math.sqrt((ex", "scale = 0.9 * math.sqrt((ex"),
+    ],
+    ("kernels/elementary.py", "test_math.py -k 'within_the_bound'"): [
+        ("_COS_4 = 4.16666666666666019037e-02", "_COS_4 = 4.16666666666660000000e-02"),
+        ("_HALF_PI_3 = 6.123233932053594e-17", "_HALF_PI_3 = 6.0e-17"),
+        ("_TANH_IS_1 = 22.0", "_TANH_IS_1 = 12.0"),
+    ],
+    ("kernels/constraints.py", "test_constraints.py -k 'keep_the_order or pendulum_is_that'"): [
+        ("2 * both - c.target", "both - c.target"),
+        ("-c.values[k] - along(c, k, n, a, d)", "-c.values[k] + along(c, k, n, a, d)"),
+    ],
+    ("kernels/constraints.py", "test_constraints.py -k 'own_depends_on_the_time'"): [
+        ("along(c, k, n, v, d) - c.target_rates[k]", "along(c, k, n, v, d) + c.target_rates[k]"),
+    ],
+    ("kernels/constraints.py", "test_constraints.py -k 'impact_goes_through'"): [
+        ("scale = free / held if", "scale = 0.9 * free / held if"),
+    ],
+    ("kernels/adaptive_lanes.py", "test_adaptive_lanes.py -k 'steps_of_single_runs or options_of'"): [
+        ("min(grown, 1.0) if rejected", "grown if rejected"),
+        ("square[lane] <= 1.0", "square[lane] <= 1.1"),
+        ("(taken[lane] >= control.max_steps)", "(taken[lane] > control.max_steps)"),
+        ("if h[lane] >= t_end - time[lane]", "if h[lane] > t_end"),
+    ],
+    ("kernels/lane_events.py", "test_adaptive_lanes.py -k 'events'"): [
+        ("watch.times[0] == t0", "watch.times[0] > t0"),
+        ("return DENSE_COST + 1", "return DENSE_COST"),
+        ("if product[lane] > 0 else 1.0", "if product[lane] < 0 else 1.0"),
+    ],
+    ("kernels/lane_stops.py", "test_ensemble.py -k found_in_lanes"): [
+        ("tally[EVALUATIONS] + 1", "tally[EVALUATIONS]"),
+    ],
+    ("kernels/lanes.py", "test_ensemble.py -k 'found_in_lanes or runs_alone'"): [
+        ("side * g < 0 and DIRECTION * g < 0", "side * g < 0 and DIRECTION * g > 0"),
+        ("is_new = (e > most)", "is_new = (e < most)"),
+        ("while k < out.size and low[k] < t", "while k < out.size and low[k] > t"),
+    ],
+    # Effects
+    ("eig3/effects/hertz_mindlin.py", "test_grains.py -k 'then_rolls or have_the_restitution'"): [
+        ("push = 4 / 3 * plane", "push = 1.36 * plane"),
+        ("self.E / (2 * (1 - self.nu**2))", "self.E / (2 * (1 - self.nu))"),
+        ("_LOSS = 2 * math.sqrt(5 / 6)", "_LOSS = 2 * math.sqrt(4 / 6)"),
+    ],
+    ("eig3/effects/hertz_mindlin.py", "test_grains.py -k mindlins_part"): [
+        ("return 8 * shear_modulus", "return 7.5 * shear_modulus"),
+        ("4 * (2 - self.nu) * (1 + self.nu)", "4 * (2 - self.nu)"),
+        ("loss * math.sqrt(8 * shear_modulus", "loss * math.sqrt(4 * shear_modulus"),
+    ],
+    ("eig3/effects/hertz.py", "test_effects.py -k 'contact'"): [
+        ("return 2 / 5 *", "return 1 / 2 *"),
+        ("1 + damping * rate", "1 - damping * rate"),
+    ],
+    ("eig3/effects/hardening_spring.py", "test_effects.py -k 'gradient and hardening'"): [
+        ("S2 / 2 * square", "S2 / 3 * square")
+    ],
+    ("eig3/effects/softening_spring.py", "test_effects.py -k 'gradient and softening'"): [
+        ("S * width * tanh", "S * tanh")
+    ],
+    ("eig3/effects/lennard_jones.py", "test_effects.py -k 'gradient and Lennard'"): [
+        ("24 * depth", "23 * depth"),
+        ("1 - 2 * s6", "1 - s6"),
+    ],
+    ("eig3/effects/coulomb.py", "test_effects.py -k 'gradient and Coulomb'"): [
+        ("2 / math.sqrt(math.pi) * damping", "1 / math.sqrt(math.pi) * damping"),
+        ("return strength / r\n", "return strength * r\n"),
+    ],
+    ("eig3/effects/shifted.py", "test_effects.py -k 'gradient and Coulomb'"): [
+        ("- (r - reach) * pull", "+ (r - reach) * pull")
+    ],
+    ("eig3/effects/morse.py", "test_effects.py -k 'gradient and Morse'"): [
+        ("near * (1 - near)", "near * (1 - 2 * near)")
+    ],
+    ("eig3/effects/cable.py", "test_scene_events.py -k 'taut_and_slack'"): [
+        ("min(0.0, damping * rate)", "damping * rate")
+    ],
+    ("eig3/effects/coulomb_friction.py", "test_effects.py -k friction_at_high_speed"): [
+        ("scale(-dot(normal, v), normal)", "scale(dot(normal, v), normal)"),
+        ("scale(-coefficient * load", "scale(-0.9 * coefficient * load"),
+    ],
+    ("eig3/effects/quadratic_drag.py", "test_effects.py -k 'drag'"): [("scale(-drag * norm(v), v)", "scale(-drag, v)")],
+    ("eig3/effects/linear_damper.py", "test_scene.py -k 'table'"): [("damping * rate", "0.9 * damping * rate")],
+    ("eig3/effects/rotating_frame.py", "test_effects.py -k 'straight_line and 2'"): [
+        ("scale(2.0, cross", "scale(1.9, cross")
+    ],
+    ("eig3/effects/isotropic.py", "test_cells.py -k 'elastic_constants or plane_stress'"): [
+        ("(1 - 2 * nu)), E", "(1 - nu)), E"),
+        ("E / (2 * (1 + nu))", "E / (2 * (1 - nu))"),
+    ],
+    ("eig3/effects/neo_hookean.py", "test_cells.py -k 'gradient or elastic_constants'"): [
+        ("first / 2 * log", "first * log"),
+        ("first * math.log(J) - shear", "first * math.log(J) + shear"),
+    ],
+    ("eig3/effects/wind_pressure.py", "test_cells.py -k wind_pushes"): [
+        ("(12 * length", "(6 * length"),
+        ("along * abs(along)", "along * along"),
+    ],
+    ("eig3/effects/hinge_bending.py", "test_cells.py -k plate_of_their_rigidity"): [
+        ("return rigidity * aspect", "return 2 * rigidity * aspect")
+    ],
+    ("eig3/effects/ryckaert_bellemans.py", "test_cells.py -k 'gradient'"): [("3 * c[3]", "2 * c[3]")],
+    ("eig3/effects/dihedral.py", "test_cells.py -k 'iupac or gradient'"): [
+        ("math.atan2(sine, cosine)", "math.atan2(-sine, cosine)")
+    ],
+    ("eig3/effects/motor.py", "test_bodies.py -k motor_is_a_torque"): [("scale(0.5, cross", "scale(0.6, cross")],
+    ("eig3/effects/restitution.py", "test_scene_events.py -k 'closed_form or momenta'"): [
+        ("-restitution * rate", "-0.9 * restitution * rate")
+    ],
+    ("eig3/effects/restitution.py", "test_scene_events.py -k 'small_bounces'"): [("min(-rate, slow)", "-rate")],
+    ("eig3/effects/breaking_string.py", "test_scene_events.py -k 'string'"): [
+        ("length) - strength", "length) - 0.9 * strength")
+    ],
+    # Structures
+    ("eig3/structures/damping.py", "test_linear.py -k damping_ratios"): [
+        ("return float(a), float(b)", "return float(a), 0.9 * float(b)"),
+        ("return float(a), float(b)", "return 0.9 * float(a), float(b)"),
+        ("rates = 2 * np.broadcast", "rates = np.broadcast"),
+    ],
+    ("eig3/structures/damping.py", "test_linear.py -k modes_of_a_large"): [
+        ("np.sqrt(np.maximum(squares", "np.abs(np.maximum(squares")
+    ],
+    ("eig3/structures/matrices.py", "test_linear.py -k lumped_masses"): [
+        ("(total / of_diagonal)[part]", "(of_diagonal / total)[part]")
+    ],
+    ("eig3/structures/members.py", "test_frame.py -k 'cantilever or hinges'"): [
+        ("length**2 / 24", "length**2 / 12"),
+        ("4 * length**2", "4.2 * length**2"),
+        ("s.E * self._side, length, -1", "s.E * self._side, length, 1"),
+        ("[4, 2], [2, 4]", "[4, 1], [1, 4]"),
+        ("K - np.outer(K[:, i], K[i]) / K[i, i]", "K - np.outer(K[:, i], K[i])"),
+    ],
+    ("eig3/structures/frame.py", "test_frame.py -k by_members_is_a_bound"): [
+        ("np.sqrt(squares.max())", "np.sqrt(squares.min())")
+    ],
+    ("eig3/structures/corotational.py", "test_frame.py -k 'turns_freely or into_a_circle'"): [
+        ("shear = (moment_0 + moment_1)", "shear = (moment_0 - moment_1)"),
+        ("angle - 2 * pi * round", "angle - pi * round"),
+        ("-s * pull + c * shear", "-s * pull - c * shear"),
+    ],
+    ("eig3/structures/corotational.py", "test_frame.py -k keeps_its_energy"): [
+        ("k[5] * turn_0 * turn_1", "k[5] / 2 * turn_0 * turn_1")
+    ],
+    ("eig3/structures/modal.py", "test_linear.py -k 'exact_motion_by_modes'"): [
+        ("(1 + x**2 / 6 *", "(1 + x**2 / 3 *"),
+        ("cosine - 0.5 * c * sine", "cosine + 0.5 * c * sine"),
+        ('has["b"] * omega**2', 'has["b"] * omega'),
+    ],
+    ("eig3/structures/source.py", "test_linear.py -k 'loads or blocks_and_threads'"): [
+        ('"decay * v[{i}]"', '"0.9 * decay * v[{i}]"'),
+        ('{"lost": "rate * "}', '{"lost": "0.9 * rate * "}'),
+    ],
+    ("eig3/structures/responses.py", "test_linear.py -k base_shear"): [
+        ("velocity * (t - inside)", "velocity * (inside - t)"),
+        ("u[places[k]] - below", "u[places[k]] + below"),
+    ],
+    # Fitting
+    ("eig3/fitting/estimates.py", "test_fitting.py -k standard_errors"): [
+        ("= variance * (scaled", "= 1.1 * variance * (scaled"),
+        ("= variance * (scaled", "= 1.4 * variance * (scaled"),
+    ],
+    ("eig3/fitting/estimates.py", "test_fitting.py -k do_not_determine"): [
+        ("> _INVOLVED)", "< _INVOLVED)"),
+        ("s <= _DEPENDENT * s[0]", "s < 0"),
+    ],
+    ("eig3/fitting/fit.py", "test_fitting.py -k 'standard_errors or at_a_bound or equal_bounds'"): [
+        ("1.0 if has_sigma else scatter**2", "1.0 if has_sigma else scatter"),
+        ("residuals @ residuals / freedom", "residuals @ residuals / (freedom + 1)"),
+        ("& (gradient > 0)", "& (gradient < 0)"),
+        ("high - x <= _AT_BOUND", "high - x >= _AT_BOUND"),
+    ],
+    ("eig3/fitting/fit.py", "test_fitting.py -k bad_arguments_of_a_fit"): [
+        ("len(model) < n_free + (sigma is None):", "len(model) < n_free:"),
+        ("first < begin or last > end", "last > end"),
+    ],
+    ("eig3/fitting/stencils.py", "test_fitting.py -k 'degree_4 or errors_are_bounds or size_of_the_value'"): [
+        ("1 / 12, -8 / 12", "1 / 11, -8 / 12"),
+        ("_SPREAD = 1 / 4,", "_SPREAD = 1 / 2,"),
+        ("_RELATIVE = 2.0**-12", "_RELATIVE = 2.0**-8"),
+        ("np.floor(np.log2(steps))", "np.ceil(np.log2(steps))"),
+        ("spread + round_off, axis", "round_off, axis"),
+        ("_UNIT * math.sqrt(n_steps)", "0.1 * _UNIT * math.sqrt(n_steps)"),
+    ],
+    ("eig3/fitting/resampling.py", "test_fitting.py -k degree_5"): [
+        ("- count // 2, 0", "- count // 2, 1"),
+        ("_COUNT = 6", "_COUNT = 5"),
+    ],
+    # Diagnosis
+    ("eig3/diagnosis/stiffness.py", "test_stiffness.py -k within_its_period"): [
+        ("_DAMPED = 0.7", "_DAMPED = 0.2"),
+        ("_GROWTH = 1.1", "_GROWTH = 5"),
+        ("_LONGER = 1.25", "_LONGER = 1.0"),
+        ("_MOST * len(looked)", "0.1 * len(looked)"),
+    ],
+    ("eig3/diagnosis/coarseness.py", "test_coarseness.py"): [
+        ("(bends / spread) ** 0.25 / 2", "(bends / spread) ** 0.25 / 1.8"),
+        ("_FEW, _FEW_OF_HIGH_ORDER = 6, 3", "_FEW, _FEW_OF_HIGH_ORDER = 8, 3"),
+        ("_FEW, _FEW_OF_HIGH_ORDER = 6, 3", "_FEW, _FEW_OF_HIGH_ORDER = 6, 5"),
+        ("theta > _most(stepper.method) else", "theta < _most(stepper.method) else"),
+        ("2 * _OVERDAMPED * limit", "_OVERDAMPED * limit"),
+        ("v + h / 2 * a), v", "v - h / 2 * a), v"),
+        ("_SUFFICIENT = 20", "_SUFFICIENT = 10"),
+    ],
+    ("eig3/diagnosis/refinement.py", "test_refinement.py"): [
+        ("max(_LEAST, factor) ** -2", "max(_LEAST, factor) ** -1"),
+        ("_BELOW = 0.6", "_BELOW = 1.6"),
+        ("< _ROUND_OFF * size", "> _ROUND_OFF * size"),
+        ("math.log(self.factor) / math.log", "2 * math.log(self.factor) / math.log"),
+    ],
+    (
+        "eig3/diagnosis/divergence.py",
+        "test_divergence.py -k 'linear_run_names or hardening_names or unbounded_itself'",
+    ): [
+        ("_SAFETY = 0.9", "_SAFETY = 1.1"),
+        ("> 2 * own_growth + math.log", "> math.log"),
+        ("stepper.h > limit for", "stepper.h < limit for"),
+        ("_SAME_LIMIT = 0.02", "_SAME_LIMIT = 2.0"),
+        ("(last.t, last.t + last.h / 2, last.t + last.h)", "(last.t,)"),
+    ],
+    (
+        "eig3/diagnosis/drift.py",
+        "test_divergence.py -k 'start_from_nothing or starts_from_nothing or not_noted or part_of_the_work'",
+    ): [
+        ("_BEYOND = 10.0", "_BEYOND = 0.01"),
+        ("speeds[work] = 0.0", "pass"),
+    ],
+    (
+        "eig3/diagnosis/critical.py",
+        "test_critical.py -k 'closed_forms or saddle or free_particle or safety or pure_drag'",
+    ): [
+        ("safety * limit, omega", "limit, omega"),
+        ("np.exp(2 * h * fastest)", "np.exp(h * fastest)"),
+        ("c * c / 4 - k", "c * c / 2 - k"),
+        ("c.real / (2 * omega)", "c.real / omega"),
+        (") * scale * scale, float", ") * scale, float"),
+        ("return limit / scale", "return limit * scale"),
+    ],
+    ("eig3/diagnosis/linear.py", "test_critical.py -k 'kink or increments or beam_in_metres or round_off_of'"): [
+        ("np.abs(ahead) >= np.abs(behind)", "np.abs(ahead) <= np.abs(behind)"),
+        ("_INCREMENT = 2.0**-26", "_INCREMENT = 2.0**-40"),
+        ("_UNDAMPED = 1e-6", "_UNDAMPED = 1e-1"),
+    ],
+    # Ensembles
+    ("eig3/ensembles/members.py", "test_ensemble.py -k 'own_step or last_time or broadcast or refused_in'"): [
+        ("np.ceil(ratio)", "np.floor(ratio)"),
+        ("np.isfinite(h) & (h > 0)", "np.isfinite(h) & (h >= 0)"),
+        ("array.ndim > inner + 1:", "array.ndim > inner + 2:"),
+    ],
+    ("eig3/ensembles/members.py", "test_extend.py -k 'ensemble or member'"): [
+        ("not t_end > self.t_span[1]", "not t_end >= self.t_span[1]"),
+        ("t0 + n_steps * self.steps", "t0 + (n_steps + 1) * self.steps"),
+    ],
+    ("eig3/ensembles/block.py", "test_ensemble.py -k 'growth_from_rest or finite_but_grows or diverges_ends'"): [
+        ("self._ends // 2, 0)", "self._ends // 20, 0)"),
+        ("return u_grown | v_grown | (", "return ("),
+        ("self._ends[lanes] = target - 1", "self._ends[lanes] = target"),
+    ],
+    ("eig3/ensembles/histories.py", "test_ensemble.py -k 'diverges_ends or beyond_the_arrays or runs_alone'"): [
+        ("solution.n_steps // self.every + 1", "solution.n_steps // self.every"),
+        ("> last[:, None]", ">= last[:, None]"),
+        ("n_rows(index, self.every) - 1", "n_rows(index, self.every)"),
+    ],
+    ("eig3/ensembles/lanewise.py", "test_ensemble.py -k 'implicit_members or degrees_of_freedom_run_alone'"): [
+        ("members.n > MOST_DEGREES or", "members.n > 100 * MOST_DEGREES or"),
+    ],
+    ("eig3/ensembles/occurrences.py", "test_adaptive_lanes.py -k events_and_times"): [("[i, i + 1])", "[i, i + 2])")],
+    ("eig3/ensembles/parts.py", "test_parts.py -k 'division_depends'"): [
+        ("(_PARTS * _UNIT))", "(2 * _PARTS * _UNIT))")
+    ],
+    ("eig3/ensembles/solution.py", "test_ensemble.py -k 'members_are_solutions'"): [
+        ("not -len(self) <= i < len(self)", "not -len(self) <= i <= len(self)"),
+        ("int(i) % len(self)", "abs(int(i)) % len(self)"),
+    ],
+    ("eig3/ensembles/options.py", "test_adaptive_lanes.py -k 'options_of or steps_of'"): [
+        ("return 2 if self.has", "return 1 if self.has")
+    ],
+}
+
+#: What no test can notice: a file, what stands there before and after, and why.
+EQUIVALENT = [
+    ("kernels/neighbours.py", "limit >= 0 and", "limit > 0 and", "a new list has the forces of the old one"),
+    ("kernels/neighbours.py", "BATCH = 192", "BATCH = 96", "a pair has the same bits at each place of a batch"),
+    ("kernels/grains.py", "square <= limit", "square < limit", "at the limit, a force is shortened by the factor 1"),
+    ("kernels/elementary.py", "_TANH_IS_1 = 22.0", "_TANH_IS_1 = 23.0", "tanh is rounded to 1 from 19.1 on"),
+    ("kernels/philox.py", "_11) + 1.0)", "_11) + 2.0)", "a change of 2^-53, the least distance of two numbers"),
+    ("eig3/effects/restitution.py", "rate >= 0", "rate > 0", "the rate 0 rebounds with the rate 0"),
+    ("eig3/effects/shifted.py", "- pull_at_reach if r <", "- pull_at_reach if r <=", "both are 0 at the reach"),
+]
+
+
+def main(words: list[str]) -> int:
+    unnoticed = 0
+    with tempfile.TemporaryDirectory() as folder:
+        copy = copied(Path(folder) / "project")
+        for (name, tests), changes in MUTANTS.items():
+            for before, after in changes:
+                if not words or any(word in f"{name} {tests} {before} {after}" for word in words):
+                    found = outcome(copy, name, tests, before, after)
+                    unnoticed += found != "noticed"
+                    print(f"{found}: {name}: {before!r} -> {after!r} ({tests})", flush=True)
+    for name, before, after, why in EQUIVALENT:
+        print(f"equivalent: {name}: {before!r} -> {after!r}: {why}")
+    print(f"{unnoticed} not noticed")
+    return unnoticed > 0
+
+
+def copied(copy: Path) -> Path:
+    """Copy the project into a folder from which Python imports it."""
+    files = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\n")
+    for name in filter(None, files):
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, copy / name)
+    for name in ("kernels", "problems", "bench"):
+        (copy / "eig3" / name).symlink_to(copy / name)
+    return copy
+
+
+def outcome(copy: Path, name: str, tests: str, before: str, after: str) -> str:
+    """Return what the tests say about a mistake."""
+    file, cache = copy / name, copy / ("cache" if name.startswith(PLAIN) else "own cache")
+    text = file.read_text()
+    if text.count(before) != 1:
+        return f"found {text.count(before)} times"
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *shlex.split(f"tests/{tests}")]
+    try:
+        file.write_text(text.replace(before, after))
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
+        run = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True)
+    finally:
+        file.write_text(text)
+        shutil.rmtree(copy / "own cache", ignore_errors=True)
+    return {0: "NOT NOTICED", 1: "noticed"}.get(run.returncode, run.stdout[-1000:])
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
