@@ -14,6 +14,7 @@ The estimate of the error of u is the next term of its Taylor series, h^2/6 |a_{
 
 from __future__ import annotations
 
+import functools
 from typing import Any, ClassVar
 
 from ..compile.jit import element
@@ -25,6 +26,7 @@ class _Formulas(Steps):
     row_names = "u", "v", "a0", "u_end", "v_end", "a_end", "u_most", "v_most", "a_before"
     carried: ClassVar = {"a_before": "a0", "u": "u_end", "v": "v_end", "a0": "a_end"}
 
+    @functools.cache  # noqa: B019  they live as long as their module
     def functions(self) -> dict[str, Any]:
         return {**super().functions(), "restart": element(restart)}
 
