@@ -31,8 +31,7 @@ from .methods import (
 )
 from .planning.planner import Plan, plan
 from .problem import Problem
-from .result.solution import Solution
-from .result.status import Status
+from .result.solution import Solution, Status
 from .run.integration import integrate
 from .run.loading import load
 from .run.prepare import Prepared, prepare

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.result import archive, mapped, storage
+from eig3.result import mapped, storage
 from eig3.result.mapped import MappedRows, read_mapped
 
 from .conftest import coupled, oscillator
@@ -370,15 +370,15 @@ def test_a_file_that_is_being_read_is_replaced_later(refusals, tmp_path, monkeyp
         return replace(path, target)
 
     monkeypatch.setattr(Path, "replace", refusing)
-    monkeypatch.setattr(archive.time, "sleep", waited.append)
-    if refusals < archive.TRIALS:
-        archive._rename(tmp_path / "new", tmp_path / "old")
+    monkeypatch.setattr(storage.time, "sleep", waited.append)
+    if refusals < storage._TRIALS:
+        storage._rename(tmp_path / "new", tmp_path / "old")
         assert (tmp_path / "old").read_text() == "new"
     else:
         with pytest.raises(PermissionError):
-            archive._rename(tmp_path / "new", tmp_path / "old")
+            storage._rename(tmp_path / "new", tmp_path / "old")
         assert (tmp_path / "old").read_text() == "old"
-    assert waited == 4 * [archive.PAUSE]
+    assert waited == 4 * [storage._PAUSE]
 
 
 def test_a_directory_is_sound_at_every_moment_of_a_run(tmp_path, monkeypatch):
@@ -508,7 +508,7 @@ DAMAGES = [inserted, zeroed, with_nan, flipped, exchanged]
 
 @pytest.mark.parametrize("options", [SCALAR[1], {"params": (2.0, 0.1), "rtol": 1e-9}], ids=["fixed", "tolerances"])
 def test_damage_is_found(options, tmp_path, monkeypatch):
-    monkeypatch.setattr(storage, "PAUSE", 0.0)
+    monkeypatch.setattr(storage, "_PAUSE", 0.0)
     eig3.integrate(*SCALAR[0], **options, outputs={"o": energy}, save_to=tmp_path)
     for file in tmp_path.glob("*.npy"):
         sound = file.read_bytes()

@@ -12,7 +12,7 @@ import pytest
 
 import eig3
 from eig3.functions.events import Occurrences
-from eig3.result import archive
+from eig3.result import storage
 from eig3.result.solution import TRANSIENT
 
 from .conftest import coupled, oscillator, structure
@@ -225,7 +225,7 @@ def rewritten(path, change):
 
 def test_files_of_another_version_and_broken_records_are_refused(tmp_path):
     path = oscillate().save(tmp_path / "run")
-    rewritten(path, lambda record, arrays: record.update(version=archive._VERSION + 1, solution="of another form"))
+    rewritten(path, lambda record, arrays: record.update(version=storage._VERSION + 1, solution="of another form"))
     with pytest.raises(ValueError, match=r"has version 6 of its format, and not 5: use the eig3 that wrote it"):
         eig3.load(path)
     changes = [

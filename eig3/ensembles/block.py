@@ -10,7 +10,7 @@ import numpy as np
 from ..diagnosis.divergence import became_non_finite, lost_constraints
 from ..functions.guard import not_finite_at_start
 from ..kernels.protocol import LOW, SCALAR, T_HIGH, T_LOW, TERMINAL, VECTOR
-from ..result.status import Status
+from ..result.solution import Status
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
 from ..run.run import ended_by_event, unwritten_entry
 from ..stepping.march import Cancel

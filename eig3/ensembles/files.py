@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..result import archive, storage
+from ..result import storage
 from ..result.soundness import check_ensemble_fields
 from .occurrences import MemberOccurrences
 
@@ -22,7 +22,7 @@ def save(solution: Any, path: str | PathLike[str]) -> Path:
     """Write an ensemble to a file, as `EnsembleSolution.save` describes it."""
     fields = solution.__getstate__()
     fields |= {name: fields[name].tolist() for name in _TEXTS}
-    return archive.write(solution.method, fields, archive.file(path), kind="ensemble")
+    return storage.write(solution.method, fields, storage.file(path), kind="ensemble")
 
 
 class Directory:
@@ -54,7 +54,7 @@ class Directory:
 
 def register(kind: type) -> None:
     """Let files of ensembles become objects of the class of their results."""
-    archive.PARTS[MemberOccurrences.__name__] = MemberOccurrences
+    storage.PARTS[MemberOccurrences.__name__] = MemberOccurrences
     storage.KINDS["ensemble"] = partial(_loaded, kind)
     storage.DIRECTORIES[_WHOLE] = _loaded_directory
 

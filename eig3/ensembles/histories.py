@@ -12,8 +12,7 @@ from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..kernels.protocol import SCALAR
 from ..result.memory import check_members_history, n_rows
-from ..result.solution import Solution
-from ..result.status import Status
+from ..result.solution import Solution, Status
 from ..result.storage import whole_rows
 from ..run.options import RunOptions
 from .members import Members

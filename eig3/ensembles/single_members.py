@@ -9,8 +9,7 @@ import numpy as np
 
 from ..functions.guard import NotFiniteAtStartError
 from ..methods import Method
-from ..result.solution import Solution
-from ..result.status import Status
+from ..result.solution import Solution, Status
 from ..run.options import RunOptions
 from ..run.prepare import Prepared
 from ..stepping.march import Cancel

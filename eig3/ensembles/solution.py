@@ -23,8 +23,7 @@ from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method
 from ..result import frames
 from ..result.labels import Labels
-from ..result.solution import Reason, Solution
-from ..result.status import Status
+from ..result.solution import Reason, Solution, Status
 from ..stepping.march import Cancel
 from . import files
 from .occurrences import MemberOccurrences

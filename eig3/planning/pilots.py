@@ -21,8 +21,7 @@ from ..functions.evaluation import energies
 from ..functions.guard import guarded
 from ..methods import EIG3, Method
 from ..problem import Problem
-from ..result.solution import Solution
-from ..result.status import Status
+from ..result.solution import Solution, Status
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import enum
 import functools
 import warnings
 from collections.abc import Callable, Sequence
@@ -20,11 +21,10 @@ from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..kernels.compile.interrupt import with_solution
 from ..methods import Method
-from . import archive, frames
+from . import frames
 from .interpolation import Knots
 from .labels import Labels
 from .resolution import Resolution
-from .status import Status
 
 _TOO_FAR = 1e-2  # the relative error from which on states are too far apart to be interpolated
 
@@ -34,6 +34,41 @@ _NO_STATES = "the run ended before the first time of t_eval"
 Reason = Callable[[], str]
 #: The fields that a copy, a pickle and a file do not keep.
 TRANSIENT = ("reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_later")
+
+
+class Status(enum.Enum):
+    """How a run ended.
+
+    Attributes
+    ----------
+    COMPLETED
+        The run reached the end of its span.
+    DIVERGED
+        The state became infinite or NaN, or the motion grew beyond doubt because the step is too long.
+    NOT_CONVERGED
+        The solve of an implicit step did not converge.
+    INTERRUPTED
+        Ctrl-C, a cancellation, or an exception in a function of the user ended the run, or its process was killed.
+    TERMINATED
+        A terminal event ended the run, as it should.
+    STEP_TOO_SMALL
+        The tolerances need a step below the resolution of t.
+    TOO_MANY_STEPS
+        The run took `max_steps` steps before the end of its span.
+    ZENO
+        Events with `apply` follow each other in times below the resolution of the run, as the impacts of a ball that
+        comes to rest do. Or the state rests on the surface of such an event and is pushed through it, as a ball is that
+        does not rebound.
+    """
+
+    COMPLETED = "completed"
+    DIVERGED = "diverged"
+    NOT_CONVERGED = "not converged"
+    INTERRUPTED = "interrupted"
+    TERMINATED = "ended by an event"
+    STEP_TOO_SMALL = "step too small"
+    TOO_MANY_STEPS = "too many steps"
+    ZENO = "events without end"
 
 
 @dataclass(repr=False, eq=False)
@@ -433,9 +468,9 @@ class Solution:
         `explain` has found, and the state from which the run can go on. Functions are not: the right-hand side, and the
         jacobian of the method. ``np.load`` reads the arrays without eig3.
         """
-        names = {each.name for each in dataclasses.fields(self)}
-        state = {name: value for name, value in self.__getstate__().items() if name in names}
-        return archive.write(self.method, state | {"_resume": self._state}, archive.file(path))
+        from .storage import save  # which imports this class
+
+        return save(self, path)
 
     def to_pandas(self) -> Any:
         """Return the saved states as a `pandas.DataFrame`, with a row for each of them.

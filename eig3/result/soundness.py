@@ -11,8 +11,7 @@ from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..methods import Method
 from .labels import Labels
-from .solution import TRANSIENT
-from .status import Status
+from .solution import TRANSIENT, Status
 
 _MOST = 2**63 - 1  # the largest count
 #: What the state of each run has.

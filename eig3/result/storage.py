@@ -1,10 +1,14 @@
-"""Solutions in files, and in the directories to which runs write their rows."""
+"""Solutions in files and directories: arrays of NumPy, and a record in JSON of the rest. Nothing is pickled."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import json
+import os
 import time
+import uuid
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from os import PathLike
@@ -13,22 +17,37 @@ from typing import Any
 
 import numpy as np
 
-from ..methods import shown
-from .archive import PAUSE, TRIALS, file, read, value, write
+from ..functions.events import Occurrences
+from ..functions.extremes import Extremes
+from ..methods import METHODS, Method, shown
 from .labels import Labels
 from .mapped import DamagedFileError, MappedRows, check_directory, output_files, read_mapped
-from .solution import TRANSIENT, Solution, separated
+from .solution import TRANSIENT, Solution, Status, separated
 from .soundness import check_fields
-from .status import Status
 
+_VERSION = 5  # raise it with every change that another eig3 would read wrongly
+_RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
 _ROWS = ("t", "u", "v", "steps")  # the fields whose rows have files of their own there, as those of outputs have
+_TRIALS, _PAUSE = 5, 0.02  # to read or replace a file that another process uses, and the seconds between them
 _LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and the part of its time they may take
 _FIELDS = {field.name: field for field in dataclasses.fields(Solution)}
+#: The records that a file may have among its values, by name.
+PARTS: dict[str, Any] = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
 #: Functions that return what a file of another kind has, from the fields in it.
 KINDS: dict[str, Callable[[dict[str, Any]], Any]] = {}
 #: Functions that read a directory of another kind, by a file that it has.
 DIRECTORIES: dict[str, Callable[[Path], Any]] = {}
+WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
+
+
+class _UnknownMethodError(ValueError):
+    """The file is sound, but the class of its method is not known."""
+
+
+def save(solution: Solution, path: str | PathLike[str]) -> Path:
+    """Write a solution to a file, as `Solution.save` describes it."""
+    return _write(solution, {**solution.__getstate__(), "_resume": solution._state}, file(path))
 
 
 @dataclasses.dataclass
@@ -81,35 +100,78 @@ class Place:
         state |= dict.fromkeys(TRANSIENT) | {"_resume": solution._state, "labels": self.labels, "outputs": {}}
         rest = {"outputs": list(solution.outputs), "integrals": self.integrals, "has_ended": has_ended}
         rest |= {"rows": rows, "checksums": files.checksums(rows)}
-        write(solution.method, state, self.directory / _RUN, is_lasting=has_ended, **rest)
+        _write(solution, state, self.directory / _RUN, is_lasting=has_ended, **rest)
+
+
+def _write(
+    solution: Solution, values: Mapping[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any
+) -> Path:
+    """Write the values of the fields of a solution, and `rest` in the record beside them.
+
+    Afterwards the file has all of it, or what it had before. If it is lasting, that holds after a power failure too.
+    """
+    state = {name: value for name, value in values.items() if name in _FIELDS}
+    return write(solution.method, state, target, is_lasting=is_lasting, **rest)
+
+
+def write(method: Method, state: dict[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any) -> Path:
+    """Write fields to a file, as `_write` does; `rest` has the kind of a file that is not one of a `Solution`."""
+    if method.jacobian is not None:
+        state["notes"] = *state["notes"], WITHOUT_JACOBIAN
+    arrays: dict[str, np.ndarray] = {}
+    fields = {name: _plain(value, name.lstrip("_"), arrays) for name, value in state.items()}
+    arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "solution": fields, **rest}))
+    temporary = target.with_name(f".{uuid.uuid4().hex}.part")
+    try:
+        with temporary.open("xb") as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+            stream.flush()
+            if is_lasting:
+                os.fsync(stream.fileno())  # a system may find only now that the disk is full
+        _rename(temporary, target)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise
+    return target
+
+
+def _rename(source: Path, target: Path) -> None:
+    """Replace a file by another one. Windows refuses this while another process reads the file."""
+    for _ in range(_TRIALS - 1):
+        with contextlib.suppress(PermissionError):
+            source.replace(target)
+            return
+        time.sleep(_PAUSE)
+    source.replace(target)
 
 
 def load(path: str | PathLike[str]) -> Any:
     """Read what `save` or a run with `save_to` has written, as `eig3.load` describes it."""
     target = Path(path)
-    for name, read_directory in {_RUN: _load_directory, **DIRECTORIES}.items():
+    for name, read in {_RUN: _load_directory, **DIRECTORIES}.items():
         if (target / name).is_file():
-            return read_directory(target)
+            return read(target)
     target = file(path)
     if Path(path).is_dir() and not target.exists():
         raise ValueError(f"{path} is not a directory that save_to has written: name such a directory, or a file.")
-    return read(target, _of_kind)
+    return _read(target, _of_kind)
 
 
 def _of_kind(record: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Any:
     if "kind" not in record:
         return _solution(record["solution"], arrays)
-    return KINDS[record["kind"]]({name: value(plain, arrays) for name, plain in record["solution"].items()})
+    return KINDS[record["kind"]]({name: _value(plain, arrays) for name, plain in record["solution"].items()})
 
 
 def _load_directory(directory: Path) -> Solution:
     """Read a directory. If its run ends at this moment, its files change between two of them that are read."""
-    for _ in range(TRIALS - 1):
+    for _ in range(_TRIALS - 1):
         try:
-            return read(directory / _RUN, partial(_solution_in, directory))
+            return _read(directory / _RUN, partial(_solution_in, directory))
         except DamagedFileError:
-            time.sleep(PAUSE)
-    return read(directory / _RUN, partial(_solution_in, directory))
+            time.sleep(_PAUSE)
+    return _read(directory / _RUN, partial(_solution_in, directory))
 
 
 def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str, np.ndarray]) -> Solution:
@@ -134,6 +196,47 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
             "running."
         )
     return result
+
+
+def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.ndarray]], Any]) -> Any:
+    """Return the solution that a function makes from the record and the arrays of a file."""
+    foreign = f"{target} is not a file that Solution.save has written, or it is damaged: name such a file."
+    with target.open("rb") as stream:
+        try:
+            arrays = _Members(stream)
+            text = str(arrays[_RECORD])
+        except Exception as error:  # many kinds, from zipfile, zlib and NumPy
+            raise ValueError(foreign) from error
+        try:
+            record = json.loads(text)
+            version = int(record["version"])
+            if version == _VERSION:
+                return solution(record, arrays)
+        except _UnknownMethodError as error:
+            raise ValueError(f"{target} {error}") from None
+        except DamagedFileError:
+            raise
+        except Exception as error:
+            raise DamagedFileError(target) from error
+    raise ValueError(f"{target} has version {version} of its format, and not {_VERSION}: use the eig3 that wrote it.")
+
+
+class _Members(Mapping[str, np.ndarray]):
+    """The arrays of a file, which are read when they are asked for. A compressed one could be larger than memory."""
+
+    def __init__(self, file: Any) -> None:
+        self._content = np.load(file, allow_pickle=False)
+        if any(member.compress_type != zipfile.ZIP_STORED for member in self._content.zip.infolist()):
+            raise ValueError("Solution.save compresses no array.")
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._content[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._content)
+
+    def __len__(self) -> int:
+        return len(self._content)
 
 
 @contextlib.contextmanager
@@ -162,13 +265,95 @@ def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.n
     return solution.t, u, v
 
 
+def file(path: str | PathLike[str]) -> Path:
+    target = Path(path)
+    return target if target.suffix == ".npz" else target.with_name(f"{target.name}.npz")
+
+
 def _solution(
     fields: Mapping[str, Any], arrays: Mapping[str, np.ndarray], given: Mapping[str, Any] | None = None
 ) -> Solution:
     """Return the solution with the fields of a record, and those that are `given`."""
-    state = {name: value(plain, arrays) for name, plain in fields.items()} | dict(given or {})
+    state = {name: _value(plain, arrays) for name, plain in fields.items()} | dict(given or {})
     check_fields(state)
     found = {name: state.pop(name) for name in [*state] if not _FIELDS[name].init}
     solution = Solution(**state)
     vars(solution).update(found)
     return solution
+
+
+def _plain(value: Any, key: str, arrays: dict[str, np.ndarray]) -> Any:
+    """Return a value as JSON has it, with its arrays put into `arrays` under names that begin with `key`."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        arrays[key] = value
+        return {"array": key}
+    if isinstance(value, Status):
+        return {"status": value.name}
+    if isinstance(value, Method):
+        return _plain_method(value, key, arrays)
+    if type(value) in PARTS.values():
+        return {"part": type(value).__name__, "fields": _plain_all(_fields(value), key, arrays)}
+    if isinstance(value, dict):
+        values = _plain_all({str(i): item for i, item in enumerate(value.values())}, key, arrays)
+        return {"names": list(value), "values": list(values.values())}
+    if isinstance(value, tuple | list):
+        return list(_plain_all({str(i): item for i, item in enumerate(value)}, key, arrays).values())
+    raise TypeError(f"{key} of the solution is of the type {type(value).__name__}, which a file cannot keep.")
+
+
+def _plain_all(values: Mapping[str, Any], key: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    return {name: _plain(value, f"{key}.{name}", arrays) for name, value in values.items()}
+
+
+def _plain_method(method: Method, key: str, arrays: dict[str, np.ndarray]) -> Any:
+    cls = type(method)
+    if _method_class(method.name, cls.__qualname__) is not cls:
+        raise TypeError(f"the method {method!r} is not in eig3.METHODS: give its class {cls.__qualname__} a name.")
+    options: dict[str, Any] = _fields(method) if dataclasses.is_dataclass(method) else {}
+    options.pop("jacobian", None)
+    origin = {"method": method.name, "class": cls.__qualname__, "module": cls.__module__}
+    return {**origin, "options": _plain_all(options, key, arrays)}
+
+
+def _method_class(name: str, qualname: str) -> Any:
+    """Return the record class of this name, or None."""
+    # "eig9" stands for a function that makes an EIG, and EIG(grade=3) has the name of another class.
+    classes = (getattr(entry, "func", entry) for entry in (METHODS.get(name), *METHODS.values()))
+    return next((cls for cls in classes if cls is not None and cls.__qualname__ == qualname), None)
+
+
+def _fields(record: Any) -> dict[str, Any]:
+    if isinstance(record, Extremes):
+        return record._asdict()
+    return {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+
+
+def _value(plain: Any, arrays: Mapping[str, np.ndarray]) -> Any:
+    """Return the value that `_plain` has described."""
+    if isinstance(plain, list):
+        return tuple(_value(item, arrays) for item in plain)
+    if not isinstance(plain, dict):
+        return plain
+    if "array" in plain:
+        return arrays[plain["array"]]
+    if "status" in plain:
+        return Status[plain["status"]]
+    if "names" in plain:
+        return dict(zip(plain["names"], _value(plain["values"], arrays), strict=True))
+    if "part" in plain:
+        return PARTS[plain["part"]](**{name: _value(item, arrays) for name, item in plain["fields"].items()})
+    return _method(plain, {name: _value(item, arrays) for name, item in plain["options"].items()})
+
+
+def _method(plain: Mapping[str, Any], options: Mapping[str, Any]) -> Method:
+    cls = _method_class(plain["method"], plain["class"])
+    if cls is None:
+        raise _UnknownMethodError(
+            f"has a result of the method {plain['method']!r}: import its class {plain['class']} from the module "
+            f"{plain['module']} before you load it."
+        )
+    return cls(**options)

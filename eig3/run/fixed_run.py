@@ -17,8 +17,7 @@ from ..functions.guard import guarded
 from ..kernels.protocol import FAILED, SCALAR
 from ..methods import EIG
 from ..result.memory import check_disk, check_history, n_rows
-from ..result.solution import Solution
-from ..result.status import Status
+from ..result.solution import Solution, Status
 from ..result.storage import Place, going_on, whole_rows
 from ..stability import alternating_limit
 from ..stepping.march import NEVER, Rows

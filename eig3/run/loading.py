@@ -13,7 +13,7 @@ from ..functions.events import Event, check_events
 from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
 from ..kernels.protocol import SCALAR, VECTOR
-from ..result import archive, storage
+from ..result import storage
 from ..result.labels import Labels
 from ..result.solution import Solution
 from ..stepping.system import System
@@ -117,7 +117,7 @@ def with_functions(
         raise ValueError(f"{what} jacobian.")
     if jacobian is not None:
         solution.method = dataclasses.replace(solution.method, jacobian=jacobian)  # type: ignore[type-var]
-        solution.notes = tuple(note for note in solution.notes if note != archive.WITHOUT_JACOBIAN)
+        solution.notes = tuple(note for note in solution.notes if note != storage.WITHOUT_JACOBIAN)
     kind: Any = FixedRun if "h" in state else VariableRun
     form = SCALAR if np.ndim(state["start"][0]) == 0 else VECTOR
     events, has_times = given.pop("events"), state["times"] is not None

@@ -19,8 +19,7 @@ from ..functions.evaluation import accelerations
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
-from ..result.solution import Solution
-from ..result.status import Status
+from ..result.solution import Solution, Status
 from ..result.storage import Place
 from ..stepping.march import NEVER, Cancel, Rows
 from ..stepping.system import System

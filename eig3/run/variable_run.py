@@ -13,8 +13,7 @@ from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
-from ..result.solution import Solution
-from ..result.status import Status
+from ..result.solution import Solution, Status
 from ..result.storage import Place, going_on, whole_rows
 from ..stepping.march import NEVER, Rows
 from ..stepping.system import System

@@ -14,7 +14,7 @@ from ..functions.callbacks import check_callback, jit
 from ..kernels.compile.source import define
 from ..kernels.protocol import SCALAR, VECTOR
 from ..problem import Problem
-from ..result.status import Status
+from ..result.solution import Status
 
 KINDS = {
     "max": "largest",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..result.status import Status
+from ..result.solution import Status
 from .measures import Measure
 from .study import Study
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..drawing import NO_PICTURES
 from ..options import Files
-from ..result.status import Status
+from ..result.solution import Status
 from . import pictures
 from .study import Study
 

@@ -17,7 +17,7 @@ from ..methods import Method, shown
 from ..planning.suggested_step import first_step
 from ..problem import Problem
 from ..result.memory import check_study
-from ..result.status import Status
+from ..result.solution import Status
 from ..run.progress import Progress
 from .axes import MOST_WHOLE, Axis
 from .measures import Measure
