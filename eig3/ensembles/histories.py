@@ -136,7 +136,11 @@ class Histories:
             if rows < len(t):  # the last state of a run that failed is not one to save
                 self.last[member] = {name: each(lambda x: x[-1], x) for name, x in states.items()}
         for name in OF_RUNS:
-            each(lambda x, value: x.__setitem__(member, value), getattr(self, name), getattr(solution, name))
+            whole, value = getattr(self, name), getattr(solution, name)
+            if isinstance(whole, np.ndarray):
+                whole[member] = value
+            elif whole:
+                each(lambda x, one: x.__setitem__(member, one), whole, value)
         for name, occurrences in solution.events.items():
             if len(occurrences):
                 self.events[name].append((np.full(len(occurrences), member), occurrences))
@@ -185,13 +189,12 @@ class Histories:
 
     def _store(self, member: int, rows: int, states: Mapping[str, Any]) -> None:
         """Write the rows of a member, and NaN after them."""
-
-        def put(whole: np.ndarray, x: np.ndarray) -> None:
-            whole[member, :rows], whole[member, rows:] = np.reshape(x[:rows], (rows, *whole.shape[2:])), np.nan
-
-        arrays = {"t": self._t, "u": self.u, "v": self.v, "steps": self.steps, "outputs": self.outputs}
-        for name, whole in arrays.items():
-            each(put, whole, states[name])
+        values = [(self._t, states["t"]), (self.u, states["u"]), (self.v, states["v"]), (self.steps, states["steps"])]
+        values += [(self.outputs[name], x) for name, x in states["outputs"].items()]
+        for whole, x in values:
+            if whole is not None:
+                whole[member, :rows] = np.reshape(x[:rows], (rows, *whole.shape[2:]))
+                whole[member, rows:] = np.nan
 
     def _reserve(self, rows: int) -> None:
         """Make room for members with more states than the others."""
