@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from .ensemble_cases import SAMPLES, Case
-from .rivals.events import heyoka_events
 from .rivals.expressions import EXPRESSIONS
+from .rivals.impacts import heyoka_events
 from .rivals.rival import is_installed
 from .rivals.symbolic import jax_symbols, jax_with_doubles
 from .timing import seconds_of

@@ -31,6 +31,7 @@ from .result import storage
 from .result.labels import Labels
 from .result.solution import Solution
 from .run.loading import with_functions
+from .run.options import run_options
 from .run.prepare import Prepared
 from .stepping.stepper import Stepper
 
@@ -256,11 +257,11 @@ class Problem:
             options.setdefault("events", self.events)
         options["method"] = self._with_masses(options.get("method"))
         form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
-        options |= {"labels": self.labels, "defaults": (self.t_span, self.u0, self.v0, self.params)}
-        options["layout"] = self._layout
+        options["labels"] = self.labels
         if self.integrals:
             options |= {"invariants": self._balanced(options["invariants"]), "integrals": tuple(self.integrals)}
-        return Prepared(self.rhs, form, **options)
+        start = self.t_span, self.u0, self.v0, self.params
+        return Prepared(self.rhs, form, run_options(self._layout, **options), start)
 
     def load(
         self,

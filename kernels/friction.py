@@ -3,7 +3,7 @@
 import math
 
 from .compile.jit import element
-from .turning import product
+from .vector_angle import product
 
 
 @element

@@ -16,9 +16,9 @@ from numba.types import NamedTuple as Record
 
 from .compile.jit import bound, element, outlined
 from .loops.dense import evaluate
-from .loops.events import EPSILON, LAST, LATER, NEAR, SIDE, G, event_of, searching
 from .loops.follow import functions
 from .loops.pair import A_END, U_END, V_END, A, U, V
+from .loops.zeros import EPSILON, LAST, LATER, NEAR, SIDE, G, event_of, searching
 from .protocol import (
     ENDED_BY,
     EVENT_VALUES,

@@ -10,10 +10,10 @@ from typing import Any
 from numba.types import Array, float64, int64, none
 
 from .compile.jit import compile_kernel
-from .loops.events import LAST, SIDE, G, event_of
 from .loops.formulas import Formulas
 from .loops.pair import U_END, V_END, U, V
 from .loops.search import search_names
+from .loops.zeros import LAST, SIDE, G, event_of
 from .protocol import (
     ENDED_BY,
     EVALUATIONS,

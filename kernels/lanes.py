@@ -28,7 +28,6 @@ from numba.types import float64, int64, none
 from .compile.jit import KERNEL_OPTIONS, bound, compiled, element, function_at
 from .compile.numba_internals import (
     address_of,
-    addresses_of_arrays,
     array_over,
     assume_no_overlap,
     call_without_checks,
@@ -367,7 +366,7 @@ def options_for(is_checked: bool) -> dict[str, Any]:
 
 def compile_block(function: Callable, arguments: tuple, options: dict[str, Any]) -> Lanes:
     """Compile a function of a block, whose globals are complete."""
-    with warnings.catch_warnings(), wide_vectors(), addresses_of_arrays():
+    with warnings.catch_warnings(), wide_vectors():
         warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
         # If arrays might overlap, the code would have to check each pair of rows before its loop over lanes. A loop
         # with many such checks is not vectorised.

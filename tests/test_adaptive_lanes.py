@@ -85,7 +85,7 @@ def in_lanes(monkeypatch):
     def alone(*arguments):
         raise AssertionError("a member ran alone")
 
-    monkeypatch.setattr("eig3.ensembles.alone.Singles.__call__", alone)
+    monkeypatch.setattr("eig3.ensembles.single_members.Singles.__call__", alone)
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
-from eig3.ensembles import here, lanewise, run
+from eig3.ensembles import in_process, lanewise, run
 from eig3.kernels.lanes import Layout, compile_rhs
 from eig3.kernels.protocol import SCALAR, VECTOR
 
@@ -451,7 +451,7 @@ def test_notes_say_why_a_function_is_not_vectorised():
 
 def test_a_function_is_compiled_once_for_a_shape(monkeypatch):
     compiled = []
-    monkeypatch.setattr(here, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
+    monkeypatch.setattr(in_process, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
 
     @eig3.jit
     def rhs(t, u, v, p):
@@ -596,7 +596,7 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
     u0 = np.ones(600)
     options = {"h": 2.0**-10, "params": 1.0}
     eig3.ensemble(spring, (0, 1), u0, 0.0, **options)
-    begin = here.Block.run
+    begin = in_process.Block.run
 
     def with_signal(block, stop):
         if block.numbers[0] == 256:
@@ -605,7 +605,7 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
             block.shared.members.n_steps[:] = 2**40  # the other blocks do not end by themselves
         begin(block, stop)
 
-    monkeypatch.setattr(here.Block, "run", with_signal)
+    monkeypatch.setattr(in_process.Block, "run", with_signal)
     with pytest.raises(KeyboardInterrupt) as raised:
         eig3.ensemble(spring, (0, 1), u0, 0.0, threads=1, **{**options, "h": np.full(600, 2.0**-10)})
     solution = raised.value.solution
@@ -619,7 +619,9 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
 
 
 @pytest.mark.usefixtures("python_handler")
-@pytest.mark.parametrize(("module", "name"), [(run, "check_members"), (here, "check_callback"), (here, "compile_rhs")])
+@pytest.mark.parametrize(
+    ("module", "name"), [(run, "check_members"), (in_process, "check_callback"), (in_process, "compile_rhs")]
+)
 def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch, module, name):
     """Before the first member begins, the arguments are checked and functions are compiled."""
 
@@ -641,14 +643,14 @@ def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch, module, name):
 
 @pytest.mark.usefixtures("python_handler")
 def test_an_interrupt_after_the_last_step_comes_with_all_members(monkeypatch):
-    ended = here.Run.solution
+    ended = in_process.Run.solution
 
     def with_signal(part):
         os.kill(os.getpid(), signal.SIGINT)
         return ended(part)
 
     for options in ({}, {"reduce": len}):
-        monkeypatch.setattr(here.Run, "solution", with_signal)
+        monkeypatch.setattr(in_process.Run, "solution", with_signal)
         with pytest.raises(KeyboardInterrupt) as raised:
             eig3.ensemble(spring, (0, 1), [1.0, 2.0], 0.0, h=0.01, params=1.0, **options)
         solution = raised.value.solution

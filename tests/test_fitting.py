@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 import eig3
-from eig3.fitting.history import History
 from eig3.fitting.resampling import resampled
+from eig3.fitting.series import History
 from eig3.fitting.stencils import differences
 
 

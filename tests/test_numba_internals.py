@@ -272,16 +272,25 @@ def test_vectors_of_512_bits():
         assert (x == 3.0).all()
 
 
+def test_patches_can_be_left_out(monkeypatch):
+    """Without them, a linked function has machine code of its own, and operators have nothing to remember."""
+    monkeypatch.setenv("EIG3_NUMBA_PATCHES", "")
+    plain, usual = loaded(FILE), BaseFunction.get_call_type
+    assert internals.PATCHES > plain.PATCHES
+    assert not plain.has_wide_vectors()
+    function = plain.linked_jit(double)
+    with plain._operators_remembered():
+        assert BaseFunction.get_call_type is usual
+        plain.compile_for(function, (float64,))
+    assert called_at(plain.address_of(plain.compile_results(function)[(float64,)]), 2.0) == 4.0
+
+
 def test_addresses_come_from_arrays():
     def reads(x, i):
         return x[i]
 
-    with probe(
-        "Numba does not compute the address of an entry by cgutils.pointer_add, or computes with integers again"
-    ):
-        with internals.addresses_of_arrays():
-            code = code_of(numba.njit(no_cpython_wrapper=True)(reads), STRIDED, int64)
-        assert "inttoptr" not in code
+    with probe("Numba computes addresses of entries with integers: LLVM cannot tell to which array one belongs"):
+        assert "inttoptr" not in code_of(numba.njit(no_cpython_wrapper=True)(reads), STRIDED, int64)
     assert numba.njit(reads)(np.arange(9.0)[::2], 3) == 6.0
 
 

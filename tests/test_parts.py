@@ -18,9 +18,9 @@ from distributed import Client, LocalCluster
 import eig3
 from eig3.ensembles import lanewise
 from eig3.ensembles.members import check_members
-from eig3.ensembles.options import check_options
 from eig3.ensembles.parts import Joined, Listed, parts_of
 from eig3.kernels.protocol import SCALAR, VECTOR
+from eig3.run.options import run_options
 
 from .conftest import BLOCKS
 from .test_pools import output
@@ -399,7 +399,7 @@ def test_the_division_depends_on_the_ensemble_only():
         start = (1.0, 0.0) if n is None else (np.ones(n), np.zeros(n))
         rhs = spring if n is None else springs
         members = check_members(rhs, (0, n_steps), *start, np.ones((m, 1)), 1.0)
-        parts = parts_of(members, check_options(rhs, members.form, members.t_span, 1.0, save_every=save_every))
+        parts = parts_of(members, run_options(h=1.0, save_every=save_every))
         assert [part.first for part in parts] == list(np.cumsum([0, *map(len, parts)])[:-1])
         return [len(part) for part in parts]
 

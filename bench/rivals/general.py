@@ -15,7 +15,7 @@ from eig3.functions.callbacks import jit
 from eig3.functions.checks import check_params
 from eig3.problem import Problem
 
-from .events import restarted, states
+from .impacts import restarted, states
 from .rival import Answer, absolute
 
 _ENDLESS = 1_000_000  # evaluations; SciPy takes some 8 s for them

@@ -12,8 +12,8 @@ import numpy as np
 
 from eig3.problem import Problem
 
-from .events import heyoka_events
 from .expressions import EXPRESSIONS
+from .impacts import heyoka_events
 from .rival import Answer, absolute
 
 _ENDLESS = 300_000  # steps of diffrax; an orbit that falls into the sun takes ever smaller ones

@@ -38,11 +38,11 @@ from ..stepping.march import NEVER, Cancel
 from ..stepping.slices import Slices
 from ..stepping.system import System
 from ..stepping.tolerances import Tolerances
-from .alone import Alone
 from .block_sight import BlockSight
 from .histories import Histories
 from .lanewise import FEWEST_MEMBERS, constrained_of, keeping_of, lanes_of
 from .members import Members
+from .single_members import Alone
 
 LANES = 64
 _MOST_DEGREES = 8  # with more, the stages of a block leave the first-level cache

@@ -14,10 +14,10 @@ from ..result.solution import Status
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
 from ..run.run import ended_by_event, unwritten_entry
 from ..stepping.march import Cancel
-from .alone import Alone
+from .block_setup import FIRST_CHUNK, BlockSetup, SignOf
 from .growth import sizes_with_half_the_step
 from .lane_state import LaneState
-from .shared import FIRST_CHUNK, Shared, SignOf
+from .single_members import Alone
 
 _SCRATCH_VALUES = 2**16  # values in an array of the states of a chunk: 512 kB, so that it stays in the cache
 _CHECKED_STEPS = 1000  # between two looks whether rhs writes every entry of a
@@ -38,12 +38,12 @@ class Block:
 
     Parameters
     ----------
-    shared : Shared
+    shared : BlockSetup
     numbers : ndarray of int
         The numbers of the members.
     """
 
-    def __init__(self, shared: Shared, numbers: np.ndarray) -> None:
+    def __init__(self, shared: BlockSetup, numbers: np.ndarray) -> None:
         self.shared, self.numbers = shared, numbers
         self.seconds = 0.0  # in the kernel
         self._state: Any = None

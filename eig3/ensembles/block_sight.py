@@ -11,7 +11,7 @@ from ..kernels.lane_events import Sight
 from ..kernels.loops.formulas import variable_formulas
 from ..kernels.protocol import EVENT_VALUES, EVENTS, TERMINAL
 from ..run.run import ended_by_event
-from ..stepping.look import Look
+from ..stepping.observer import Observer
 from ..stepping.system import System
 from .histories import Histories
 
@@ -53,7 +53,7 @@ class BlockSight:
     ) -> None:
         count, lanes, m = len(addresses), rows.lanes, len(numbers)
         formulas, times = variable_formulas(system.method.variable), histories.options.t_eval
-        look = Look(system, times, n, formulas.work_rows)
+        look = Observer(system, times, n, formulas.work_rows)
         look.follow_within(formulas, rtol)
         watch = look.watching.watch
         # There must be room for an event of each kind in each lane.

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..stepping.march import NEVER, Cancel
+from .block_setup import BlockSetup
 from .lane_state import LaneState
-from .shared import Shared
 
 
-def sizes_with_half_the_step(shared: Shared, members: np.ndarray, stop: Cancel) -> np.ndarray:
+def sizes_with_half_the_step(shared: BlockSetup, members: np.ndarray, stop: Cancel) -> np.ndarray:
     """Return the largest |u| and |v| at the end of members that run again with half the step.
 
     Parameters
     ----------
-    shared : Shared
+    shared : BlockSetup
     members : ndarray of int, shape (lanes,)
         They end after the same number of steps.
     stop : Cancel

@@ -14,9 +14,9 @@ from ..kernels.protocol import SCALAR
 from ..result.memory import check_members_history, n_rows
 from ..result.solution import Solution, Status
 from ..result.storage import whole_rows
+from ..run.options import RunOptions
 from .members import Members
 from .occurrences import MemberOccurrences
-from .options import Options
 from .solution import EnsembleSolution, widened
 
 REACHED = "The run reached the end of its span."
@@ -29,7 +29,7 @@ class Histories:
     Parameters
     ----------
     members : Members
-    options : Options
+    options : RunOptions
 
     Raises
     ------
@@ -37,10 +37,10 @@ class Histories:
         If the states do not fit in memory.
     """
 
-    def __init__(self, members: Members, options: Options) -> None:
+    def __init__(self, members: Members, options: RunOptions) -> None:
         m, n, functions = len(members), members.n, options.functions
         self.members, self.options, self.every = members, options, options.every
-        rows = options.rows(members)
+        rows = options.rows(int(members.n_steps.max()))
         check_members_history(m, rows, n, functions.n_outputs)
         self.u, self.v = np.full((m, rows, n), np.nan), np.full((m, rows, n), np.nan)
         self._t, self.steps = self._first_times(rows), np.full((m, rows), np.nan) if options.has_tolerances else None

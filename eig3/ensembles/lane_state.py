@@ -10,8 +10,8 @@ from ..kernels.protocol import EVALUATIONS, EVENTS, PART_END, T_LOW, Look, Steps
 from ..result.memory import aligned
 from ..stepping.march import NEVER, Cancel
 from ..stepping.slices import Slices
+from .block_setup import BlockSetup
 from .members import Members
-from .shared import Shared
 from .tracks import Tracks
 
 _GUARD_ROWS = 4  # of NaN on each side of u, v and a in the first evaluation
@@ -26,7 +26,7 @@ class LaneState:
 
     Parameters
     ----------
-    shared : Shared
+    shared : BlockSetup
     members : ndarray of int, shape (lanes,)
         The member of each lane.
 
@@ -44,7 +44,7 @@ class LaneState:
         Time in the kernel, s.
     """
 
-    def __init__(self, shared: Shared, members: np.ndarray) -> None:
+    def __init__(self, shared: BlockSetup, members: np.ndarray) -> None:
         layout, everyone, formulas = shared.layout, shared.members, shared.method.formulas
         self.layout, self.t0, self.index, self.seconds = layout, everyone.t_span[0], 0, 0.0
         self.h = np.ascontiguousarray(everyone.steps[members])

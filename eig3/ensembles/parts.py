@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from ..run.options import RunOptions
 from ..stepping.march import Cancel
 from .files import Directory
 from .lanewise import FEWEST_MEMBERS
 from .members import Members
-from .options import Options
 from .solution import EnsembleSolution, Reduce
 
 _UNIT = 128  # members; the number in a part is a multiple of it, so that a part fills the lanes of its blocks
@@ -46,12 +46,12 @@ class Part:
         return len(self.members)
 
 
-def parts_of(members: Members, options: Options) -> list[Part]:
+def parts_of(members: Members, options: RunOptions) -> list[Part]:
     """Divide an ensemble. The parts depend on the ensemble only, so that `reduce` gets the same ones everywhere.
 
     Members run in lanes in a part if they do so in the whole ensemble: no part is left with a few.
     """
-    rows, n_outputs = options.rows(members), options.functions.n_outputs
+    rows, n_outputs = options.rows(int(members.n_steps.max())), options.functions.n_outputs
     given = 2 * members.n + members.params.shape[-1] * members.has_own_params
     most = min(_MOST_MEMBERS, _MOST_SAVED // (8 * (2 * members.n + n_outputs) * rows), _MOST_GIVEN // (8 * given))
     count = _UNIT * max(1, min(-(-len(members) // (_PARTS * _UNIT)), most // _UNIT))

@@ -18,13 +18,15 @@ from ..kernels.compile.interrupt import with_solution
 from ..kernels.compile.numba_internals import Jitted, options_of
 from ..methods import Method
 from ..result.labels import Labels
+from ..run.options import RunOptions, run_options
+from ..run.prepare import Prepared
 from ..run.progress import check_progress
 from ..stepping.march import Cancel
+from ..stepping.watching import check_times
 from .files import Directory
-from .here import Run, at_start, cores
+from .in_process import Run, at_start, cores
 from .members import Members, check_members
 from .named_members import split, with_lengths
-from .options import Options, check_options
 from .parts import Joined, Listed, Recipe, Results, parts_of
 from .shipping import check_executor, check_reduce, march_parts
 from .solution import EnsembleSolution, Reduce
@@ -139,17 +141,12 @@ def ensemble(
         params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
         rhs = one.layout.bind(rhs)
     layout = bound_layout(rhs)  # a problem's function is bound already
-    if layout:
-        method = layout.bind_method(method)
-        events, invariants, outputs = (layout.bind_all(given) for given in (events, invariants, outputs))
     _refuse_parallel(rhs)
     members = check_members(rhs, t_span, u0, v0, params, h)
     try:
-        options = check_options(
-            rhs,
-            members.form,
-            members.t_span,
-            None if h is None else float(members.steps[0]),
+        options = run_options(
+            layout,
+            h=None if h is None else float(members.steps[0]),
             rtol=rtol,
             atol=atol,
             method=method,
@@ -164,6 +161,7 @@ def ensemble(
             integrals=tuple(integrals),
             labels=labels,
         )
+        options = of_members(rhs, members, options)
     except TypeError as error:
         raise with_lengths(error, named_params, len(members)) from error
     own = cores() if threads is None else check_count(threads, "threads")
@@ -171,6 +169,12 @@ def ensemble(
         return Run(rhs, members, options, own).march(progress, cancel)
     place = None if save_to is None else Directory(save_to)
     return _in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
+
+
+def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
+    """Return the options of members with the method of their runs, after all checks of a single run."""
+    method, times = Prepared(rhs, members.form, options).method, check_times(options.t_eval, *members.t_span)
+    return options._replace(method=method, t_eval=times)
 
 
 def _refuse_parallel(rhs: Any) -> None:
@@ -194,7 +198,7 @@ def _refuse(options: dict[str, Any]) -> None:
 def _in_parts(
     rhs: Any,
     members: Members,
-    options: Options,
+    options: RunOptions,
     reduce: Reduce | None,
     place: Directory | None,
     executor: Executor | None,
@@ -211,5 +215,5 @@ def _in_parts(
     return march_parts(parts, recipe, results, executor, threads, progress, cancel)
 
 
-def _march(rhs: Any, options: Options, members: Members, threads: int, cancel: Cancel | None) -> EnsembleSolution:
+def _march(rhs: Any, options: RunOptions, members: Members, threads: int, cancel: Cancel | None) -> EnsembleSolution:
     return Run(rhs, members, options, threads, is_part=True).march(cancel=cancel)

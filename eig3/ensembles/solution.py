@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback
+from ..functions.companions import history_of
 from ..functions.evaluation import accelerations
 from ..functions.extremes import Extremes
 from ..functions.guard import guarded
-from ..functions.history import history_of
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method

@@ -11,7 +11,7 @@ from ..kernels.lanes import compile_caught
 from ..kernels.loops.fixed import work_rows
 from ..kernels.protocol import EVENT_VALUES, EVENTS, VECTOR
 from ..methods import Method
-from ..stepping.look import Look
+from ..stepping.observer import Observer
 from ..stepping.system import System
 from .members import Members
 
@@ -72,7 +72,7 @@ class Stops:
         """
         system, members, m, n = self.system, self._members, len(chosen), self._members.n
         t0, h, count = members.t_span[0], members.steps[chosen], len(system.event_table)
-        look = Look(system, None, n, work_rows(self._method.formulas, system.method.order)).arguments
+        look = Observer(system, None, n, work_rows(self._method.formulas, system.method.order)).arguments
         log = np.empty(((m + 1) * count, 2 + 4 * n))
         look = look._replace(watch=look.watch._replace(log=log))
         times = np.column_stack([t0 + (index - 1) * h, t0 + index * h])

@@ -14,9 +14,9 @@ from ..problem import Problem
 from ..result.interpolation import Knots
 from ..result.solution import Solution
 from ..run.run import IntegrationError
-from .history import History
 from .places import Place, said, varied
 from .resampling import resampled
+from .series import History
 
 
 class Runs:

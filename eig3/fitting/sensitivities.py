@@ -14,9 +14,9 @@ from ..functions.layout import unknown_name
 from ..kernels.compile.interrupt import with_solution
 from ..methods import Method
 from ..problem import Problem
-from .history import History
 from .places import Place, check_places, sizes
 from .runs import Runs, history
+from .series import History
 from .stencils import differences, usual_steps
 
 

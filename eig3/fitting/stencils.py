@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .history import History
+from .series import History
 
 _RELATIVE = 2.0**-12  # step of a difference, as a part of the value: a run of 100 periods is smooth over it
 _UNIT = float(np.finfo(np.float64).eps)

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_method
-from ..functions.history import constraints_of
+from ..functions.companions import constraints_of
 from ..kernels.compile.interrupt import with_solution
 from ..methods import EIG, LIBRARY, Method
 from ..problem import Problem

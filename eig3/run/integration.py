@@ -14,6 +14,7 @@ from ..functions.named import named
 from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
+from .options import run_options
 from .prepare import Prepared
 
 
@@ -105,9 +106,9 @@ def integrate(
     """
     u, v, form = check_state(u0, v0)
     params = named(params)
-    prepared = Prepared(
-        rhs,
-        form,
+    layout = getattr(params, "layout", None)
+    options = run_options(
+        layout,
         h=h,
         rtol=rtol,
         atol=atol,
@@ -121,7 +122,7 @@ def integrate(
         first_step=first_step,
         max_steps=max_steps,
         inline=inline,
-        layout=getattr(params, "layout", None),
     )
-    options: dict[str, Any] = {"progress": progress, "raise_on_failure": raise_on_failure}
-    return prepared(t_span, u, v, params, cancel=cancel, save_to=save_to, **options)
+    prepared = Prepared(layout.bind(rhs) if layout else rhs, form, options)
+    of_call: dict[str, Any] = {"progress": progress, "raise_on_failure": raise_on_failure}
+    return prepared(t_span, u, v, params, cancel=cancel, save_to=save_to, **of_call)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -11,43 +11,29 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
-from ..functions.checks import (
-    check_count,
-    check_flag,
-    check_h,
-    check_method,
-    check_params,
-    check_resolution,
-    check_span,
-    check_state,
-    reals,
-    shown,
-)
-from ..functions.events import Event
+from ..functions.checks import check_method, check_params, check_resolution, check_span, check_state, shown
 from ..functions.guard import guarded
-from ..functions.layout import Layout
+from ..functions.layout import bound_layout
 from ..functions.named import has_names, in_layout, named
-from ..functions.quantities import Functions, check_functions
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
 from ..methods import Method
-from ..result.labels import Labels
 from ..result.solution import Solution
 from ..result.storage import Place
-from ..stepping.march import NEVER, Cancel, March
+from ..stepping.march import Cancel, March
 from ..stepping.stepper import Stepper
 from ..stepping.system import System, remembered
-from ..stepping.tolerances import Limits, Tolerances, check_limits, check_variable, usual_method
+from ..stepping.tolerances import Tolerances, check_variable, usual_method
 from ..stepping.variable_stepper import VariableStepper
 from ..stepping.watching import check_times
 from . import short
 from .fixed_run import FixedRun, divide
+from .options import RunOptions, run_options
 from .progress import check_progress
 from .run import Run, carry_out
 from .variable_run import VariableRun
 
 _WITHOUT_NAMES = np.ndarray, tuple, list, float, int  # a NamedTuple is of another type
-_UNCHANGEABLE = type(None), float, int, bool, str  # types of options of which a run needs no copy
 _LONGER = 4  # a run with tolerances may be short if it takes at most so many times as long as the last one
 _LEAST_PACE = 1e-10  # seconds per step; a coarse clock may have measured none
 _SHORT = 1e-12  # a step of this part of the time may be too short for floating-point times
@@ -63,88 +49,39 @@ class Prepared:
     form : str
         "scalar" or "vector": whether u0 and v0 are numbers or arrays.
     method : Method
-    options : dict
-        Its options, which later changes of the arrays and dictionaries of the caller do not change.
+    options : RunOptions
     """
 
     @with_solution
-    def __init__(
-        self,
-        rhs: Any,
-        form: Form,
-        *,
-        h: float | None = None,
-        rtol: float | None = None,
-        atol: ArrayLike | None = None,
-        method: str | Method | None = None,
-        save_every: int | None = 1,
-        t_eval: ArrayLike | None = None,
-        events: Mapping[str, Event] | None = None,
-        invariants: Mapping[str, Any] | None = None,
-        outputs: Mapping[str, Any] | None = None,
-        h_max: float | None = None,
-        first_step: float | None = None,
-        max_steps: int | None = None,
-        inline: bool = False,
-        labels: Labels | None = None,
-        integrals: tuple[str, ...] = (),
-        defaults: tuple = (),
-        layout: Layout | None = None,
-    ) -> None:
-        self._rhs, self._layout = rhs, layout
-        own: dict[str, Any] = {
-            "h": h,
-            "rtol": rtol,
-            "atol": atol,
-            "save_every": save_every,
-            "t_eval": t_eval,
-            "events": events,
-            "invariants": invariants,
-            "outputs": outputs,
-            "h_max": h_max,
-            "first_step": first_step,
-            "max_steps": max_steps,
-            "inline": inline,
-        }
-        for name, value in own.items():
-            if type(value) not in _UNCHANGEABLE:
-                own[name] = _own(name, value)
-        atol, t_eval = own["atol"], own["t_eval"]
-        events, invariants, outputs = own["events"], own["invariants"], own["outputs"]
-        others = {"labels": labels, "integrals": integrals, "defaults": defaults, "layout": layout}
-        self.options = {**own, "method": method, **others}
-        if layout:
-            rhs, method = layout.bind(rhs), layout.bind_method(method)
-            events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
-        self._defaults = defaults
+    def __init__(self, rhs: Any, form: Form, options: RunOptions, defaults: tuple = ()) -> None:
+        self._rhs, self._given = rhs, (form, options, defaults)
+        self.options, self._layout, self._defaults = options, bound_layout(rhs), defaults
+        self._t_eval, self._every = options.t_eval, options.every
         if defaults:  # arrays are checked faster than other sequences at each call
-            own_span, own_u0, own_v0, own_params = defaults
-            own_params = own_params if layout else check_params(own_params)
-            self._defaults = own_span, *check_state(own_u0, own_v0)[:2], own_params
-        if t_eval is not None and save_every not in (1, None):
-            raise ValueError("save_every and t_eval exclude each other: give one of them.")
-        self._atol = atol
-        if h is not None:
-            _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
+            span, u0, v0, params = defaults
+            self._defaults = span, *check_state(u0, v0)[:2], params if self._layout else check_params(params)
+        method = options.method
+        if options.limits is None:
             record = check_method("eig3" if method is None else method)
-            h = check_h(h)
-        elif rtol is None and atol is None:
-            raise ValueError("give h for a fixed step, or rtol for tolerances: one of the two is needed.")
+        elif method is None:
+            reads_velocity = check_callback(rhs, "rhs", form).reads_velocity
+            record = usual_method(options.limits.rtol, reads_velocity)
         else:
-            self._limits: Limits = check_limits(rtol, h_max, first_step, max_steps)
-            if method is None:
-                record = usual_method(self._limits.rtol, check_callback(rhs, "rhs", form).reads_velocity)
-            else:
-                record = check_variable(method)
-        self._h, self._t_eval = h, t_eval
-        self._save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
-        functions: Functions = check_functions(invariants, outputs)
-        options: dict[str, Any] = {"inline": check_flag(inline, "inline"), "events": events, "functions": functions}
-        options |= {"has_times": t_eval is not None, "labels": labels, "integrals": integrals}
-        self._system: System = remembered(rhs, form, record, has_tolerances=h is None, **options)
+            record = check_variable(method)
+        self._system: System = remembered(
+            rhs,
+            form,
+            record,
+            has_tolerances=options.limits is not None,
+            inline=options.inline,
+            events=options.events,
+            functions=options.functions,
+            has_times=options.t_eval is not None,
+            labels=options.labels,
+            integrals=options.integrals,
+        )
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
-        self._every = NEVER if self._save_every is None else self._save_every
 
     @property
     def form(self) -> str:
@@ -219,7 +156,7 @@ class Prepared:
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start. It has refused what the right-hand side or the method do not accept."""
         start = span, *self._with_integrals(u, v), guarded(params), None
-        return self._variable_stepper(*start) if self._h is None else self._fixed_stepper(*start)[0]
+        return self._variable_stepper(*start) if self.options.limits else self._fixed_stepper(*start)[0]
 
     def _with_integrals(self, u: Any, v: Any) -> tuple[Any, Any]:
         if not self._system.integrals:
@@ -229,10 +166,11 @@ class Prepared:
 
     def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
+        limits = self.options.limits
         try:
             times = None if self._t_eval is None else self._times_in(span)
-            if self._h is None:
-                steps, rows = self._system.last_sizes.get(self._limits.rtol, (0, 0))
+            if limits:
+                steps, rows = self._system.last_sizes.get(limits.rtol, (0, 0))
                 stepper: Any = self._variable_stepper(span, u, v, p, times)
             else:
                 stepper, steps = self._fixed_stepper(span, u, v, p, times)
@@ -240,14 +178,14 @@ class Prepared:
             pace = self._system.pace.get(stepper.kernel.pace_key)
             if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
                 return None
-            if self._h is None:
+            if limits:
                 seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
                 steps = int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE))
             if times is not None:
                 return short.at_times(stepper, steps, span[1], times)
-            if self._h is None:
+            if limits:
                 return short.variable(stepper, steps, self._every, rows)
-            return short.fixed(stepper, steps, span[1], self._save_every)
+            return short.fixed(stepper, steps, span[1], self.options.save_every)
         except KeyboardInterrupt as error:
             error.solution = None  # type: ignore[attr-defined]
             raise
@@ -264,12 +202,12 @@ class Prepared:
         if progress is not False:
             check_progress(progress)
         place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.integrals)
-        times = None if self._t_eval is None else self._times_in(span)
-        if self._h is None:
+        times, options = None if self._t_eval is None else self._times_in(span), self.options
+        if options.limits:
             stepper = self._variable_stepper(span, u, v, p, times)
             return VariableRun.at_start(stepper, self._every, times, place, progress, self._note_size)
         fixed, n_steps = self._fixed_stepper(span, u, v, p, times)
-        return FixedRun.at_start(fixed, n_steps, span[1], self._save_every, times, place, progress)
+        return FixedRun.at_start(fixed, n_steps, span[1], options.save_every, times, place, progress)
 
     def _times_in(self, span: tuple[float, float]) -> np.ndarray:
         """Return the times of t_eval, which are checked once for each span that differs from the last one."""
@@ -284,7 +222,7 @@ class Prepared:
     ) -> tuple[Stepper, int]:
         """Return a stepper at the start, and the number of its steps."""
         t0, t1 = span
-        n_steps, h = divide(t1 - t0, self._h)  # type: ignore[arg-type]
+        n_steps, h = divide(t1 - t0, self.options.h)  # type: ignore[arg-type]
         if h < _SHORT * max(1.0, abs(t0), abs(t1)):
             check_resolution(h, t0, t1)
         return Stepper.of(self._system, t0, h, u, v, p, times), n_steps
@@ -297,21 +235,19 @@ class Prepared:
 
     def _note_size(self, n_steps: int, rows: int) -> None:
         """Note how many steps a run with tolerances had, and how many rows the next one may need."""
-        self._system.last_sizes[self._limits.rtol] = n_steps, rows + rows // 4 + 16
+        assert self.options.limits
+        self._system.last_sizes[self.options.limits.rtol] = n_steps, rows + rows // 4 + 16
 
     def tolerances(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""
         if n not in self._tolerances:
-            n_integrals = len(self._system.integrals)
-            self._tolerances[n] = self._limits.tolerances(self._atol, n - n_integrals, n_integrals)
+            limits, n_integrals = self.options.limits, len(self._system.integrals)
+            assert limits
+            self._tolerances[n] = limits.tolerances(self.options.atol, n - n_integrals, n_integrals)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
-        return _prepared, (self._rhs, self._system.form, self.options)
-
-
-def _prepared(rhs: Any, form: Form, options: dict[str, Any]) -> Prepared:
-    return Prepared(rhs, form, **options)
+        return Prepared, (self._rhs, *self._given)
 
 
 def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
@@ -351,23 +287,5 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
     if params is not None and not has_names(params):
         raise TypeError("params is for parameters with names; give an array to each call: prepared(t_span, u0, v0, p).")
     layout = None if params is None else named(params).layout
-    return Prepared(rhs, form_of(rhs), layout=layout, **options)
-
-
-def _own(name: str, value: Any) -> Any:
-    """Return an option, or a copy of it if the caller can change it."""
-    if name in ("atol", "t_eval"):
-        return reals(value, name)
-    if isinstance(value, np.ndarray):
-        return value.copy()
-    return dict(value) if type(value) is dict or isinstance(value, Mapping) else value
-
-
-def _refuse(given: dict[str, Any]) -> None:
-    """Refuse options of tolerances beside h."""
-    for name, value in given.items():
-        if value is not None:
-            what = "the steps follow from it" if name == "rtol" else "it belongs to rtol"
-            raise ValueError(
-                f"h and {name} exclude each other: give h for a fixed step, or rtol for tolerances ({what})."
-            )
+    checked = run_options(layout, **options)
+    return Prepared(layout.bind(rhs) if layout else rhs, form_of(rhs), checked)

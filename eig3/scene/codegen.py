@@ -25,9 +25,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..functions.callbacks import cached_jit, jit
+from ..functions.companions import Constraints, History
 from ..functions.events import Event
 from ..functions.families import Family
-from ..functions.history import Constraints, History
 from ..kernels.compile.numba_internals import WITHOUT_C_WRAPPER
 from ..kernels.compile.source import define
 from ..kernels.constraint_lanes import Straight

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..kernels.turning import angle_in_plane, angle_in_space, slope_in_plane, slope_in_space
+from ..kernels.vector_angle import angle_in_plane, angle_in_space, slope_in_plane, slope_in_space
 from .constraint import Constraint
 
 

@@ -34,7 +34,7 @@ from ..kernels.protocol import (
 )
 from ..methods import Method
 from ..result.memory import aligned
-from .look import Look
+from .observer import Observer
 from .slices import Slices
 from .system import Kernel, System
 from .team import team
@@ -95,7 +95,7 @@ class March:
         The step index before which a function raised an exception in the last `take`; None if none did.
     seconds : float
         Time spent in the kernel, s, without compilation.
-    look : Look or None
+    look : Observer or None
         What is looked at in each step; None if nothing is.
     """
 
@@ -126,7 +126,7 @@ class March:
         self._use(system.kernels.get(n) or self._compiled(system.method))
         if system.ignores_velocity and system.callback.reads_velocity:
             self._check_velocity(a)
-        self.look = Look(system, times, n, self._work_rows()) if system.looks else None
+        self.look = Observer(system, times, n, self._work_rows()) if system.looks else None
         if self.look:
             self.look.begin(self.tally, t0, u, v, params)
         return a

@@ -11,7 +11,7 @@ from ..kernels.protocol import Within
 
 
 def within_steps(before: np.ndarray, n: int, formulas: Any, floors: np.ndarray) -> Within:
-    """Return the points within a step, and scratch for the values there, as `eig3.kernels.loops.within` takes them.
+    """Return the points within a step, and scratch for the values there, for `eig3.kernels.loops.extremes_within`.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_flag
+from ..functions.companions import constraints_of, history_of
 from ..functions.events import Event, check_events
-from ..functions.history import constraints_of, history_of
 from ..functions.layout import bound_layout
 from ..functions.quantities import Functions
 from ..kernels.compile.jit import compiled
@@ -174,8 +174,7 @@ def remembered(rhs: Any, form: Form, method: Method, *, has_tolerances: bool, **
     right-hand side itself has its systems, so that they are forgotten with it. A function that was compiled anew, or
     whose captured values have changed, makes another system.
     """
-    functions, events = options.get("functions", _NOTHING), check_events(options.get("events"))
-    parts = events, functions.invariants, functions.outputs
+    parts = options["events"], *options["functions"]
     others = (options[name] for name in ("inline", "has_times", "labels", "integrals"))
     key = form.name, method, has_tolerances, *(tuple(part.items()) for part in parts), *others
     try:

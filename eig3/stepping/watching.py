@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from ..functions.events import Event, Occurrences
 from ..functions.guard import beyond, guarded
-from ..kernels.loops.events import NEAR
+from ..kernels.loops.zeros import NEAR
 from ..kernels.protocol import EVENT_VALUES, EVENTS, LOGGED, NEXT, NOT_FINITE, SCALAR, Watch
 from .system import System
 

@@ -13,6 +13,7 @@ import gc
 import importlib
 import itertools
 import operator
+import os
 import re
 import sys
 from abc import abstractmethod
@@ -40,6 +41,9 @@ from numba.np import arrayobj
 
 #: The versions on which compiled code depends.
 VERSIONS = numba.__version__, llvmlite.__version__
+
+#: The changes to Numba's own code in use. Each saves time only: the environment variable leaves some out, or all.
+PATCHES = frozenset(os.environ.get("EIG3_NUMBA_PATCHES", "operators linked vectors").split())
 
 # Jitted functions, and Numba's compile result for each tuple of types of their arguments
 
@@ -75,8 +79,8 @@ def _operators_remembered() -> Iterator[None]:
     """A block in which Numba remembers the type of an operation, such as the product of two floats.
 
     Otherwise it looks for the type among all its overloads of the operator, several times for each operation in the
-    source. This search takes a third of the time to compile a kernel. A module that adds overloads makes new operators,
-    which remember nothing.
+    source. With this search, a kernel takes an eighth to a third longer to compile. A module that adds overloads makes
+    new operators, which remember nothing.
     """
 
     def remembered(operator: Any, context: Any, args: tuple, options: Any) -> Any:
@@ -87,6 +91,9 @@ def _operators_remembered() -> Iterator[None]:
             known[args] = usual(operator, context, args, options)
         return known[args]
 
+    if "operators" not in PATCHES:
+        yield
+        return
     with global_compiler_lock:
         usual = BaseFunction.get_call_type
         BaseFunction.get_call_type = remembered
@@ -147,7 +154,7 @@ class _Linked(JITCodeLibrary):
     """The code of a function that is only linked into the code of others.
 
     LLVM optimises it there, and translates it to machine code there. Without this class Numba does both for each of the
-    functions, and again for each function that calls it: a kernel would take twice as long to compile.
+    functions, and again for each function that calls it: a kernel would take 1.5 to 2 times as long to compile.
     """
 
     def _optimize_final_module(self) -> None:
@@ -206,6 +213,10 @@ class _LinkedFunction(_NamedFunction):
 
 def linked_jit(function: Callable, **options: Any) -> Jitted:
     """Return a jitted function for compiled functions: it has machine code only in those that call it."""
+    if "linked" not in PATCHES:
+        jitted = numba.njit(**options)(function)
+        jitted.__class__ = _NamedFunction
+        return jitted
     jitted = numba.njit(pipeline_class=_LinkedCompiler, **WITHOUT_WRAPPERS, **options)(function)
     jitted.__class__ = _LinkedFunction
     return jitted
@@ -223,8 +234,8 @@ def assume_no_overlap(function: Jitted) -> Jitted:
 
 
 def has_wide_vectors() -> bool:
-    """Return whether the compiler can use vectors of 512 bits."""
-    return "+avx512f" in _codegen()._tm_features.split(",")
+    """Return whether code is compiled for vectors of 512 bits."""
+    return "vectors" in PATCHES and "+avx512f" in _codegen()._tm_features.split(",")
 
 
 @contextmanager
@@ -252,30 +263,6 @@ def wide_vectors() -> Iterator[None]:
 
 def _codegen() -> Any:
     return cpu_target.target_context.codegen()
-
-
-@contextmanager
-def addresses_of_arrays() -> Iterator[None]:
-    """A block in which Numba computes an address with a stride from the address of its array, as it does from 0.67 on.
-
-    Earlier versions compute with integers: LLVM cannot tell to which array such an address belongs.
-    """
-    if numba.version_info[:2] >= (0, 67):
-        yield
-        return
-
-    def pointer_add(builder: Any, pointer: Any, offset: Any, return_type: Any = None) -> Any:
-        offset = cgutils.intp_t(offset) if isinstance(offset, int) else offset
-        address = builder.gep(builder.bitcast(pointer, cgutils.voidptr_t), [offset])
-        return builder.bitcast(address, return_type or pointer.type)
-
-    with global_compiler_lock:
-        usual = cgutils.pointer_add
-        cgutils.pointer_add = pointer_add
-        try:
-            yield
-        finally:
-            cgutils.pointer_add = usual
 
 
 @contextmanager

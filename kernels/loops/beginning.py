@@ -28,8 +28,8 @@ from ..protocol import (
     span_at,
     vector_type,
 )
-from .events import EPSILON
 from .pair import A_END, U_MOST, V_MOST, A, U, V
+from .zeros import EPSILON
 
 TINY = 1e-300  # keeps a tolerance of zero from giving 0/0
 RESOLUTION = 8 * EPSILON  # least step, relative to the time

@@ -54,12 +54,12 @@ from ..protocol import (
     stack_rows,
     vector_type,
 )
-from .events import quiet
 from .follow import end_part, functions, inline_functions, no_history, no_projection, save, widen_all
 from .formulas import Formulas, nothing
 from .march import FOUND, THROUGH, copy_two, march, settle, write
 from .pair import U_END, V_END, A
 from .search import search_names, work_rows
+from .zeros import quiet
 
 __all__ = ["STACKED_DEGREES", "inline_kernel", "kernel", "wide_kernel", "work_rows"]
 

@@ -32,10 +32,10 @@ from ..protocol import (
     vector_type,
 )
 from .dense import quintic
-from .events import LATER, searching
 from .formulas import Formulas, variable_formulas
 from .march import copy_two
 from .pair import A_END, U_END, V_END, A, U, V
+from .zeros import LATER, searching
 
 
 def search(address, place, tally, t0, t, t_grid, n, p):

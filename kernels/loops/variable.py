@@ -56,13 +56,13 @@ from ..protocol import (
 from .beginning import RESOLUTION, beginning, least_size
 from .controller import LEAST_ERROR, exponent, growth, log2, shrinkage
 from .dense import evaluate
-from .events import LATER, quiet, searching
+from .extremes_within import within_functions
 from .fixed import STACKED_DEGREES, inline_callbacks, pointer_callbacks
 from .follow import end_part, inline_functions, save, widen_all
 from .follow import functions as following
 from .formulas import variable_formulas
 from .pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
-from .within import within_functions
+from .zeros import LATER, quiet, searching
 
 __all__ = ["inline_kernel", "kernel", "least_size"]
 

@@ -13,7 +13,7 @@ from .system import System
 from .watching import Watching
 
 
-class Look:
+class Observer:
     """The look of one run.
 
     Parameters
@@ -63,8 +63,8 @@ class Look:
         follower = self.follower
         return {"events": self.watching.occurrences, "drift": follower.drift, "extremes": follower.extremes}
 
-    def fork(self) -> Look:
+    def fork(self) -> Observer:
         """Return an independent copy, which saves nothing."""
-        other = object.__new__(Look)
+        other = object.__new__(Observer)
         other.watching, other.follower = self.watching.fork(), self.follower.fork()
         return other

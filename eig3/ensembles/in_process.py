@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from queue import Empty, Queue
 from threading import Event as Flag
@@ -16,28 +15,28 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
+from ..functions.companions import constraints_of
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
-from ..functions.history import constraints_of
 from ..functions.layout import bound_layout
-from ..functions.quantities import Quantity
+from ..functions.quantities import Functions, Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.numba_internals import gist
 from ..kernels.constraint_lanes import Straight
 from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS, VECTOR
+from ..run.options import RunOptions
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
 from ..stepping.team import alone
 from ..stepping.watching import further_times
 from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
-from .alone import Alone, Singles
 from .block import Block
+from .block_setup import BlockSetup, SignOf
 from .histories import Histories
 from .lanewise import MOST_DEGREES, ROWS_FOLLOWED, constrained_of, keeping_of, lanes_of, layout_of
 from .members import Members
-from .options import Options
-from .shared import Shared, SignOf
+from .single_members import Alone, Singles
 from .solution import EnsembleSolution
 from .stops import Stops
 
@@ -95,7 +94,7 @@ class _Stop:
 class Run:
     """An ensemble on its way in this process."""
 
-    def __init__(self, rhs: Any, members: Members, options: Options, threads: int, *, is_part: bool = False) -> None:
+    def __init__(self, rhs: Any, members: Members, options: RunOptions, threads: int, *, is_part: bool = False) -> None:
         self.rhs, self.members, self.options, self.threads, self.is_part = rhs, members, options, threads, is_part
         self.histories = Histories(members, options)
         self.notes: list[str] = []
@@ -164,7 +163,7 @@ class Run:
             self.notes.append(f"rhs is not vectorised: {adaptive.rhs.obstacle}.")
         return adaptive
 
-    def _shared(self) -> Shared | None:
+    def _shared(self) -> BlockSetup | None:
         """Compile what runs in lanes; return None if the members run one at a time."""
         options, members = self.options, self.members
         if options.has_tolerances:
@@ -198,11 +197,11 @@ class Run:
             self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
         looks = FOLLOWS if quantities or (keeping and not keeping.is_leap) else 0
         kernel = wide_kernel(method.formulas, looks, method.second)
-        plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "invariants": {}, "outputs": {}}
+        plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "functions": Functions({}, {})}
         alone = Singles(self.rhs, members, options, **plain)
         stops = Stops(self._single.prepared(0).system, members, method) if self._is_stopped() else None
         given = rhs, keeping, quantities, stops, self.histories, alone, self._single
-        return Shared(members, layout, method, kernel, *given)
+        return BlockSetup(members, layout, method, kernel, *given)
 
     def _is_stopped(self) -> bool:
         """Whether members in lanes with fixed steps look for events that do nothing but end them, and for no more."""
@@ -297,7 +296,7 @@ def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
     return constraints.straight, ""
 
 
-def at_start(rhs: Any, members: Members, options: Options) -> EnsembleSolution:
+def at_start(rhs: Any, members: Members, options: RunOptions) -> EnsembleSolution:
     """Return the result of an ensemble whose members have not started."""
     again = partial(_again, rhs, members, options)
     return _result(rhs, members, options, Histories(members, options), again=again)
@@ -306,7 +305,7 @@ def at_start(rhs: Any, members: Members, options: Options) -> EnsembleSolution:
 def _result(
     rhs: Any,
     members: Members,
-    options: Options,
+    options: RunOptions,
     histories: Histories,
     seconds: float = 0.0,
     notes: Sequence[str] = (),
@@ -320,7 +319,7 @@ def _result(
 def _again(
     rhs: Any,
     members: Members,
-    options: Options,
+    options: RunOptions,
     t_end: float,
     t_eval: ArrayLike | None,
     progress: bool,
@@ -329,4 +328,4 @@ def _again(
     """Run all members to a later end, as `EnsembleSolution.extend` describes it."""
     t_end = check_time(t_end, "t_end")
     times = further_times(options.t_eval, t_eval, members.t_span[1], t_end)
-    return Run(rhs, members.until(t_end), replace(options, t_eval=times), cores()).march(progress, cancel)
+    return Run(rhs, members.until(t_end), options._replace(t_eval=times), cores()).march(progress, cancel)

@@ -54,7 +54,7 @@ class Pace:
 
 
 @dataclass(frozen=True, eq=False)
-class Shared:
+class BlockSetup:
     """What the blocks of an ensemble have in common.
 
     Attributes

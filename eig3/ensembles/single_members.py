@@ -10,11 +10,11 @@ import numpy as np
 from ..functions.guard import NotFiniteAtStartError
 from ..methods import Method
 from ..result.solution import Solution, Status
+from ..run.options import RunOptions
 from ..run.prepare import Prepared
 from ..stepping.march import Cancel
 from .histories import Histories
 from .members import Members
-from .options import Options
 
 
 class Singles:
@@ -24,13 +24,13 @@ class Singles:
     ----------
     rhs : jitted function
     members : Members
-    options : Options
+    options : RunOptions
     **changes
         Options of the runs that differ, such as ``save_every=None``.
     """
 
-    def __init__(self, rhs: Any, members: Members, options: Options, **changes: Any) -> None:
-        self._rhs, self._members, self._options, self._changes = rhs, members, options, changes
+    def __init__(self, rhs: Any, members: Members, options: RunOptions, **changes: Any) -> None:
+        self._rhs, self._members, self._options = rhs, members, options._replace(**changes)
         self._shared: Prepared | None = None
 
     def prepared(self, i: int) -> Prepared:
@@ -49,7 +49,7 @@ class Singles:
         return self.prepared(i).member(self._members.t_span, *start, cancel)
 
     def _prepared(self, h: float | None, method: Method) -> Prepared:
-        return self._options.prepared(self._rhs, self._members.form, h, **{"method": method, **self._changes})
+        return Prepared(self._rhs, self._members.form, self._options._replace(h=h, method=method))
 
 
 class Alone:

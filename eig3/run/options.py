@@ -1,0 +1,140 @@
+"""The options of a run: one record, which single runs, prepared runs, ensembles, problems and loaded runs have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..functions.checks import check_count, check_flag, check_h, reals
+from ..functions.events import Event, check_events
+from ..functions.layout import Layout
+from ..functions.quantities import Functions, check_functions
+from ..methods import Method
+from ..result.labels import Labels
+from ..result.memory import n_rows
+from ..stepping.march import NEVER
+from ..stepping.tolerances import Limits, check_limits
+
+
+class RunOptions(NamedTuple):
+    """The options of a run, checked. Later changes of the arrays and dictionaries of the caller do not matter.
+
+    Attributes
+    ----------
+    h : float or None
+        The fixed step; None with tolerances.
+    limits : Limits or None
+        The tolerances, as far as they do not depend on the number of degrees of freedom.
+    atol : ndarray or None
+    method : str, Method or None
+        None for the usual method.
+    save_every : int or None
+        None saves the first and the last state, or those at `t_eval`.
+    t_eval : ndarray or None
+    events : dict of str to Event
+    functions : Functions
+        The invariants and the outputs.
+    inline : bool
+    labels : Labels or None
+        Names and units of the degrees of freedom.
+    integrals : tuple of str
+        The names of the last degrees of freedom, whose velocities are integrals over time and no motion.
+    """
+
+    h: float | None
+    limits: Limits | None
+    atol: np.ndarray | None
+    method: Any  # str, Method or None; in an ensemble a Method
+    save_every: int | None
+    t_eval: np.ndarray | None
+    events: Mapping[str, Event]
+    functions: Functions
+    inline: bool
+    labels: Labels | None
+    integrals: tuple[str, ...]
+
+    @property
+    def has_tolerances(self) -> bool:
+        return self.h is None
+
+    @property
+    def every(self) -> int:
+        """A state is saved after so many steps."""
+        return NEVER if self.save_every is None else self.save_every
+
+    @property
+    def has_own_times(self) -> bool:
+        """Whether states may be saved at times that only the run tells."""
+        return self.t_eval is None and (self.has_tolerances or any(event.terminal for event in self.events.values()))
+
+    def rows(self, n_steps: int) -> int:
+        """Return the number of states to save in a run of so many steps; with tolerances, there may be more."""
+        if self.t_eval is not None:
+            return len(self.t_eval)
+        return 2 if self.has_tolerances else n_rows(n_steps, self.every)
+
+
+def run_options(
+    layout: Layout | None = None,
+    *,
+    h: float | None = None,
+    rtol: float | None = None,
+    atol: ArrayLike | None = None,
+    method: str | Method | None = None,
+    save_every: int | None = 1,
+    t_eval: ArrayLike | None = None,
+    events: Mapping[str, Event] | None = None,
+    invariants: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, Any] | None = None,
+    h_max: float | None = None,
+    first_step: float | None = None,
+    max_steps: int | None = None,
+    inline: bool = False,
+    labels: Labels | None = None,
+    integrals: tuple[str, ...] = (),
+) -> RunOptions:
+    """Check options as `eig3.integrate` has them. Functions that read parameters by names are bound to the layout.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an option is not valid, or two exclude each other.
+    """
+    method = layout.bind_method(method) if layout else method
+    atol = None if atol is None else reals(atol, "atol")
+    t_eval = None if t_eval is None else reals(t_eval, "t_eval")
+    if t_eval is not None and save_every not in (1, None):
+        raise ValueError("save_every and t_eval exclude each other: give one of them.")
+    limits = None
+    if h is not None:
+        _refuse({"rtol": rtol, "atol": atol, "h_max": h_max, "first_step": first_step, "max_steps": max_steps})
+        h = check_h(h)
+    elif rtol is None and atol is None:
+        raise ValueError("give h for a fixed step, or rtol for tolerances: one of the two is needed.")
+    else:
+        limits = check_limits(rtol, h_max, first_step, max_steps)
+    save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
+    events = check_events(_own(layout, events))
+    functions = check_functions(_own(layout, invariants), _own(layout, outputs))
+    inline = check_flag(inline, "inline")
+    return RunOptions(h, limits, atol, method, save_every, t_eval, events, functions, inline, labels, integrals)
+
+
+def _own(layout: Layout | None, functions: Any) -> Any:
+    """Return a dictionary of functions that the caller cannot change, bound to the layout if there is one."""
+    if functions is None or not isinstance(functions, Mapping):
+        return functions
+    return layout.bind_all(functions) if layout else dict(functions)
+
+
+def _refuse(given: dict[str, Any]) -> None:
+    """Refuse options of tolerances beside h."""
+    for name, value in given.items():
+        if value is not None:
+            what = "the steps follow from it" if name == "rtol" else "it belongs to rtol"
+            raise ValueError(
+                f"h and {name} exclude each other: give h for a fixed step, or rtol for tolerances ({what})."
+            )
