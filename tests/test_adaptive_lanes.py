@@ -111,8 +111,6 @@ def test_members_take_the_steps_of_single_runs(case, in_lanes):
         {"h_max": 0.05},
         {"first_step": 1e-4},
         {"rtol": 1e-3},
-        {"method": "rk8", "rtol": 1e-9},
-        {"method": "eig3", "rtol": 1e-4},
     ],
     ids=str,
 )
@@ -125,9 +123,10 @@ def test_options_of_the_tolerances(options, in_lanes):
 
 
 def test_a_force_of_the_position_takes_rkn12(in_lanes):
-    found = eig3.ensemble(spring, (0, 20), 1.0, 0.0, rtol=1e-9, params=np.linspace(1, 4, 70)[:, None])
+    stiffness = np.linspace(1, 4, 70)[:, None]
+    found = eig3.ensemble(spring, (0, 20), 1.0, 0.0, rtol=1e-9, params=stiffness, t_eval=[20.0])
     assert found.method == eig3.RKN12()
-    exact = np.cos(20 * np.sqrt(np.linspace(1, 4, 70)))
+    exact = np.cos(20 * np.sqrt(stiffness[:, 0]))
     np.testing.assert_allclose(found.u[:, -1], exact, rtol=0, atol=1e-8)  # rtol times some ten steps
 
 
@@ -252,7 +251,7 @@ def assert_as_single(found, one, i):
 
 
 @pytest.mark.parametrize("sight", SIGHTS)
-@pytest.mark.parametrize("method", ["rk5", "rk8", "eig3", "rkn12"])
+@pytest.mark.parametrize("method", ["rk5", "eig3", "rkn12"])  # the next test has rk8
 def test_events_and_times_are_those_of_single_runs(sight, method, in_lanes):
     options = {"rtol": 1e-5 if method == "eig3" else 1e-8, "method": method, **SIGHTS[sight]}
     found = eig3.ensemble(spring, (0, 10), 1.0, 0.3, params=PLACES, **options)

@@ -111,11 +111,12 @@ def assert_alone(member, alone, rtol=ROUND_OFF):
 #: One of each kind. The formulas are those of runs alone: the others of a kind would only compile more kernels.
 METHODS = ["eig3", "ab3", "rk4", "rk5", "eig9"]
 METHODS += [eig3.EIG3(alpha=1.2), eig3.CentralDifference(velocity="lagged")]
+FOLLOWED = {"eig3", "rk4"}  # what follows invariants is the same for all
 
 
 @pytest.mark.parametrize("method", METHODS, ids=repr)
 def test_members_are_runs_alone(method):
-    """Both forms, for a force that reads t, u, v and p, with saved states and invariants."""
+    """Both forms, for a force that reads t, u, v and p, with saved states and, in two methods, invariants."""
     options = {"h": 0.01, "method": method, "save_every": 7}
     u0, v0 = start(9)
     scalar = eig3.ensemble(duffing, (0, 3), u0, v0, params=drive(9), **options)
@@ -123,7 +124,8 @@ def test_members_are_runs_alone(method):
         alone = eig3.integrate(duffing, (0, 3), u0[i], v0[i], params=drive(9)[i], **options)
         assert_alone(scalar[i], alone)
     u0, v0 = start(9, 3)
-    options["invariants"] = {"energy": chain_energy, "end": last_position}
+    if method in FOLLOWED:
+        options["invariants"] = {"energy": chain_energy, "end": last_position}
     vector = eig3.ensemble(damped_chain, (0, 3), u0, v0, params=stiffness(9), **options)
     for i in (0, 8):
         alone = eig3.integrate(damped_chain, (0, 3), u0[i], v0[i], params=stiffness(9)[i], **options)
@@ -748,7 +750,7 @@ def two_springs(t, u, v, p, a):
     a[0], a[1] = -p[0] * u[0], -p[0] * u[1] + 0.1 * u[0]
 
 
-@pytest.mark.parametrize("options", [{}, {"save_every": 3}, {"method": "rk8", "save_every": 1}, {"method": "ab3"}])
+@pytest.mark.parametrize("options", [{}, {"save_every": 3}, {"method": "rk5", "save_every": 1}, {"method": "ab3"}])
 @pytest.mark.parametrize("own_step", [False, True])
 def test_events_that_end_members_are_found_in_lanes(options, own_step):
     """Some members end before they diverge, and some at a step; a zero of g in the other direction ends none."""

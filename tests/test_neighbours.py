@@ -33,14 +33,30 @@ def contact(**fields):
     return effects.MassContact(**{"stiffness": 50.0, "reach": 0.7, "damping": 0.1, **fields})
 
 
-def of_all_pairs(scene, effect, points, others=None):
+def of_all_pairs(scene, effect, points):
     """Add the effect as explicit links."""
+    i, j = np.triu_indices(len(points), 1)
+    scene.add(effect, points[i], points[j])
+
+
+def by_numpy(x, v, others=None, *, reach=0.7, damping=0.1, box=None, shear=0.0, t=0.0):
+    """The forces of the contacts between all points, or with others at rest, and the energy that they store."""
+    y, w = (x, v) if others is None else (others, np.zeros_like(others))
+    way, speed = x[:, None] - y, v[:, None] - w
+    if shear:
+        turns = np.rint(way[..., 1] / box[1])
+        way[..., 0] -= turns * shear * box[1] * t
+        speed[..., 0] -= turns * shear * box[1]
+    for axis, side in enumerate(box or ()):
+        if side:
+            way[..., axis] -= side * np.rint(way[..., axis] / side)
+    r = np.sqrt((way**2).sum(axis=2))
     if others is None:
-        i, j = np.triu_indices(len(points), 1)
-        scene.add(effect, points[i], points[j])
-    else:
-        i, j = (x.ravel() for x in np.meshgrid(np.arange(len(points)), np.arange(len(others)), indexing="ij"))
-        scene.add(effect, points[i], others[j])
+        np.fill_diagonal(r, np.inf)
+    rate, d = (way * speed).sum(axis=2) / r, np.maximum(reach - r, 0)
+    push = 50.0 * d**1.5 * np.maximum(0, 1 - damping * rate)
+    stored = 2 / 5 * 50.0 * (d**2.5).sum()
+    return ((push / r)[..., None] * way).sum(axis=1), stored / 2 if others is None else stored
 
 
 def cloud(dimension, n=60, side=4.0, seed=1):
@@ -56,18 +72,17 @@ def test_near_pairs_have_the_forces_of_all_pairs(case):
     """They have the same terms in another order."""
     dimension, box = BOXES[case]
     x, v = cloud(dimension)
-    x, v = (x[:, 0], v[:, 0]) if dimension == 1 else (x, v)
-    found = []
-    for adds_all in (False, True):
-        scene = Scene(dimension, box=box)
-        points = scene.mass(1.3, x, v)
-        of_all_pairs(scene, contact(), points) if adds_all else scene.add(contact(), points)
-        problem = scene.problem((0, 1), work=True)
-        found.append((acceleration(problem), problem.energy(0.0, problem.u0, problem.v0, problem.params.copy())))
-    (near, energy), (expected, expected_energy) = found
-    np.testing.assert_allclose(near, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-    assert np.abs(expected).max() > 10
-    assert energy == pytest.approx(expected_energy, rel=1e-13)
+    damping = 0.0 if case == "2d" else 0.1
+    scene = Scene(dimension, box=box)
+    points = scene.mass(1.3, *((x[:, 0], v[:, 0]) if dimension == 1 else (x, v)))
+    scene.add(contact(damping=damping), points)
+    problem = scene.problem((0, 1))
+    force, stored = by_numpy(x, v, damping=damping, box=box)
+    assert np.abs(force).max() > 13
+    np.testing.assert_allclose(acceleration(problem), force.T.ravel() / 1.3, rtol=0, atol=1e-12 * np.abs(force).max())
+    if not damping:
+        energy = problem.energy(0.0, problem.u0, problem.v0, problem.params.copy())
+        assert energy == pytest.approx(stored + 1.3 / 2 * (v**2).sum(), rel=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["one size", "own sizes", "elastic", "two groups", "sheared"])
@@ -77,31 +92,23 @@ def test_points_with_many_mates_have_the_forces_of_all_pairs(kind):
     x = np.concatenate([rng.uniform(0, 7, (100, 3)), 3 + 0.2 * rng.normal(size=(220, 3))])
     v = rng.normal(size=x.shape)
     sizes, places = np.linspace(1.5, 2.5, len(x)), rng.uniform(0, 7, (90, 3))
-    found = []
-    for adds_all in (False, True):
-        scene = Scene(3, box=(7.0, 7.0, None), shear=0.3 * (kind == "sheared"))
-        points = scene.mass(1.3, x, v)
-        effect = contact(reach=sizes if kind == "own sizes" else 2.0, damping=0.0 if kind == "elastic" else 0.1)
-        if kind == "two groups":
-            walls = scene.fixed(places)
-            of_all_pairs(scene, effect, points, walls) if adds_all else scene.add(effect, points, near=walls)
-        elif adds_all:
-            i, j = np.triu_indices(len(x), 1)
-            reach = (sizes[i] + sizes[j]) / 2 if kind == "own sizes" else 2.0
-            scene.add(contact(reach=reach, damping=effect.damping), points[i], points[j])
-        else:
-            scene.add(effect, points)
-        problem = scene.problem((0, 1), work=True)
-        assert adds_all or "for point in range" in inspect.getsource(problem.rhs.py_func)
-        u, v0 = problem.u0, problem.v0
-        v0 = v0 if kind == "elastic" else np.append(v0, 0.0)  # the power is that of the damping
-        a = np.full(v0.size, np.nan)
-        params = problem.params.copy()
-        problem.rhs(0.2, np.append(u, np.zeros(v0.size - u.size)), v0, params, a)
-        found.append((a, problem.energy(0.2, u, problem.v0, params)))
-    (near, energy), (expected, expected_energy) = found
-    np.testing.assert_allclose(near, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-    assert energy == pytest.approx(expected_energy, rel=1e-12)
+    box, shear, damping = (7.0, 7.0, None), 0.3 * (kind == "sheared"), 0.0 if kind == "elastic" else 0.1
+    scene, reach = Scene(3, box=box, shear=shear), sizes if kind == "own sizes" else 2.0
+    groups = {"near": scene.fixed(places)} if kind == "two groups" else {}
+    scene.add(contact(reach=reach, damping=damping), scene.mass(1.3, x, v), **groups)
+    problem = scene.problem((0, 1), work=True)
+    assert "for point in range" in inspect.getsource(problem.rhs.py_func)
+    others, reach = places if groups else None, (sizes[:, None] + sizes) / 2 if kind == "own sizes" else 2.0
+    force, stored = by_numpy(x, v, others, reach=reach, damping=damping, box=box, shear=shear, t=0.2)
+    expected, u, v0, params = force.T.ravel() / 1.3, problem.u0, problem.v0, problem.params.copy()
+    if damping:
+        expected, u, v0 = np.append(expected, (force * v).sum()), np.append(u, 0.0), np.append(v0, 0.0)
+    else:
+        energy = problem.energy(0.2, u, v0, params)
+        assert energy == pytest.approx(stored + 1.3 / 2 * (v**2).sum(), rel=1e-12)
+    a = np.full(u.size, np.nan)
+    problem.rhs(0.2, u, v0, params, a)
+    np.testing.assert_allclose(a, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 @eig3.jit
@@ -170,7 +177,7 @@ def test_a_list_misses_no_pair(seed, dimension, spread, far, is_periodic):
     """Also after jumps, with a point that is far away, and in boxes of few or many cells."""
     rng = np.random.default_rng(seed)
     n, reach = 40, 0.4
-    box = rng.uniform(0.9, 4.0, dimension) if is_periodic else None
+    box = rng.uniform(0.9, 4.0, dimension).tolist() if is_periodic else None
     x = rng.uniform(-spread, spread, (n, dimension))
     x[0] += far
     scene = Scene(dimension, box=box)
@@ -179,12 +186,8 @@ def test_a_list_misses_no_pair(seed, dimension, spread, far, is_periodic):
     params = problem.params.copy()
     for size in (0.01, 0.1, 10.0):
         u = problem.u0 + rng.normal(size=problem.u0.size) * size
-        way = u.reshape(dimension, n)[:, :, None] - u.reshape(dimension, n)[:, None, :]
-        if is_periodic:
-            way -= box[:, None, None] * np.rint(way / box[:, None, None])
-        r = np.sqrt((way**2).sum(axis=0)) + 10 * np.eye(n)
-        push = 50.0 * np.maximum(reach - r, 0) ** 1.5 / r
-        expected = (push * way).sum(axis=2).ravel()
+        x = u.reshape(dimension, n).T
+        expected = by_numpy(x, 0 * x, reach=reach, damping=0.0, box=box)[0].T.ravel()
         atol = 1e-13 * (10 + spread + far) * (1 + np.abs(expected).max())  # the round-off of the coordinates
         np.testing.assert_allclose(acceleration(problem, u, params=params), expected, rtol=0, atol=atol)
 
@@ -275,33 +278,28 @@ def test_two_groups_touch_each_other_only():
     """Masses of a group fly through each other, and bounce from fixed points and masses of the other group."""
     x, v = cloud(2, 30)
     walls = np.random.default_rng(4).uniform(0, 4, (20, 2))
+    expected = by_numpy(x, v, walls)[0] / 1.3
+    assert np.abs(expected).max() > 10
     for is_fixed in (True, False):
-        found = []
-        for adds_all in (False, True):
-            scene = Scene(2)
-            points = scene.mass(1.3, x, v)
-            others = scene.fixed(walls) if is_fixed else scene.mass(2.0, walls)
-            if adds_all:
-                of_all_pairs(scene, contact(), points, others)
-            else:
-                scene.add(contact(), points, near=others)
-            found.append(acceleration(scene.problem((0, 1))))
-        np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-12 * np.abs(found[1]).max())
-        assert np.abs(found[1]).max() > 10
+        scene = Scene(2)
+        points = scene.mass(1.3, x, v)
+        others = scene.fixed(walls) if is_fixed else scene.mass(2.0, walls)
+        scene.add(contact(), points, near=others)
+        a = acceleration(scene.problem((0, 1)))
+        np.testing.assert_allclose(points.of(a), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+        if not is_fixed:
+            np.testing.assert_allclose(2.0 * others.of(a).sum(axis=0), -1.3 * expected.sum(axis=0), rtol=1e-12)
 
 
 def test_points_may_have_sizes_of_their_own():
     x, v = cloud(2, 50)
     radii = RNG.uniform(0.05, 0.4, 50)
-    i, j = np.triu_indices(50, 1)
-    near, every = Scene(2), Scene(2)
-    near.add(contact(reach=2 * radii), near.mass(1.3, x, v))
-    points = every.mass(1.3, x, v)
-    every.add(contact(reach=radii[i] + radii[j]), points[i], points[j])
-    expected = acceleration(every.problem((0, 1)))
-    np.testing.assert_allclose(
-        acceleration(near.problem((0, 1))), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
-    )
+    scene = Scene(2)
+    points = scene.mass(1.3, x, v)
+    scene.add(contact(reach=2 * radii), points)
+    expected = by_numpy(x, v, reach=radii[:, None] + radii)[0] / 1.3
+    found = points.of(acceleration(scene.problem((0, 1))))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_joined_points_may_be_left_out():

@@ -114,7 +114,8 @@ def follow(t_end, **options):
 def test_order_12_on_an_orbit(inline):
     def error(n_steps):
         h = PERIOD / n_steps
-        run = ORBIT.with_(t_span=(0, PERIOD)).integrate(h=h, method="rkn12", save_every=None, inline=inline)
+        orbit = ORBIT.with_(t_span=(0, PERIOD))
+        run = orbit.integrate(h=h, method="rkn12", save_every=None, invariants={}, inline=inline)
         return np.abs(run.u[-1] - ORBIT.u0).max()
 
     # The next terms change the error by (omega h)^2, a sixth at the perihelion; with more steps there is round-off.
@@ -152,7 +153,7 @@ def test_errors_at_and_between_the_steps_are_within_the_tolerance(rtol):
 
 
 def test_errors_on_an_orbit():
-    run = ORBIT.with_(t_span=(0, 3 * PERIOD)).integrate(rtol=1e-9, save_every=None)
+    run = ORBIT.with_(t_span=(0, 3 * PERIOD)).integrate(rtol=1e-9, save_every=None, invariants={})
     assert run.method == eig3.RKN12()
     assert np.abs(run.u[-1] - ORBIT.u0).max() < 1e-7  # the error of the phase grows as the square of the time
 

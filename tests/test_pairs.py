@@ -12,7 +12,7 @@ from .conftest import oscillator, position, velocity
 P = np.array([3.0, 0.05])
 SPAN = 0.0, 2.0
 WANTED = np.linspace(0.0, 2.0, 9)
-STEPS = {"h": {"h": 2.0**-7, "method": "rk4"}, "rtol": {"rtol": 1e-6}}
+STEPS = {"h": {"h": 2.0**-7, "method": "rk4"}, "rtol": {"rtol": 1e-6, "method": "rk5"}}
 
 
 @eig3.jit

@@ -292,7 +292,7 @@ def pulse_on_the_second(t, u, v, p, a):
 
 @pytest.mark.parametrize(
     ("method", "options"),
-    [(method, options) for method in METHODS for options in ({}, {"atol": 1e-9})] + [("rk8", {"inline": True})],
+    [(method, options) for method in METHODS for options in ({}, {"atol": 1e-9})] + [("rk5", {"inline": True})],
     ids=str,
 )
 def test_a_load_after_a_long_silence(method, options):
