@@ -129,7 +129,8 @@ class Solution:
     def _of(cls, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:
         """Return a solution with some fields, and functions that find others when they are read; the rest is empty."""
         solution = object.__new__(cls)
-        solution.__dict__ = {**fields, "_later": later}
+        fields["_later"] = later
+        solution.__dict__ = fields
         return solution
 
     def __getattr__(self, name: str) -> Any:

@@ -93,17 +93,38 @@ class FixedRun(Run):
         with going_on():
             times = check_times(state["times"], state["t0"], t_end)
             stepper = Stepper.of(system, state["t0"], state["h"], u0, v0, guarded(state["params"]), times)
-            stepper.restore(state["stepper"])
+            stepper.load(state["stepper"])
             if stepper.look:
                 stepper.look.watching.recall(solution.events)
-            growth = Growth(stepper, n_steps)
-            growth.restore(state["growth"], stepper)
             t, u, v = whole_rows(solution, stepper.n)
             count = stepper.n_wanted if times is not None else stepper.index // stride(state["save_every"], n_steps) + 1
             if len(t) < count:
                 raise ValueError(f"{len(t)} states are too few.")
-        run = cls(stepper, _EMPTY, n_steps, t_end, growth, state["save_every"], times)
-        run.saved, run.saved_outputs = {"t": t, "u": u, "v": v}, solution.outputs
+            rows = {"t": t, "u": u, "v": v}
+            growth = state["growth"]
+            return cls.ended(stepper, n_steps, t_end, state["save_every"], times, rows, solution.outputs, growth)
+
+    @classmethod
+    def ended(
+        cls,
+        stepper: Stepper,
+        n_steps: int,
+        t_end: float,
+        save_every: int | None,
+        times: np.ndarray | None,
+        rows: dict[str, np.ndarray],
+        outputs: dict[str, np.ndarray],
+        kept: Mapping[str, Any] | None = None,
+    ) -> FixedRun:
+        """Return a run that a stepper has taken to its end, with its rows; `kept` is what `Growth.kept` returned."""
+        growth = Growth(stepper, n_steps)
+        if kept is None:
+            growth.see(stepper, 0)
+        else:
+            growth.restore(kept, stepper)
+        run = cls(stepper, _EMPTY, n_steps, t_end, growth, save_every, times)
+        run.saved, run.saved_outputs = rows, outputs
+        run._judge_event()
         return run
 
     def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> FixedRun:

@@ -64,7 +64,7 @@ class Growth:
         self._is_overflowing = bool(kept["is_overflowing"])
         if kept["strange"] is not None:
             self._strange = stepper.fork()
-            self._strange.restore(kept["strange"])
+            self._strange.load(kept["strange"])
 
     @property
     def needs_half(self) -> bool:

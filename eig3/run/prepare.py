@@ -150,16 +150,15 @@ class Prepared:
 
     def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
-        again, t_end, tolerances = partial(self._begin, span, u, v, p, False, None), span[1], self.options.tolerances
+        tolerances = self.options.tolerances
         try:
             times = None if self._t_eval is None else self._times_in(span)
             if tolerances:
-                (steps, rows), every = self._system.last_sizes.get(tolerances.rtol, (0, 0)), self._every
+                steps, rows = self._system.last_sizes.get(tolerances.rtol, (0, 0))
                 stepper: Any = self._variable_stepper(span, u, v, p, times)
             else:
                 stepper, steps = self._fixed_stepper(span, u, v, p, times)
-                every = min(self._every, steps)
-                rows = steps // every + 2
+                rows = steps // min(self._every, steps) + 2
             pace = self._system.pace.get(stepper.kernel.pace_key)
             if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
                 return None
@@ -167,10 +166,10 @@ class Prepared:
                 seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
                 steps = int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE))
             if times is not None:
-                return short.at_times(stepper, steps, t_end, times, again)
+                return short.at_times(stepper, steps, span[1], times)
             if tolerances:
-                return short.variable(stepper, steps, every, rows, again)
-            return short.fixed(stepper, steps, t_end, every, again)
+                return short.variable(stepper, steps, self._every, rows)
+            return short.fixed(stepper, steps, span[1], self.options.save_every)
         except KeyboardInterrupt as error:
             error.solution = None  # type: ignore[attr-defined]
             raise

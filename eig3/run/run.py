@@ -468,25 +468,24 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
 
     It has these fields, and those that each kind of run has; `later` finds fields when they are read.
     """
+    system, tally = stepper.system, stepper.tally
     common = {
         "n_steps": stepper.index,
-        "n_rhs": 1 + int(stepper.tally[EVALUATIONS]),
-        "n_iterations": int(stepper.tally[ITERATIONS]),
+        "n_rhs": 1 + int(tally[EVALUATIONS]),
+        "n_iterations": int(tally[ITERATIONS]),
         "status": Status.COMPLETED,
         "message": COMPLETED,
         "reason": None,
         "kernel_seconds": stepper.seconds,
-        "method": stepper.system.method,
-        "labels": stepper.system.labels,
-        "_accelerations": None
-        if stepper.system.history
-        else partial(accelerations, stepper.system.callback, stepper.params),
+        "method": system.method,
+        "labels": system.labels,
+        "_accelerations": None if system.history else partial(accelerations, system.callback, stepper.params),
     }
     if stepper.look:
         later = later | stepper.look.found()
     solution = Solution._of(common | fields, later)
-    if stepper.system.integrals:
-        solution._separate(stepper.system.integrals)
+    if system.integrals:
+        solution._separate(system.integrals)
     return solution
 
 

@@ -71,17 +71,35 @@ class VariableRun(Run):
             stepper = VariableStepper(system, span, u0, v0, guarded(state["params"]), tolerances, times)
             if reals(tolerances.atol, "atol").shape != (2, stepper.n):
                 raise ValueError("atol has another shape.")
-            stepper.restore(state["stepper"])
+            stepper.load(state["stepper"])
             if stepper.look:
                 stepper.look.watching.recall(solution.events, state["events"])
             t, u, v = whole_rows(solution, stepper.n)
-            mark = _Mark(stepper, check_count(state["rows"], "rows") if times is None else stepper.n_wanted)
-            if mark.rows > len(t):
+            count = check_count(state["rows"], "rows") if times is None else stepper.n_wanted
+            if count > len(t):
                 raise ValueError(f"{len(t)} states are too few.")
-        run = cls(stepper, _history(stepper, times, None), check_count(state["every"], "save_every"), times)
-        run._mark = mark
-        run.saved = {"t": t, "steps": np.asarray(solution.steps), "u": u, "v": v}
-        run.saved_outputs = solution.outputs
+        every, rows = check_count(state["every"], "save_every"), {"t": t, "steps": np.asarray(solution.steps)}
+        return cls.ended(stepper, every, times, rows | {"u": u, "v": v}, solution.outputs, (stepper.kept(), count))
+
+    @classmethod
+    def ended(
+        cls,
+        stepper: VariableStepper,
+        every: int,
+        times: np.ndarray | None,
+        rows: dict[str, np.ndarray],
+        outputs: dict[str, np.ndarray],
+        mark: tuple[dict[str, Any], int],
+    ) -> VariableRun:
+        """Return a run that a stepper has taken to its end, with its rows.
+
+        `mark` is what `March.kept` has returned where a longer run goes on, and the number of rows up to there.
+        """
+        run = cls(stepper, _history(stepper, times, None), every, times)
+        run.saved, run.saved_outputs = rows, outputs
+        run._mark = _Mark(stepper.fork(), mark[1])
+        run._mark.stepper.restore(mark[0])
+        run._judge_event()
         return run
 
     def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> VariableRun:

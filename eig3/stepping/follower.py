@@ -189,12 +189,12 @@ class Follower:
             other.look_within(self._formulas, self._rtol)
         return other
 
-    def restore(self, numbers: Any) -> None:
-        """Become the follower with these numbers, which come from a file."""
+    def checked(self, numbers: Any) -> np.ndarray:
+        """Return numbers that come from a file, if they can be those of this follower."""
         numbers = reals(numbers, "the numbers of quantities")
         if numbers.shape != self.numbers.shape:
             raise ValueError("the numbers of the invariants and outputs have another shape.")
-        self.numbers[:] = numbers
+        return numbers
 
     def values(self, k: int) -> np.ndarray:
         """The values of a quantity in the latest state, shape (width,)."""

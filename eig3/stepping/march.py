@@ -63,19 +63,6 @@ class Rows(NamedTuple):
     v: np.ndarray
 
 
-class Position(NamedTuple):
-    """A state to which a march can go back."""
-
-    running: Method
-    n_steps: int
-    changed_at: float | None
-    state: np.ndarray
-    tally: np.ndarray
-    numbers: np.ndarray | None  # of the quantities that are followed
-    n_found: int  # of the occurrences of events
-    params: np.ndarray | None  # of a right-hand side with a history
-
-
 class March:
     """A state that advances in compiled code.
 
@@ -116,6 +103,7 @@ class March:
     running: Method
     state: np.ndarray
     h: float
+    _carried: int  # the number of rows of the state that are not scratch
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
         """Stand at the start, and return the acceleration there; `params` must come from `guarded`."""
@@ -242,7 +230,7 @@ class March:
         -----
         After an exception of a function, the march is at its state before the call.
         """
-        self._before = self.position()
+        self._before = self.kept()
         end, kernel = self.index + count, self.kernel
         self.ended, self.raised_before = GOING, None
         if self.system.shares is None:
@@ -270,7 +258,7 @@ class March:
                     raise not_a_number(self, float(self.tally[TIME]))
             except BaseException:
                 self.raised_before = self.index + steps
-                self.go_back(self._before)
+                self.restore(self._before)
                 raise
             self.seconds += slices.end(taken, *begun)
             self.index += taken
@@ -298,28 +286,6 @@ class March:
         """Change to another kernel, if there is one with which the run can go on."""
         return False
 
-    def position(self) -> Position:
-        """Return the present state, for `go_back`."""
-        look = self.look
-        numbers, found = (look.follower.numbers.copy(), look.watching.n_found) if look else (None, 0)
-        remembered = self.params.copy() if self.system.history else None
-        values = self.state.copy(), self.tally.copy(), numbers, found, remembered
-        return Position(self.running, self.index, self.changed_at, *values)
-
-    def go_back(self, position: Position) -> None:
-        """Stand at an earlier state."""
-        if position.running is not self.running:
-            self._use(self._compiled(position.running))
-        self.index, self.changed_at, self.ended = position.n_steps, position.changed_at, GOING
-        if position.state.shape != self.state.shape:
-            self.state = aligned(position.state.shape)
-        self.state[...], self.tally[...] = position.state, position.tally
-        if self.look and position.numbers is not None:
-            self.look.follower.numbers[...] = position.numbers
-            self.look.watching.forget_from(position.n_found)
-        if position.params is not None:
-            self.params[...] = position.params
-
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
         """A block that only one thread can be in."""
@@ -333,7 +299,7 @@ class March:
     def back(self) -> None:
         """Go back to the state before the last call that took steps. `seconds` still includes its time."""
         with DeferredInterrupt(), self._alone():
-            self.go_back(self._before)
+            self.restore(self._before)
 
     def fork(self) -> Any:
         """Return an independent march at the same state, as `copy.copy` does too. It saves nothing at wanted times."""
@@ -356,53 +322,63 @@ class March:
     def before(self) -> Any:
         """Return an independent march at the state before the last call that took steps."""
         other = self.fork()
-        other.go_back(self._before)
+        other.restore(self._before)
         return other
 
     def kept(self) -> dict[str, Any]:
-        """Return what this march needs, besides its arguments, to go on: numbers and arrays."""
-        numbers = self.look.follower.numbers.copy() if self.look else None
+        """Return what this march needs, besides its arguments, to go on from here: numbers and arrays."""
+        look, remembers = self.look, self.system.history
         return {
             "index": self.index,
             "changed_at": self.changed_at,
             "seconds": self.seconds,
             "state": self.state[: self._carried].copy(),
             "tally": self.tally.copy(),
-            "numbers": numbers,
-            "remembered": self.params.copy() if self.system.history else None,
+            "numbers": look.follower.numbers.copy() if look else None,
+            "n_found": look.watching.n_found if look else 0,
+            "remembered": self.params.copy() if remembers else None,
         }
 
-    @property
-    def _carried(self) -> int:
-        """The number of rows of the state that are not scratch."""
-        return len(self.state)
-
     def restore(self, kept: Mapping[str, Any]) -> None:
-        """Become the march that has returned `kept`; it has the same arguments.
+        """Stand where this march, or one with the same arguments, has returned `kept`; `seconds` stays."""
+        changed_at = kept["changed_at"]
+        if (changed_at is None) != (self.changed_at is None):
+            self._use(self._compiled(self.method if changed_at is None else self._fallback()))
+        self.index, self.changed_at, self.ended = kept["index"], changed_at, GOING
+        self.state[: self._carried], self.tally[...] = kept["state"], kept["tally"]
+        if self.look:
+            self.look.follower.numbers[...] = kept["numbers"]
+            self.look.watching.forget_from(kept["n_found"])
+        if kept["remembered"] is not None:
+            self.params[...] = kept["remembered"]
+
+    def load(self, kept: Mapping[str, Any]) -> None:
+        """Do the same with what comes from a file.
 
         Raises
         ------
         ValueError
             If `kept` is that of another march.
         """
-        self._restore_method(kept["changed_at"])
-        if kept["remembered"] is not None:
-            self.params[...] = kept["remembered"]
+        changed_at = None if kept["changed_at"] is None else float(kept["changed_at"])
         state, tally = (reals(kept[name], name) for name in ("state", "tally"))
-        carried = self.state[: self._carried]
-        if state.shape != carried.shape or tally.shape != self.tally.shape:
+        if state.shape != (self._carried, self.n) or tally.shape != self.tally.shape:
             raise ValueError(f"a state of the shape {state.shape} does not belong to {self.method!r}.")
         counts = tally[[EVALUATIONS, TIME, NEXT]]
         if not (np.isfinite(counts).all() and tally[EVALUATIONS] >= 0 and tally[NEXT] >= 0):
             raise ValueError(f"{counts} are not the counts and the time of a run.")
-        carried[...], self.tally[...] = state, tally
+        tally[[LOGGED, ENDED_BY, WITHIN]] = 0  # places in arrays of another process
+        checked = {"index": check_index(kept["index"]), "changed_at": changed_at, "state": state, "tally": tally}
         if self.look:
-            self.look.watching.restore(self.tally)
-            self.look.follower.restore(kept["numbers"])
-        self.index, self.seconds = check_index(kept["index"]), float(kept["seconds"])
+            checked["numbers"] = self.look.follower.checked(kept["numbers"])
+        self.restore({**kept, **checked, "n_found": 0})
+        self.seconds = float(kept["seconds"])
 
-    def _restore_method(self, changed_at: Any) -> None:
-        self.changed_at = None if changed_at is None else float(changed_at)
+    def _fallback(self) -> Method:
+        fallback = self.method.fallback(self.n)
+        if fallback is None:
+            raise ValueError(f"{self.method!r} has no other solver.")
+        return fallback
 
     @property
     def accelerations(self) -> Any:

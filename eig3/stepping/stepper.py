@@ -139,7 +139,7 @@ class Stepper(March):
         return system.kernels[key]
 
     def _use(self, kernel: Kernel) -> None:
-        self.kernel, self.running = kernel, kernel.running
+        self.kernel, self.running, self._carried = kernel, kernel.running, 2 + kernel.formulas.past
         self.state = aligned((kernel.rows, self.n))
 
     def _new_slices(self) -> Slices:
@@ -258,10 +258,6 @@ class Stepper(March):
         u_rows, v_rows = rows.u.reshape(-1, self.n), rows.v.reshape(-1, self.n)
         return Steps(self.h, self.t0, self.params, self.index, count, every, row, u_rows, v_rows)
 
-    @property
-    def _carried(self) -> int:
-        return 2 + self.kernel.formulas.past
-
     def _goes_on_after(self, ended: int) -> bool:
         """Change to the method's fallback from here on; return whether there is one.
 
@@ -275,14 +271,6 @@ class Stepper(March):
         self.state[:carried] = state[:carried]
         self.changed_at = self.t
         return True
-
-    def _restore_method(self, changed_at: Any) -> None:
-        if changed_at is not None:
-            fallback = self.method.fallback(self.n)
-            if fallback is None:
-                raise ValueError(f"{self.method!r} has no other solver.")
-            self._use(self._compiled(fallback))
-        super()._restore_method(changed_at)
 
     def _check_rows(self, rows: np.ndarray | None, count: int) -> np.ndarray:
         shape = () if self.form is SCALAR else (self.n,)

@@ -90,7 +90,7 @@ class VariableStepper(March):
         return system.kernels[n]
 
     def _use(self, kernel: Kernel) -> None:
-        self.kernel, self.running = kernel, kernel.running
+        self.kernel, self.running, self._carried = kernel, kernel.running, kernel.rows
         self.state = aligned((kernel.rows, self.n))
 
     @property

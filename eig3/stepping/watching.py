@@ -15,7 +15,7 @@ from ..functions.checks import reals
 from ..functions.events import Event, Occurrences
 from ..functions.guard import beyond, guarded
 from ..kernels.loops.zeros import NEAR
-from ..kernels.protocol import ENDED_BY, EVENT_VALUES, EVENTS, LOGGED, NEXT, NOT_FINITE, SCALAR, WITHIN, Watch
+from ..kernels.protocol import EVENT_VALUES, EVENTS, LOGGED, NEXT, NOT_FINITE, SCALAR, Watch
 from .system import System
 
 _LOG_ROWS = 32  # occurrences of each event in the log, at least
@@ -144,10 +144,6 @@ class Watching:
                 u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]
         self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, h
         tally[NEXT] = max(last, int(tally[NEXT]))
-
-    def restore(self, tally: np.ndarray) -> None:
-        """Go on from a tally that a file has kept: between two steps, and with nothing in the log."""
-        tally[LOGGED] = tally[ENDED_BY] = tally[WITHIN] = 0  # places in arrays of this process
 
     def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
         """Take the first occurrences of each event, or all, as those that were found so far.
