@@ -19,7 +19,8 @@ from ..functions.guard import CELLS
 from ..kernels.loops.evaluation import guarded_kernel
 from ..kernels.protocol import AT_END, BEFORE_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TERMINAL, TIME, Steps
 from ..result.solution import Solution
-from ..stepping.march import NEVER, Rows
+from ..stepping.march import Rows
+from ..stepping.options import NEVER
 from ..stepping.stepper import Stepper
 from ..stepping.variable_stepper import VariableStepper
 from .fixed_run import FixedRun, grid, stride
