@@ -137,7 +137,8 @@ def test_the_step_is_the_smaller_one_of_gustafssons_two_controllers(order):
     for now, before, ratio in ((0.2, 0.2, 1.0), (0.9, 0.1, 1.0), (0.1, 0.8, 1.0), (0.3, 0.4, 0.7), (0.5, 0.3, 1.2)):
         steady = 0.9 * now ** (-0.7 / order) * before ** (0.4 / order)
         trend = 0.9 * ratio * (before / now**2) ** (1 / order)
-        found = controller.growth.py_func(math.log2(now), math.log2(before), math.log2(ratio), order)
+        logarithms = math.log2(now), math.log2(before)
+        found = controller.next_step.py_func(ratio, 1.0, *logarithms, False, math.inf, order) / ratio
         assert found == pytest.approx(min(steady, trend) if order > 3 else steady, rel=0.01)
     x = np.geomspace(0.01, 100.0, 41)
     np.testing.assert_allclose([controller.log2.py_func(each) for each in x], np.log2(x), atol=0.01)
