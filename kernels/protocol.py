@@ -489,5 +489,5 @@ def _array(context: Any, builder: Any, data: Any, n: Any) -> Any:
 #: ``look_at(address)`` returns the `Look` at an address, and also the beginning of a `LookWithin`.
 look_at, look_within_at = record_at(LOOK), record_at(LOOK_WITHIN)
 
-#: ``span_at(address)`` returns the `Span` at an address.
-span_at = record_at(SPAN)
+#: ``steps_at(address)`` and ``span_at(address)`` return the `Steps` and the `Span` at an address.
+steps_at, span_at = record_at(STEPS), record_at(SPAN)

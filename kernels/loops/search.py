@@ -11,16 +11,19 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from numba.types import float64, int64
+from numba.types import UniTuple, int64
 
 from ..compile.jit import bound, element, linked, outlined
 from ..protocol import (
+    ANEW,
     EVALUATIONS,
     FULL,
     GAP,
     LOGGED,
     NEXT,
     NOT_A_NUMBER,
+    PART,
+    PARTS,
     PASSED,
     RESET,
     RESTING,
@@ -29,13 +32,44 @@ from ..protocol import (
     Form,
     look_at,
     rows,
+    steps_at,
     vector_type,
 )
 from .dense import quintic
-from .formulas import Formulas, variable_formulas
-from .march import copy_two
+from .follow import functions, save, widen_all
+from .formulas import Formulas, nothing, variable_formulas
+from .march import copy_two, write
 from .pair import A_END, U_END, V_END, A, U, V
 from .zeros import LATER, searching
+
+
+def search_step(address, place, of_steps, tally, i, row, n):
+    """Search the step to step index i, and return its outcome and the next row to write.
+
+    If the outcome is not PASSED, u and v in rows of `watch.work` are changed to the state at the end, and a to the
+    acceleration there. If the run goes on, the quantities are followed in this state, and it is written if it is due.
+    """
+    look, steps = look_at(place), steps_at(of_steps)
+    follow, p, t = look.follow, steps.p, steps.t0 + i * steps.h
+    y = rows(look.watch.work[WORK:], PAIR_ROWS)
+    a, u, v = y[A], y[U_END], y[V_END]
+    outcome = SEARCH(address, place, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, n, p)
+    if outcome != PASSED:
+        t = tally[TIME] if outcome > RESET else t
+        PROJECT(follow, t, u, v, p)
+        RHS(address)(t, u, v, p, a)
+        tally[EVALUATIONS] += 1
+        tally[ANEW] = i
+    if outcome <= RESTING:
+        EVALUATE(follow, t, u, v, p)
+        ADVANCE_HISTORY(follow, t, u, v, p)
+    if outcome <= RESET:
+        widen_all(follow, int(tally[PART]) % PARTS, t, v)
+        if i % steps.every == 0:
+            write(u, v, n, steps, row)
+            save(follow, row)
+            row += 1
+    return outcome, row
 
 
 def search(address, place, tally, t0, t, t_grid, n, p):
@@ -108,17 +142,12 @@ def extension_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
     copy_two(y[U_END], y[V_END], u_there, v_there, n)
 
 
-def start_anew(f, t, y, h, p, n, a):
+def start_anew(y, h, n, a):
     """Write the past values of a method that starts at the state in its rows."""
-    f(t, y[0], y[1], p, a)
     for j in range(n):
         past = START(y[0][j], y[1][j], a[j], h)
         for k in range(PAST):
             y[2 + k][j] = past[k]
-
-
-def start_without_past(f, t, y, h, p, n, a):
-    pass
 
 
 def work_rows(method: Formulas, order: int) -> int:
@@ -143,16 +172,19 @@ def search_names(method: Formulas, order: int, form: Form) -> dict[str, Any]:
         "SEARCH": _search(name, form),
         "WORK": pair.work_rows,
         "PAIR_ROWS": pair.rows,
-        "START_ANEW": element(bound(start_anew, start) if method.past else start_without_past),
+        "START_ANEW": element(bound(start_anew, start)) if method.past else nothing,
     }
 
 
 @functools.cache
 def _search(pair: str, form: Form) -> Any:
     """Return the search for a right-hand side at an address. The kernels of all methods of one pair share it."""
-    arguments = int64, int64, vector_type, float64, float64, float64, int64, vector_type
+    seen = functions(form)
     names = {**_names(variable_formulas(pair), form), "RHS": form.at("rhs")}
-    return linked(search, names, int64(*arguments), f"{pair}_{form.name}")
+    names |= {"SEARCH": outlined(bound(search, names)), "EVALUATE": seen.evaluate}
+    names |= {"ADVANCE_HISTORY": seen.advance, "PROJECT": seen.project}
+    signature = UniTuple(int64, 2)(int64, int64, int64, vector_type, int64, int64, int64)
+    return linked(search_step, names, signature, f"{pair}_{form.name}")
 
 
 def _names(pair: Any, form: Form) -> dict[str, Any]:
