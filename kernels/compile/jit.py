@@ -63,6 +63,11 @@ def outlined(function: Callable) -> Any:
     return linked_jit(function, forceinline=False, **KERNEL_OPTIONS)
 
 
+def called(function: Any) -> Any:
+    """Return a function that calls an element and is not inlined. The element is compiled once for both uses."""
+    return outlined(lambda *arguments: function(*arguments))
+
+
 def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
     """Compile a jitted function for types of arguments, or load it from the disk, and return Numba's compile result.
 

@@ -70,7 +70,7 @@ def fixed(callbacks, state, settings, tally, steps, look):
     If STACKED is 1, the rows are on the stack. If IS_CHECKED is 1, scratch begins as NaN: a method that hands more
     values to the next step than it declares is seen.
     """
-    n = N if N > 0 else state.shape[1]
+    n = int64(N) if N > 0 else state.shape[1]  # not a constant: functions are compiled for each type
     f = RHS(callbacks)
     c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], SECOND(callbacks)))
     kept = ROWS_OF(state, OWN_ROWS)

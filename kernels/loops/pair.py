@@ -19,7 +19,7 @@ from fractions import Fraction
 from math import comb
 from typing import Any, ClassVar, SupportsFloat
 
-from ..compile.jit import bound, element, outlined
+from ..compile.jit import bound, called, element
 from ..compile.source import Writer, after_sum, define
 from .dense import QUINTIC_TERMS, quintic
 from .tableau import Row, Tableau, product
@@ -127,7 +127,7 @@ class Steps:
             self._dense(out)
         defined = define(str(out), "pair", {**_NAMES, "quintic": quintic})
         inlined = {name: element(defined[name]) for name in ("trial", "square", "advance", "dense")}
-        return {**inlined, "dense_called": outlined(defined["dense"])}
+        return {**inlined, "dense_called": called(inlined["dense"])}
 
     @functools.cache  # noqa: B019  they live as long as their module
     def of_lanes(self, n: int, lanes: int) -> dict[str, Any]:

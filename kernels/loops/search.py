@@ -13,7 +13,7 @@ from typing import Any
 
 from numba.types import UniTuple, int64
 
-from ..compile.jit import bound, element, linked, outlined
+from ..compile.jit import bound, called, element, linked, outlined
 from ..protocol import (
     ANEW,
     EVALUATIONS,
@@ -195,7 +195,7 @@ def _names(pair: Any, form: Form) -> dict[str, Any]:
         "PAIR_ROWS": pair.rows,
         "PAIR_COST": 1 + pair.evaluations + pair.dense_evaluations,
         "STEP_DENSE_COST": pair.evaluations + pair.dense_evaluations if has_extension else 1,
-        "TRIAL": outlined(theirs["trial"].py_func),
+        "TRIAL": called(theirs["trial"]),
         "DENSE": theirs["dense_called"],
         "LOOK_WITHIN": look_within,
         "WRITE_TIME": write_time,

@@ -71,7 +71,7 @@ _SILENCE = 0.02  # longest step while nothing acts, as a part of the time since 
 
 def variable(callbacks, state, settings, tally, span, look):
     """Take steps, and return their number, the next row to write, and how it ended."""
-    n = N if N > 0 else state.shape[1]
+    n = int64(N) if N > 0 else state.shape[1]  # not a constant: functions are compiled for each type
     f, p = RHS(callbacks), span.p
     kept, of_span = rows(state, ROWS), address_of(span)
     if span.first == 0:
