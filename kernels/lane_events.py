@@ -138,7 +138,7 @@ def look_alone(lane, alone, control, own, of, block, sight, look):
             one[k, d] = s[(k * N + d) * LANES + lane]
     y, f = ROWS_OF(one, ROWS), ALONE_AT(alone)
     t, step, t_end = of.there[lane], of.step[lane], of.time[lane]
-    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
+    (u_there, v_there), coefficients = ROWS_OF(watch.work, 2), watch.work[2:]
     u_end, v_end = y[U_END], y[V_END]
     DENSE(f, t, step, own, N, y, coefficients)
     outcome, part, t_stop, first = PASSED, 1.0, t_end, sight.logged[0]

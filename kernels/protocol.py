@@ -218,6 +218,7 @@ class Work(NamedTuple):
 
 
 vector_type, matrix_type = Array(float64, 1, "C"), Array(float64, 2, "C")
+row_type = Row()
 _given = Array(float64, 1, "C", readonly=True)  # a callback that writes to such an array does not compile
 
 
@@ -406,7 +407,7 @@ def store_at(typingctx, address, index, value):
 @intrinsic(prefer_literal=True)
 def rows(typingctx, state, count):
     """``rows(state, count)`` returns the first `count` rows of a 2-D array as a tuple; `count` is a literal."""
-    kind = types.UniTuple(_row, count.literal_value)
+    kind = types.UniTuple(row_type, count.literal_value)
 
     def codegen(context, builder, signature, args):
         source = parts_of(context, builder, signature.args[0], args[0])
@@ -431,7 +432,7 @@ def part_of_row(typingctx, state, row, first, count):
     return vector_type(state, int64, int64, int64), codegen
 
 
-_cell, _row = Cell(), Row()
+_cell = Cell()
 
 
 @intrinsic(prefer_literal=True)
@@ -464,7 +465,7 @@ def stack_rows(typingctx, n, count):
 
     After LLVM has unrolled the loops over n, it keeps these arrays in registers.
     """
-    kind = types.UniTuple(_row, count.literal_value)
+    kind = types.UniTuple(row_type, count.literal_value)
 
     def codegen(context, builder, signature, args):
         size = context.get_constant(types.intp, n.literal_value)

@@ -15,7 +15,7 @@ from typing import Any
 from numba.types import float64, int64, none
 
 from ..compile.jit import bound, element, linked, outlined
-from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form, look_within_at, vector_type
+from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form, look_within_at, rows, vector_type
 from .dense import evaluate, write_up_to
 from .follow import functions, widen
 
@@ -111,7 +111,7 @@ def sample(place, k, t_end, h, dense, s, n, p, m):
     """Evaluate the quantity k after the fraction s of a step, into the row m of the samples."""
     look = look_within_at(place)
     follow, within = look.follow, look.within
-    u, v = within.state[0], within.state[1]
+    u, v = rows(within.state, 2)
     evaluate(dense, s, n, u, v)
     within.times[m] = t_end - (1 - s) * h
     EVALUATE_ONE(follow, k, within.times[m], u, v, p)

@@ -82,7 +82,7 @@ def search(address, place, tally, t0, t, t_grid, n, p):
     f, watch = RHS(address), look_at(place).watch
     y = rows(watch.work[WORK:], PAIR_ROWS)
     u, v, a, u_end, v_end = y[U], y[V], y[A], y[U_END], y[V_END]
-    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:WORK]
+    (u_there, v_there), coefficients = rows(watch.work, 2), watch.work[2:WORK]
     t_end, reach, result = t_grid, 0.0, PASSED
     if tally[WITHIN] == 0:
         f(t, u, v, p, a)

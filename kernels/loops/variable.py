@@ -86,7 +86,7 @@ def variable(callbacks, state, settings, tally, span, look):
     has_rows = len(span.t_rows) > 0
     if LOOKS > 0:
         place, watch, follow = address_of(look), look.watch, look.follow
-        u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
+        (u_there, v_there), coefficients = rows(watch.work, 2), watch.work[2:]
         has_events, has_times, follows = len(watch.events) > 0, len(watch.times) > 0, len(follow.table) > 0
     share = least_size(span.rtol)
     t, h, was_rejected = tally[TIME], tally[STEP], False
