@@ -134,7 +134,10 @@ def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
         elif found == FOUND:
             if tally[WITHIN] == 0:
                 copy_two(pair[U_END], pair[V_END], y[0], y[1], n)
-            outcome, row = SEARCH(ADDRESS(callbacks), place, of_steps, tally, i, row, n)
+            before, t = steps.t0 + (i - 1) * steps.h, steps.t0 + i * steps.h
+            outcome = SEARCH(ADDRESS(callbacks), place, tally, steps.t0, before, t, n, steps.p)
+            end = pair[U_END], pair[V_END], pair[A]
+            row = GO_ON(ADDRESS(callbacks), place, of_steps, tally, outcome, i, row, *end)
             if outcome != PASSED:
                 copy_two(y[0], y[1], pair[U_END], pair[V_END], n)
                 START_ANEW(y, steps.h, n, pair[A])

@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from numba.types import UniTuple, int64
+from numba.types import float64, int64
 
 from ..compile.jit import bound, called, element, linked, outlined
 from ..protocol import (
@@ -31,6 +31,7 @@ from ..protocol import (
     WITHIN,
     Form,
     look_at,
+    row_type,
     rows,
     steps_at,
     vector_type,
@@ -43,17 +44,14 @@ from .pair import A_END, U_END, V_END, A, U, V
 from .zeros import LATER, searching
 
 
-def search_step(address, place, of_steps, tally, i, row, n):
-    """Search the step to step index i, and return its outcome and the next row to write.
+def go_on(address, place, of_steps, tally, outcome, i, row, u, v, a):
+    """Go on from the step to step index i, whose search had an outcome. Return the next row to write.
 
-    If the outcome is not PASSED, u and v in rows of `watch.work` are changed to the state at the end, and a to the
-    acceleration there. If the run goes on, the quantities are followed in this state, and it is written if it is due.
+    u and v are the state at the end of the step. If the outcome is not PASSED, a becomes the acceleration there. If the
+    run goes on, the quantities are followed in this state, and it is written if it is due.
     """
-    look, steps = look_at(place), steps_at(of_steps)
-    follow, p, t = look.follow, steps.p, steps.t0 + i * steps.h
-    y = rows(look.watch.work[WORK:], PAIR_ROWS)
-    a, u, v = y[A], y[U_END], y[V_END]
-    outcome = SEARCH(address, place, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, n, p)
+    steps, follow = steps_at(of_steps), look_at(place).follow
+    p, t = steps.p, steps.t0 + i * steps.h
     if outcome != PASSED:
         t = tally[TIME] if outcome > RESET else t
         PROJECT(follow, t, u, v, p)
@@ -66,10 +64,10 @@ def search_step(address, place, of_steps, tally, i, row, n):
     if outcome <= RESET:
         widen_all(follow, int(tally[PART]) % PARTS, t, v)
         if i % steps.every == 0:
-            write(u, v, n, steps, row)
+            write(u, v, steps.u_rows.shape[1], steps, row)
             save(follow, row)
             row += 1
-    return outcome, row
+    return row
 
 
 def search(address, place, tally, t0, t, t_grid, n, p):
@@ -170,6 +168,7 @@ def search_names(method: Formulas, order: int, form: Form) -> dict[str, Any]:
     pair = variable_formulas(name)
     return {
         "SEARCH": _search(name, form),
+        "GO_ON": _go_on(form),
         "WORK": pair.work_rows,
         "PAIR_ROWS": pair.rows,
         "START_ANEW": element(bound(start_anew, start)) if method.past else nothing,
@@ -179,12 +178,17 @@ def search_names(method: Formulas, order: int, form: Form) -> dict[str, Any]:
 @functools.cache
 def _search(pair: str, form: Form) -> Any:
     """Return the search for a right-hand side at an address. The kernels of all methods of one pair share it."""
-    seen = functions(form)
+    arguments = int64, int64, vector_type, float64, float64, float64, int64, vector_type
     names = {**_names(variable_formulas(pair), form), "RHS": form.at("rhs")}
-    names |= {"SEARCH": outlined(bound(search, names)), "EVALUATE": seen.evaluate}
-    names |= {"ADVANCE_HISTORY": seen.advance, "PROJECT": seen.project}
-    signature = UniTuple(int64, 2)(int64, int64, int64, vector_type, int64, int64, int64)
-    return linked(search_step, names, signature, f"{pair}_{form.name}")
+    return linked(search, names, int64(*arguments), f"{pair}_{form.name}")
+
+
+@functools.cache
+def _go_on(form: Form) -> Any:
+    seen = functions(form)
+    names = {"RHS": form.at("rhs"), "EVALUATE": seen.evaluate, "ADVANCE_HISTORY": seen.advance, "PROJECT": seen.project}
+    arguments = int64, int64, int64, vector_type, int64, int64, int64, row_type, row_type, row_type
+    return linked(go_on, names, int64(*arguments), form.name)
 
 
 def _names(pair: Any, form: Form) -> dict[str, Any]:
