@@ -134,6 +134,19 @@ def acceleration(problem, u, v, t=0.0, rhs=None):
     return a
 
 
+def refusals(values, types=()):
+    """Make a test of calls, each under the words of the ValueError or TypeError that it gets: a sentence."""
+    cases = [(ValueError, *row) for row in dict(values).items()] + [(TypeError, *row) for row in dict(types).items()]
+
+    @pytest.mark.parametrize(("error", "words", "call"), cases)
+    def test(error, words, call):
+        with pytest.raises(error, match=words) as caught:
+            call()
+        assert re.fullmatch(r".*[.?]", str(caught.value))
+
+    return test
+
+
 @pytest.fixture(params=ALL_METHODS, ids=lambda method: repr(method).partition(", jacobian")[0])
 def method(request):
     return request.param

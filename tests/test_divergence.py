@@ -38,35 +38,26 @@ def tried_step_holds(run, rhs, u0, v0, params):
 # Linear systems ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("rhs", "u0"), [(oscillator, 1.0), (oscillator_vector, [1.0, 2.0])], ids=["scalar", "vector"])
 @pytest.mark.parametrize(
-    ("method", "xi", "h"),
+    ("u0", "method", "xi", "h"),
     [
-        (eig3.EIG3(), 0.0, 0.7),
-        (eig3.EIG3(), 0.1, 0.6),
-        (eig3.EIG3(1.2), 0.0, 0.6),
-        (CD, 0.0, 0.7),
-        (eig3.CentralDifference(), 0.0, 0.7),
-        (eig3.CentralDifference(), 0.1, 0.7),
-        (eig3.CentralDifference(velocity="lagged"), 0.1, 0.7),
-        (eig3.RK3(), 0.05, 0.8),
-        (eig3.RK4(), 0.0, 1.0),
-        (eig3.AB3(), 0.0, 0.3),
-        (eig3.RK2(), 0.2, 0.7),
-        (eig3.EIG(5), 0.0, 0.6),
-        (eig3.EIG(5), 0.1, 0.4),
-        (eig3.EIG(7), 0.1, 0.15),
-        (eig3.EIG(9), 0.0, 0.2),
-        (eig3.EIG(9), 0.1, 0.05),
-        (eig3.EIG(13), 0.0, 0.05),
-        (eig3.RK5(), 0.1, 1.0),
-        (eig3.RK8(), 0.0, 2.2),
-        (eig3.BM6(), 0.0, 4.0),
+        (1.0, eig3.EIG3(), 0.0, 0.7),
+        (1.0, eig3.CentralDifference(), 0.1, 0.7),
+        (1.0, eig3.RK4(), 0.0, 1.0),
+        ([1.0, 2.0], eig3.EIG3(), 0.1, 0.6),
+        ([1.0, 2.0], CD, 0.0, 0.7),
+        ([1.0, 2.0], eig3.CentralDifference(velocity="lagged"), 0.1, 0.7),
+        ([1.0, 2.0], eig3.AB3(), 0.0, 0.3),
+        ([1.0, 2.0], eig3.RK2(), 0.2, 0.7),
+        ([1.0, 2.0], eig3.EIG(5), 0.1, 0.4),
+        ([1.0, 2.0], eig3.EIG(9), 0.0, 0.2),
+        ([1.0, 2.0], eig3.RK8(), 0.0, 2.2),
+        ([1.0, 2.0], eig3.BM6(), 0.0, 4.0),
     ],
     ids=lambda value: repr(value).partition(", jacobian")[0],
 )
-def test_a_linear_run_names_its_limit_and_a_stable_step(rhs, u0, method, xi, h):
-    v0 = np.zeros_like(u0)
+def test_a_linear_run_names_its_limit_and_a_stable_step(u0, method, xi, h):
+    rhs, v0 = oscillator_vector if np.ndim(u0) else oscillator, np.zeros_like(u0)
     run = integrate(rhs, (0, 1e5 * h), u0, v0, h=h, params=(OMEGA, xi), method=method)
     assert run.status is eig3.Status.DIVERGED
     assert np.isfinite(run.u).all()
@@ -259,8 +250,7 @@ def noted_growth(run, name="energy"):
     return float(percent[1]) / 100 if percent else said(r"to ([\d.e+]+) times its size", note) - 1
 
 
-@pytest.mark.parametrize("save_every", [1, 50, None])
-@pytest.mark.parametrize("h", [0.004, 0.01, 0.03, 0.05])
+@pytest.mark.parametrize(("h", "save_every"), [(0.004, None), (0.01, 1), (0.03, 50), (0.05, None)])
 @pytest.mark.parametrize(("method", "rate"), [("rk2", 1 / 4), ("ab2", 1 / 2)])
 def test_slow_growth_is_noted_with_its_size(method, rate, h, save_every):
     """Energy grows by (1 + Omega^4 / 4)^N with RK2 and, up to terms of order Omega^6, by its square with AB2.
@@ -344,7 +334,7 @@ QUIET = {
 
 
 @pytest.mark.parametrize("problem", QUIET)
-@pytest.mark.parametrize("method", ["eig3", "cd", "rk3", "rk4"])
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
 def test_what_does_not_grow_is_not_noted(problem, method):
     build, steps, t_end = QUIET[problem]
     for h in steps:

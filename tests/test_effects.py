@@ -35,7 +35,7 @@ from eig3.problems.hertz_impact import contact_time
 from eig3.scene import Scene
 from eig3.scene.names import words
 
-from .conftest import ROOT, acceleration, shaken
+from .conftest import ROOT, acceleration, refusals, shaken
 
 
 def unit(dimension):
@@ -346,42 +346,31 @@ def test_a_block_slides_down_a_rough_slope(dimension):
     assert ball.of(flying.problem((0.0, 1.0)).integrate(h=1e-3).v[-1]) == pytest.approx(down)
 
 
-WRONG = {
-    "a negative stiffness": (lambda: LinearSpring(-1.0), ValueError, "stiffness of LinearSpring must not be negative."),
-    "one of many": (lambda: LinearSpring([2.0, -1.0]), ValueError, "stiffness of LinearSpring must not be negative."),
-    "a negative length": (lambda: LinearSpring(1.0, -1.0), ValueError, "length of LinearSpring must not be negative."),
-    "a negative damping": (lambda: LinearDamper(-1.0), ValueError, "damping of LinearDamper must not be negative."),
-    "a negative drag": (lambda: QuadraticDrag(-1.0), ValueError, "drag of QuadraticDrag must not be negative."),
-    "a negative contact": (lambda: MassContact(-1.0, 1.0), ValueError, "stiffness of MassContact must not be"),
-    "a negative reach": (lambda: MassContact(1.0, -1.0), ValueError, "reach of MassContact must not be negative."),
-    "a negative plane": (lambda: PlaneContact(-1.0, 1.0), ValueError, "stiffness of PlaneContact must not be"),
-    "a negative friction": (lambda: CoulombFriction(-0.1, 1.0), ValueError, "coefficient of CoulombFriction must not"),
-    "a negative S1": (lambda: HardeningSpring(-1.0, 1.0), ValueError, "S1 of HardeningSpring must not be negative."),
-    "a negative S": (lambda: SofteningSpring(-1.0), ValueError, "S of SofteningSpring must not be negative."),
-    "no width": (lambda: SofteningSpring(1.0, 0.0), ValueError, "width of SofteningSpring must be positive."),
-    "a string": (lambda: LinearSpring("soft"), TypeError, "stiffness of LinearSpring must be made of real numbers"),
-    "strings": (lambda: Gravity(("0", "-9.81")), TypeError, "field of Gravity must be made of real numbers"),
-    "a string in a record": (
-        lambda: SampledAcceleration([0, 1], ["a", "b"]),
-        TypeError,
-        "values of SampledAcceleration must be made of real numbers",
-    ),
-    "a negative restitution": (lambda: RigidStop(1.0, 0.0, -0.1), ValueError, "restitution of RigidStop must not be"),
-    "a restitution above 1": (
-        lambda: MassImpact(0.0, 1.1),
-        ValueError,
-        "restitution of MassImpact must not be above 1.",
-    ),
-    "no slow speed": (lambda: MassImpact(0.0, 1.0, 0.0), ValueError, "slow of MassImpact must be positive."),
-    "a long normal": (lambda: RigidStop((1.0, 1.0)), ValueError, "normal of RigidStop must be a unit vector."),
-    "a negative strength": (lambda: BreakingString(1.0, 1.0, -1.0), ValueError, "strength of BreakingString must not"),
-    "NaN": (lambda: LinearDamper(math.nan), ValueError, "damping of LinearDamper must be finite."),
+BAD_VALUES = {
+    "stiffness of LinearSpring must not be negative.": lambda: LinearSpring(-1.0),
+    "stiffness of LinearSpring must not be": lambda: LinearSpring([2.0, -1.0]),
+    "length of LinearSpring must not be negative.": lambda: LinearSpring(1.0, -1.0),
+    "damping of LinearDamper must not be negative.": lambda: LinearDamper(-1.0),
+    "drag of QuadraticDrag must not be negative.": lambda: QuadraticDrag(-1.0),
+    "stiffness of MassContact must not be": lambda: MassContact(-1.0, 1.0),
+    "reach of MassContact must not be negative.": lambda: MassContact(1.0, -1.0),
+    "stiffness of PlaneContact must not be": lambda: PlaneContact(-1.0, 1.0),
+    "coefficient of CoulombFriction must not": lambda: CoulombFriction(-0.1, 1.0),
+    "S1 of HardeningSpring must not be negative.": lambda: HardeningSpring(-1.0, 1.0),
+    "S of SofteningSpring must not be negative.": lambda: SofteningSpring(-1.0),
+    "width of SofteningSpring must be positive.": lambda: SofteningSpring(1.0, 0.0),
+    "restitution of RigidStop must not be": lambda: RigidStop(1.0, 0.0, -0.1),
+    "restitution of MassImpact must not be above 1.": lambda: MassImpact(0.0, 1.1),
+    "slow of MassImpact must be positive.": lambda: MassImpact(0.0, 1.0, 0.0),
+    "normal of RigidStop must be a unit vector.": lambda: RigidStop((1.0, 1.0)),
+    "strength of BreakingString must not": lambda: BreakingString(1.0, 1.0, -1.0),
+    "damping of LinearDamper must be finite.": lambda: LinearDamper(math.nan),
+}
+BAD_TYPES = {
+    "stiffness of LinearSpring must be made of real numbers": lambda: LinearSpring("soft"),
+    "field of Gravity must be made of real numbers": lambda: Gravity(("0", "-9.81")),
+    "values of SampledAcceleration must be made of real numbers": lambda: SampledAcceleration([0, 1], ["a", "b"]),
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_wrong_parameters_are_refused_when_the_effect_is_made(name):
-    build, error, sentence = WRONG[name]
-    with pytest.raises(error, match=sentence) as caught:
-        build()
-    assert "\n" not in str(caught.value)
+test_bad_parameters = refusals(BAD_VALUES, BAD_TYPES)

@@ -31,9 +31,11 @@ def assert_same(one, other):
             np.testing.assert_array_equal(ours[name], theirs[name])
 
 
-@pytest.mark.parametrize("save_every", [1, 7, None])
 @pytest.mark.parametrize("form", ["scalar", "vector"])
-@pytest.mark.parametrize("method", ["eig3", "cd", "ab3", "eig9", "rk8", "bm6"])
+@pytest.mark.parametrize(
+    ("method", "save_every"),
+    [("eig3", 1), ("eig3", 7), ("eig3", None), ("cd", 7), ("ab3", 7), ("eig9", 7), ("rk8", None), ("bm6", 1)],
+)
 def test_an_extended_run_is_one_run(method, form, save_every):
     system = SCALAR if form == "scalar" else VECTOR
     if method == "bm6":

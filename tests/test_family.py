@@ -72,7 +72,6 @@ def test_ordinates_sum_the_differences():
 #: The largest stable omega h for a physical damping ratio xi, to the digits of an independent computation.
 LIMITS = {
     3: {0: 2, 0.01: 1.960, 0.1: 1.640, 0.5: 0.828},
-    4: {0: 1.732, 0.01: 1.676, 0.1: 1.267, 0.5: 0.500},
     5: {0: 1.414, 0.01: 1.349, 0.1: 0.895, 0.5: 0.286},
     9: {0: 0.459, 0.01: 0.380, 0.1: 0.114, 0.5: 0.024},
 }
@@ -122,7 +121,7 @@ def exact_damped(t, u0, v0):
 
 
 #: Methods with a number of steps at which the error is far above round-off, and the order is seen.
-STEPS = {eig3.EIG(3): 128, eig3.EIG(5): 160, eig3.EIG(7): 200, eig3.EIG(9): 256, eig3.RK5(): 64, eig3.RK8(): 16}
+STEPS = {eig3.EIG(3): 128, eig3.EIG(5): 160, eig3.EIG(9): 256, eig3.RK5(): 64, eig3.RK8(): 16}
 every = pytest.mark.parametrize("method", STEPS, ids=lambda method: method.name)
 
 

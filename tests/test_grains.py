@@ -13,7 +13,7 @@ from eig3 import effects, problems
 from eig3.effects.hertz_mindlin import damping_ratio
 from eig3.scene import Scene, swarm
 
-from .conftest import acceleration
+from .conftest import acceleration, refusals
 from .test_extend import assert_same
 
 R, M = 0.1, 0.02
@@ -196,7 +196,7 @@ def test_an_oblique_impact_that_slides_has_mu_times_the_normal_impulse():
 @pytest.mark.parametrize("is_fixed", [False, True], ids=["both move", "one is fixed"])
 def test_spheres_that_strike_each_other_have_the_restitution(is_fixed):
     """At every speed, size and stiffness, and from hardly any rebound to an elastic one."""
-    for e in (0.03, 0.1, np.exp(-2.0), 0.3, 0.5, 0.7, 0.9, 1.0):
+    for e in (0.03, 0.1, 0.5, 0.9, 1.0):
         for speed, radii, E in ((0.01, (R, R), 1e7), (3.0, (R, 3 * R), 1e5), (0.5, (2 * R, 0.1 * R), 1e9)):
             m = M * (np.array(radii) / R) ** 3
             mass = m[0] if is_fixed else m[0] * m[1] / m.sum()
@@ -350,30 +350,34 @@ def test_grains_that_part_and_meet_again_have_a_new_spring():
     np.testing.assert_allclose(a[4:], 0.0, atol=1e-12)
 
 
-def test_bad_grains_are_refused():
-    for fields, words in (
-        ({"E": 0.0}, "E of HertzMindlin must be positive"),
-        ({"nu": 0.6}, "nu of HertzMindlin must not be above 0.5"),
-        ({"restitution": 0.0}, "restitution of HertzMindlin must be above 0"),
-        ({"friction": -0.1}, "friction of HertzMindlin must not be negative"),
-        ({"near_radius": 1.0}, "near_radius of HertzMindlin must be positive and at most the reach"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            hertz_mindlin(**fields)
+def masses(**options):
     scene = Scene(2)
-    with pytest.raises(ValueError, match="inertia of masses must be positive"):
-        scene.mass(M, (0, 0), inertia=0.0)
-    with pytest.raises(ValueError, match="spin of masses needs their inertia"):
-        scene.mass(M, (0, 0), spin=1.0)
-    with pytest.raises(ValueError, match="nothing spins on a line"):
-        Scene(1).mass(M, 0.0, inertia=1.0)
-    a, b = scene.mass(M, [(0, 0), (1, 0)]), scene.mass(M, [(2, 0), (3, 0)])
-    with pytest.raises(TypeError, match="HertzMindlin takes one array of points"):
-        scene.add(hertz_mindlin(), a, b)
-    with pytest.raises(ValueError, match="near of HertzMindlin must be fixed points"):
-        scene.add(hertz_mindlin(), a, near=b)
-    with pytest.raises(ValueError, match="no mass of the scene has an inertia"):
-        a.angles_of(np.zeros(8))
+    return scene, scene.mass(M, [(0, 0), (1, 0), (2, 0), (3, 0)], **options)
+
+
+def pairs(act):
+    scene, grains = masses()
+    act(scene, grains[:2], grains[2:])
+
+
+BAD_VALUES = {
+    "E of HertzMindlin must be positive": lambda: hertz_mindlin(E=0.0),
+    "nu of HertzMindlin must not be above 0.5": lambda: hertz_mindlin(nu=0.6),
+    "restitution of HertzMindlin must be above 0": lambda: hertz_mindlin(restitution=0.0),
+    "friction of HertzMindlin must not be negative": lambda: hertz_mindlin(friction=-0.1),
+    "near_radius of HertzMindlin must be positive and at most the reach": lambda: hertz_mindlin(near_radius=1.0),
+    "inertia of masses must be positive": lambda: masses(inertia=0.0),
+    "spin of masses needs their inertia": lambda: masses(spin=1.0),
+    "nothing spins on a line": lambda: Scene(1).mass(M, 0.0, inertia=1.0),
+    "near of HertzMindlin must be fixed points": lambda: pairs(
+        lambda scene, a, b: scene.add(hertz_mindlin(), a, near=b)
+    ),
+    "no mass of the scene has an inertia": lambda: masses()[1].angles_of(np.zeros(8)),
+}
+BAD_TYPES = {
+    "HertzMindlin takes one array of points": lambda: pairs(lambda scene, a, b: scene.add(hertz_mindlin(), a, b))
+}
+test_bad_grains = refusals(BAD_VALUES, BAD_TYPES)
 
 
 def test_spin_is_a_degree_of_freedom():
@@ -401,14 +405,14 @@ def test_more_contacts_than_there_is_room_for_are_refused():
 
 
 def test_a_column_spreads_as_far_as_measured():
-    """Lube et al. (2004): 1 + 1.6 sqrt(height / radius) times as far, for many grains, to 25 per cent for 2000 spheres.
+    """Lube et al. (2004): 1 + 1.6 sqrt(height / radius) times as far, for many grains, to 25 per cent for 1000 spheres.
 
     It comes to rest, in which a column without friction does not.
     """
     reached = {}
     for friction in (0.5, 0.0):
-        run = problems.sand_column(2000, friction).integrate(h=1e-4, save_every=500)
-        x, y, z = run.u[:, :6000].reshape(-1, 3, 2000).transpose(1, 0, 2)
+        run = problems.sand_column(1000, friction).integrate(h=1e-4, save_every=500)
+        x, y, z = run.u[:, :3000].reshape(-1, 3, 1000).transpose(1, 0, 2)
         r = np.quantile(np.hypot(x, y), 0.99, axis=1)
         reached[friction] = r[-1] / r[0], r[-1] - r[-2]
     slenderness = z[0].max() / r[0]
@@ -422,7 +426,7 @@ def test_a_hopper_empties_at_a_constant_rate():
     """It does not depend on the height of the discs above the opening, as that of a fluid does."""
     counts = {}
     for friction in (0.5, 0.0):
-        run = problems.hopper(800, friction=friction, t_end=0.5).integrate(h=1e-4, save_every=1000)
+        run = problems.hopper(800, friction=friction, t_end=0.3).integrate(h=1e-4, save_every=500)
         counts[friction] = np.diff((run.u[:, 800:1600] < 0).sum(axis=1))
-    np.testing.assert_allclose(counts[0.5][1:], counts[0.5][1:].mean(), rtol=0.15)  # of some 90 discs
-    assert counts[0.5][1:].sum() < 0.8 * counts[0.0][1:].sum()
+    np.testing.assert_allclose(counts[0.5][2:], counts[0.5][2:].mean(), rtol=0.15)  # of some 45 discs
+    assert counts[0.5][2:].sum() < 0.8 * counts[0.0][2:].sum()

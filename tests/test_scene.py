@@ -34,7 +34,7 @@ from eig3.effects import (
 )
 from eig3.scene import Scene, codegen
 
-from .conftest import acceleration, shaken
+from .conftest import acceleration, refusals, shaken
 
 
 def code(problem):
@@ -960,121 +960,77 @@ def coincident():
     scene.add(LinearSpring(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 3))))
 
 
-BAD = {
-    "no dimension": (lambda: Scene(4), ValueError, "dimension must be 1, 2 or 3, not 4."),
-    "mass 0": (lambda: Scene(1).mass(0.0, 0.0), ValueError, "m of masses must be positive and finite, not 0.0."),
-    "mass below 0": (lambda: Scene(1).mass([1, -2], [0.0, 1.0]), ValueError, "m of masses must be positive.*-2.0."),
-    "masses and places": (
-        lambda: Scene(1).mass([1, 2, 3], [0.0, 1.0]),
-        ValueError,
-        "m of masses must have the shape .2,. of",
+BAD_VALUES = {
+    "dimension must be 1, 2 or 3, not 4.": lambda: Scene(4),
+    "m of masses must be positive and finite, not 0.0.": lambda: Scene(1).mass(0.0, 0.0),
+    "m of masses must be positive.*-2.0.": lambda: Scene(1).mass([1, -2], [0.0, 1.0]),
+    "m of masses must have the shape .2,. of": lambda: Scene(1).mass([1, 2, 3], [0.0, 1.0]),
+    "must have 2 components each": lambda: Scene(2).mass(1.0, (1.0, 2.0, 3.0)),
+    "position of masses must be finite.": lambda: Scene(2).mass(1.0, (1.0, math.nan)),
+    "the scene has no mass": lambda: Scene(2).problem((0, 1)),
+    "LinearSpring joins two fixed points": lambda: fixed_ends(LinearSpring(1.0)),
+    "LinearSpring joins a point to itself.": lambda: on_two(LinearSpring(1.0), 0, 0),
+    "LinearSpring has no direction where its ends coincide": coincident,
+    "MassContact has no direction where its ends coincide": lambda: (
+        lambda scene: scene.add(MassContact(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 2))))
+    )(Scene(2)),
+    "LinearSpring was given ends of shapes .2, 1. and .2,.; give one shape, or one point for all": lambda: (
+        lambda scene: scene.add(LinearSpring(1.0), scene.mass(1.0, [[0.0], [1.0]]), scene.fixed([2.0, 3.0]))
+    )(Scene(1)),
+    "LinearSpring was given points of another scene.": strangers,
+    "velocity of masses must have 2 components": lambda: Scene(2).mass(1.0, (0.0, 0.0), 5.0),
+    "velocity of masses must have the": lambda: Scene(1).mass(1.0, [0.0, 1.0], [1.0, 2.0, 3.0]),
+    "length of LinearSpring must not be neg": lambda: on_two(LinearSpring(1.0, -1.0), 0, 1),
+    "values must have 4 degrees of freedom on the last axis": lambda: two()[1].of(np.zeros(7)),
+    "values must have 4 degrees of freedom": lambda: two()[1].of(3.0),
+    "range of Wall must not be negative": lambda: on_two(Wall(1.0, -1.0), 0, 1),
+    "name it in the class's vectors": lambda: on_two(Forced(pushed, (1.0, 2.0, 3.0)), 0),
+    "QuadraticDrag acts on masses": lambda: with_fixed(QuadraticDrag(1.0)),
+    "SampledMotion moves fixed points, but was given masses": lambda: on_two(
+        SampledMotion([0, 1], [0, 1], (1.0, 0.0)), 0
     ),
-    "place": (lambda: Scene(2).mass(1.0, (1.0, 2.0, 3.0)), ValueError, "must have 2 components each"),
-    "NaN": (lambda: Scene(2).mass(1.0, (1.0, math.nan)), ValueError, "position of masses must be finite."),
-    "nothing": (lambda: Scene(2).problem((0, 1)), ValueError, "the scene has no mass"),
-    "all fixed": (lambda: fixed_ends(LinearSpring(1.0)), ValueError, "LinearSpring joins two fixed points"),
-    "itself": (lambda: on_two(LinearSpring(1.0), 0, 0), ValueError, "LinearSpring joins a point to itself."),
-    "coincident": (coincident, ValueError, "LinearSpring has no direction where its ends coincide"),
-    "touching": (
-        lambda: (lambda scene: scene.add(MassContact(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 2)))))(Scene(2)),
-        ValueError,
-        "MassContact has no direction where its ends coincide",
-    ),
-    "net": (
-        lambda: (lambda scene: scene.add(LinearSpring(1.0), scene.mass(1.0, [[0.0], [1.0]]), scene.fixed([2.0, 3.0])))(
-            Scene(1)
-        ),
-        ValueError,
-        "LinearSpring was given ends of shapes .2, 1. and .2,.; give one shape, or one point for all",
-    ),
-    "complex": (lambda: on_two(Pulling(imaginary), 0, 1), TypeError, "tension of Pulling must return a number here"),
-    "reserved": (lambda: on_two(Pulling(3.0), 0, 1), TypeError, "decorate it with @eig3.jit, and no field may"),
-    "undirected": (lambda: with_fixed(Undirected(1.0)), TypeError, "Undirected must have a field direction, and vec"),
-    "strings": (lambda: on_two(Stringy((1.0, 2.0))), TypeError, "vectors of Stringy must be a tuple of names"),
-    "one point": (lambda: len(two()[1][0]), TypeError, "a single point has no length"),
-    "strangers": (strangers, ValueError, "LinearSpring was given points of another scene."),
-    "one end": (
-        lambda: on_two(LinearSpring(1.0), 0),
-        TypeError,
-        "has no cutoff, so that it needs two arguments of points",
-    ),
-    "no handle": (
-        lambda: Scene(1).add(LinearSpring(1.0), 0, 1),
-        TypeError,
-        "LinearSpring acts on Points of a scene, not on int.",
-    ),
-    "list": (lambda: Scene(1).add(LinearSpring(1.0), [0], 1), TypeError, "not on list: index an array of points"),
-    "speed": (lambda: Scene(2).mass(1.0, (0.0, 0.0), 5.0), ValueError, "velocity of masses must have 2 components"),
-    "speeds": (lambda: Scene(1).mass(1.0, [0.0, 1.0], [1.0, 2.0, 3.0]), ValueError, "velocity of masses must have the"),
-    "length": (lambda: on_two(LinearSpring(1.0, -1.0), 0, 1), ValueError, "length of LinearSpring must not be neg"),
-    "values": (lambda: two()[1].of(np.zeros(7)), ValueError, "values must have 4 degrees of freedom on the last axis"),
-    "time": (lambda: two()[1].of(3.0), ValueError, "values must have 4 degrees of freedom"),
-    "scalar force": (lambda: on_two(Forced(one)), TypeError, "force of Forced must return a tuple of 2 numbers here"),
-    "force in space": (lambda: on_two(Forced(three)), TypeError, "force of Forced must return a tuple of 2 numbers"),
-    "failing force": (lambda: on_two(Forced(failing)), TypeError, "force of Forced does not compile: .*index out of"),
-    "no force": (lambda: on_two(Forced(None)), TypeError, "Forced must have a function force or acceleration."),
-    "no dataclass": (lambda: on_two(Plain()), TypeError, "Plain must be a dataclass: decorate it with @dataclass"),
-    "undecorated": (
-        lambda: Undecorated(3.0),
-        TypeError,
-        "Undecorated must be a dataclass: decorate it with @dataclass",
-    ),
-    "longer": (lambda: Longer(3.0, extra=1.0), TypeError, "Longer must be a dataclass: decorate it with @dataclass"),
-    "cutoff": (lambda: on_two(NoField(1.0), 0, 1), TypeError, "cutoff of NoField must be the name of a field"),
-    "negative cutoff": (lambda: on_two(Wall(1.0, -1.0), 0, 1), ValueError, "range of Wall must not be negative"),
-    "taken name": (lambda: on_two(Timed(1.0)), TypeError, "Timed must rename its field t: force has an argument"),
-    "vector": (lambda: on_two(Forced(pushed, (1.0, 2.0, 3.0)), 0), ValueError, "name it in the class's vectors"),
-    "class": (lambda: Scene(1).add(Gravity), TypeError, "effect must be an effect with parameters.* not Gravity."),
-    "gravity of a post": (lambda: with_fixed(QuadraticDrag(1.0)), ValueError, "QuadraticDrag acts on masses"),
-    "motion of a mass": (
-        lambda: on_two(SampledMotion([0, 1], [0, 1], (1.0, 0.0)), 0),
-        ValueError,
-        "SampledMotion moves fixed points, but was given masses",
-    ),
-    "components": (lambda: on_two(Gravity((1.0, 2.0, 3.0))), ValueError, "field of Gravity must have 2 components"),
-    "number": (lambda: on_two(Gravity(9.81)), ValueError, "field of Gravity must have 2 components, not a number."),
-    "dimension": (
-        lambda: two(1)[0].add(RotatingFrame(1.0)),
-        ValueError,
-        "RotatingFrame needs a scene of 2 or 3 dimensions, not 1.",
-    ),
-    "too many": (lambda: on_two(LinearSpring([1, 2, 3]), 0, 1), ValueError, "stiffness of LinearSpring has the shape"),
-    "too many for all": (
-        lambda: (lambda scene: (scene.add(QuadraticDrag([1, 2, 3])), scene.problem((0, 1))))(two()[0]),
-        ValueError,
-        "drag of QuadraticDrag has the shape",
-    ),
-    "not finite": (
-        lambda: on_two(LinearSpring(math.inf), 0, 1),
-        ValueError,
-        "stiffness of LinearSpring must be finite",
-    ),
-    "text": (lambda: on_two(LinearSpring("soft"), 0, 1), TypeError, "stiffness of LinearSpring must be made of real"),
-    "unsorted": (lambda: SampledMotion([0, 2, 1], [0, 0, 0]), ValueError, "times of SampledMotion must increase"),
-    "repeated": (lambda: SampledMotion([0, 1, 1], [0, 0, 0]), ValueError, "times of SampledMotion must increase"),
-    "one sample": (lambda: SampledMotion([0], [0]), ValueError, "times of SampledMotion must hold at least two"),
-    "lengths": (lambda: SampledMotion([0, 1], [0]), ValueError, "values of SampledMotion must have as many samples"),
-    "normal": (lambda: PlaneContact(1.0, (1.0, 1.0)), ValueError, "normal of PlaneContact must be a unit vector."),
-    "slip": (lambda: CoulombFriction(0.1, 1.0, 0.0), ValueError, "slip of CoulombFriction must be positive."),
-    "uncompiled": (lambda: on_two(Uncompiled()), TypeError, "force of Uncompiled must be compiled"),
-    "curious": (
-        lambda: on_two(Curious()),
-        TypeError,
-        "Curious has the argument weather, but can take only t, x, v, m",
-    ),
-    "shapes": (
-        lambda: (lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2)))))(*two()),
-        ValueError,
-        "LinearSpring was given ends of shapes",
-    ),
-    "span": (lambda: two()[0].problem((1.0, 0.0)), ValueError, "t_span must end after it starts"),
+    "field of Gravity must have 2 components": lambda: on_two(Gravity((1.0, 2.0, 3.0))),
+    "field of Gravity must have 2 components, not a number.": lambda: on_two(Gravity(9.81)),
+    "RotatingFrame needs a scene of 2 or 3 dimensions, not 1.": lambda: two(1)[0].add(RotatingFrame(1.0)),
+    "stiffness of LinearSpring has the shape": lambda: on_two(LinearSpring([1, 2, 3]), 0, 1),
+    "drag of QuadraticDrag has the shape": lambda: (
+        lambda scene: (scene.add(QuadraticDrag([1, 2, 3])), scene.problem((0, 1)))
+    )(two()[0]),
+    "stiffness of LinearSpring must be finite": lambda: on_two(LinearSpring(math.inf), 0, 1),
+    "times of SampledMotion must increase": lambda: SampledMotion([0, 2, 1], [0, 0, 0]),
+    "times of SampledMotion must increase.*": lambda: SampledMotion([0, 1, 1], [0, 0, 0]),
+    "times of SampledMotion must hold at least two": lambda: SampledMotion([0], [0]),
+    "values of SampledMotion must have as many samples": lambda: SampledMotion([0, 1], [0]),
+    "normal of PlaneContact must be a unit vector.": lambda: PlaneContact(1.0, (1.0, 1.0)),
+    "slip of CoulombFriction must be positive.": lambda: CoulombFriction(0.1, 1.0, 0.0),
+    "LinearSpring was given ends of shapes": lambda: (
+        lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2))))
+    )(*two()),
+    "t_span must end after it starts": lambda: two()[0].problem((1.0, 0.0)),
+}
+BAD_TYPES = {
+    "tension of Pulling must return a number here": lambda: on_two(Pulling(imaginary), 0, 1),
+    "decorate it with @eig3.jit, and no field may": lambda: on_two(Pulling(3.0), 0, 1),
+    "Undirected must have a field direction, and vec": lambda: with_fixed(Undirected(1.0)),
+    "vectors of Stringy must be a tuple of names": lambda: on_two(Stringy((1.0, 2.0))),
+    "a single point has no length": lambda: len(two()[1][0]),
+    "has no cutoff, so that it needs two arguments of points": lambda: on_two(LinearSpring(1.0), 0),
+    "LinearSpring acts on Points of a scene, not on int.": lambda: Scene(1).add(LinearSpring(1.0), 0, 1),
+    "not on list: index an array of points": lambda: Scene(1).add(LinearSpring(1.0), [0], 1),
+    "force of Forced must return a tuple of 2 numbers here": lambda: on_two(Forced(one)),
+    "force of Forced must return a tuple of 2 numbers": lambda: on_two(Forced(three)),
+    "force of Forced does not compile: .*index out of": lambda: on_two(Forced(failing)),
+    "Forced must have a function force or acceleration.": lambda: on_two(Forced(None)),
+    "Plain must be a dataclass: decorate it with @dataclass": lambda: on_two(Plain()),
+    "Undecorated must be a dataclass: decorate it with @dataclass": lambda: Undecorated(3.0),
+    "Longer must be a dataclass: decorate it with @dataclass": lambda: Longer(3.0, extra=1.0),
+    "cutoff of NoField must be the name of a field": lambda: on_two(NoField(1.0), 0, 1),
+    "Timed must rename its field t: force has an argument": lambda: on_two(Timed(1.0)),
+    "effect must be an effect with parameters.* not Gravity.": lambda: Scene(1).add(Gravity),
+    "stiffness of LinearSpring must be made of real": lambda: on_two(LinearSpring("soft"), 0, 1),
+    "force of Uncompiled must be compiled": lambda: on_two(Uncompiled()),
+    "Curious has the argument weather, but can take only t, x, v, m": lambda: on_two(Curious()),
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_a_bad_scene_raises_an_error_of_one_sentence(name):
-    build, error, sentence = BAD[name]
-    with pytest.raises(error, match=sentence) as caught:
-        build()
-    assert "\n" not in str(caught.value)
-    assert str(caught.value).endswith(".")
+test_bad_scenes = refusals(BAD_VALUES, BAD_TYPES)

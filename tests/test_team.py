@@ -133,15 +133,6 @@ def of_grains():
     return scene
 
 
-def of_grains_only():
-    """Those of one list, with sizes of their own."""
-    x, v = cloud()
-    scene = Scene(2)
-    grains = scene.mass(1.0, x, v, inertia=0.1, spin=np.linspace(-3, 3, len(x)))
-    scene.add(replace(ROUGH, reach=np.linspace(0.9, 1.1, len(x))), grains)
-    return scene
-
-
 SCENES = [damped, of_sizes, sheared, of_two_lists, with_many_mates, of_cells, of_grains]
 
 
@@ -175,7 +166,7 @@ def test_the_forces_are_those_of_a_small_scene(make, monkeypatch):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("make", [of_two_lists, of_grains_only])
+@pytest.mark.parametrize("make", [of_two_lists, of_grains])
 def test_points_in_no_order_are_sorted_by_their_places(make, monkeypatch):
     """This is seen in the order of the list only. The forces differ by the order of rounding."""
     given = make().problem((0.0, 0.5), threads=2)
