@@ -114,10 +114,9 @@ def test_eig3_on_a_gyroscope_is_sent_to_others():
     assert run.explain().endswith("such as 'eig5', 'cd', 'rk4'.")
 
 
-@pytest.mark.parametrize(("method", "Omega"), [(eig3.EIG(6), 0.9), (eig3.EIG(7), 0.75)], ids=["eig6", "eig7"])
-def test_a_blow_up_by_weak_growth_is_named(method, Omega):
+def test_a_blow_up_by_weak_growth_is_named():
     """The step is below the one at which a root is -1, so that only the weak growth is left."""
-    h = Omega / OMEGA
+    method, h = eig3.EIG(6), 0.9 / OMEGA
     run = integrate(oscillator, (0, 30_000 * h), 1.0, 0.0, h=h, params=(OMEGA, 0.0), method=method)
     assert run.status is eig3.Status.DIVERGED
     text = run.explain()
@@ -134,10 +133,9 @@ def test_a_blow_up_by_weak_growth_is_named(method, Omega):
     assert np.abs(again.u).max() == pytest.approx(math.exp(1e-5 * again.n_steps), rel=0.02)
 
 
-@pytest.mark.parametrize("grade", [6, 11])
-def test_a_growth_that_is_negligible_ends_no_run(grade):
+def test_a_growth_that_is_negligible_ends_no_run():
     """The energy grows by twice the growth of the motion. The note has two digits."""
-    Omega, method = 0.2, eig3.EIG(grade)
+    Omega, method = 0.2, eig3.EIG(6)
     run = problems.single_dof().integrate(h=Omega / 4, method=method, save_every=None)
     expected = 2 * (spectral_radius(method, Omega) - 1) * run.n_steps
     assert math.log1p(noted_growth(run)) == pytest.approx(expected, rel=0.06)
@@ -309,7 +307,7 @@ def undamped_vector(t, u, v, p, a):
         a[j] = -u[j]
 
 
-@pytest.mark.parametrize("grade", [5, 8, 13])
+@pytest.mark.parametrize("grade", [5, 8])
 def test_a_high_grade_with_a_force_that_reads_the_velocity_is_noted(grade):
     """With the limit of the closed form, 0.114 for grade 9; not with a force that ignores the velocity."""
     method = eig3.EIG(grade)

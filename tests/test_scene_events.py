@@ -14,6 +14,8 @@ from eig3.kernels.compile.numba_internals import compilations
 from eig3.problems.bouncing_ball import impact_times
 from eig3.scene import Scene
 
+from .conftest import refusals
+
 G = 9.81
 
 
@@ -429,49 +431,23 @@ def two(added, dimension=1, places=(0.0, 1.0)):
     scene.add(added, *scene.mass(1.0, places))
 
 
-WRONG = {
-    "no event": (
-        lambda: one(effect(Body, velocity_after=number, force=staticmethod(number))),
-        "Own must have a function event: velocity_after is called at its zeros.",
+BAD_VALUES = {
+    "crossing of Own must be -1, 0 or 1, not 2": lambda: two(effect(Link, event=distance, crossing=2)),
+    "offset of RigidStop must leave each mass on the free side at the start": lambda: one(RigidStop(1.0, 1.0)),
+    "reach of MassImpact must be below the distance at the start": lambda: two(MassImpact(1.0)),
+    "reach of MassImpact must be positive in a scene of two": lambda: two(MassImpact(), 2, ((0, 0), (1, 0))),
+    "strength of BreakingString must be above the tension": lambda: two(BreakingString(10.0, 0.5, 5.0)),
+}
+BAD_TYPES = {
+    "Own must have a function event: velocity_after is called at its zeros": lambda: one(
+        effect(Body, velocity_after=number, force=staticmethod(number))
     ),
-    "a state that never changes": (
-        lambda: one(effect(Body, force=reading)),
-        "Own must have a function state_after, because force reads the state.",
+    "Own must have a function state_after, because force": lambda: one(effect(Body, force=reading)),
+    "velocity_after of Own must return a tuple of 1 number here, not float64": lambda: one(
+        effect(Body, event=zero, velocity_after=number)
     ),
-    "a wrong crossing": (
-        lambda: two(effect(Link, event=distance, crossing=2)),
-        "crossing of Own must be -1, 0 or 1, not 2.",
-    ),
-    "a number for a velocity": (
-        lambda: one(effect(Body, event=zero, velocity_after=number)),
-        "velocity_after of Own must return a tuple of 1 number here, not float64.",
-    ),
-    "discs without a reach": (
-        lambda: two(effect(Link, event=distance, picture="discs")),
-        "Own must have a field reach that a function reads, for its picture 'discs'.",
-    ),
-    "behind the stop": (
-        lambda: one(RigidStop(1.0, 1.0)),
-        "offset of RigidStop must leave each mass on the free side at the start.",
-    ),
-    "touching masses": (
-        lambda: two(MassImpact(1.0)),
-        "reach of MassImpact must be below the distance at the start.",
-    ),
-    "points in a plane": (
-        lambda: two(MassImpact(), 2, ((0, 0), (1, 0))),
-        "reach of MassImpact must be positive in a scene of two or three dimensions.",
-    ),
-    "a string that is broken": (
-        lambda: two(BreakingString(10.0, 0.5, 5.0)),
-        "strength of BreakingString must be above the tension at the start.",
+    "Own must have a field reach that a function reads, for its picture 'discs'": lambda: two(
+        effect(Link, event=distance, picture="discs")
     ),
 }
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_wrong_events_raise_an_error_of_one_sentence(name):
-    build, sentence = WRONG[name]
-    with pytest.raises((TypeError, ValueError)) as caught:
-        build()
-    assert str(caught.value) == sentence
+test_bad_events = refusals(BAD_VALUES, BAD_TYPES)
