@@ -229,7 +229,8 @@ MUTANTS = {
         ("array.ndim > inner + 1:", "array.ndim > inner + 2:"),
     ],
     ("eig3/ensembles/block.py", "test_ensemble.py -k 'growth_from_rest or finite_but_grows or diverges_ends'"): [
-        ("return u_grown | v_grown | (", "return (")
+        ("return u_grown | v_grown | (", "return ("),
+        ("self._ends // 2", "self._ends // 20"),
     ],
     ("eig3/ensembles/parts.py", "test_parts.py -k 'division_depends'"): [
         ("(_PARTS * _UNIT))", "(2 * _PARTS * _UNIT))")
