@@ -13,7 +13,7 @@ from eig3.effects import HarmonicForce, LinearDamper, LinearSpring, MassContact
 from eig3.scene import Scene
 from eig3.stability import limit, practical_limit, spectral_radius
 
-from .conftest import gyroscope, hardening, oscillator, oscillator_vector
+from .conftest import gyroscope, hardening, harmonic_vector, oscillator, oscillator_vector
 
 CD = eig3.CentralDifference(velocity="none")
 OMEGA = 3.0
@@ -301,12 +301,6 @@ def test_growth_on_the_softening_spring_is_noted(method):
 # A force that reads the velocity, and high grades ---------------------------------------------------------------------
 
 
-@eig3.jit
-def undamped_vector(t, u, v, p, a):
-    for j in range(u.size):
-        a[j] = -u[j]
-
-
 @pytest.mark.parametrize("grade", [5, 8])
 def test_a_high_grade_with_a_force_that_reads_the_velocity_is_noted(grade):
     """With the limit of the closed form, 0.114 for grade 9; not with a force that ignores the velocity."""
@@ -320,7 +314,7 @@ def test_a_high_grade_with_a_force_that_reads_the_velocity_is_noted(grade):
         assert note.endswith("; take RK8 or a grade of 5 to 7.")
     else:
         assert run.notes == ()
-    assert integrate(undamped_vector, (0, 1), [1.0], [0.0], h=1e-3, method=method).notes == ()
+    assert integrate(harmonic_vector, (0, 1), [1.0], [0.0], h=1e-3, method=method).notes == ()
 
 
 QUIET = {

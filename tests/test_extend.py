@@ -9,7 +9,7 @@ import pytest
 
 import eig3
 
-from .conftest import oscillator
+from .conftest import bounce, oscillator, position
 from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, energy, forces, steady
 
 
@@ -59,17 +59,7 @@ def test_invariants_and_outputs_go_on(save_every):
     assert_same(first.extend(1.0 + 500 * H).extend(1.0 + 1000 * H), whole)  # `first` is still at its own end
 
 
-@eig3.jit
-def crossing(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def restitution(t, u, v, p):
-    return u, -0.9 * v
-
-
-@pytest.mark.parametrize("event", [eig3.Event(crossing), eig3.Event(crossing, direction=-1, apply=restitution)])
+@pytest.mark.parametrize("event", [eig3.Event(position), eig3.Event(position, direction=-1, apply=bounce)])
 def test_events_go_on(event):
     options = {"events": {"zero": event}, "method": "ab3"}
     whole = integrate(SCALAR, 1.0 + 1000 * H, **options)
@@ -149,7 +139,7 @@ def test_an_extended_run_with_tolerances_is_one_run(method, start):
 
 @pytest.mark.parametrize("first", [1e-3, 0.3, 2.2])
 def test_events_go_on_with_tolerances(first):
-    options = {"rtol": 1e-6, "params": 99.0, "events": {"zero": eig3.Event(crossing, direction=-1, apply=restitution)}}
+    options = {"rtol": 1e-6, "params": 99.0, "events": {"zero": eig3.Event(position, direction=-1, apply=bounce)}}
     whole = eig3.integrate(pushed, (0, 20), 0.0, 0.5, **options)
     extended = eig3.integrate(pushed, (0, first), 0.0, 0.5, **options).extend(8.0).extend(20.0)
     assert_same(extended, whole)

@@ -10,7 +10,7 @@ import eig3
 from eig3 import stability
 from eig3.kernels.methods import eig
 
-from .conftest import gyroscope, hardening
+from .conftest import gyroscope, hardening, harmonic
 
 GRADES = range(3, 14)
 
@@ -87,16 +87,11 @@ def test_limits_against_damping(grade):
 def test_a_run_holds_below_the_limit_and_grows_above_it(grade):
     limit = stability.limit(eig3.EIG(grade))
     for h, holds in ((0.99 * limit, True), (1.01 * limit, False)):
-        run = eig3.integrate(linear, (0, 1000 * h), 1.0, 0.0, h=h, method=eig3.EIG(grade))
+        run = eig3.integrate(harmonic, (0, 1000 * h), 1.0, 0.0, h=h, method=eig3.EIG(grade))
         assert run.success == holds
 
 
 # Kernels --------------------------------------------------------------------------------------------------------------
-
-
-@eig3.jit
-def linear(t, u, v, p):
-    return -u
 
 
 @eig3.jit

@@ -22,17 +22,12 @@ from eig3.ensembles.parts import Joined, Listed, parts_of
 from eig3.kernels.protocol import SCALAR, VECTOR
 from eig3.stepping.options import run_options
 
-from .conftest import BLOCKS
+from .conftest import BLOCKS, linear_spring
 from .test_pools import output
 
 MEMBERS = 1000  # that is 8 parts: 7 of 128 members, and one of 104
 STIFFNESS = np.linspace(1.0, 4.0, MEMBERS)[:, None]
 ARRAYS = ("t", "u", "v", "h", "n_steps", "n_rhs", "n_iterations", "n_rejected", "status", "message", "params")
-
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * u
 
 
 @eig3.jit
@@ -69,7 +64,7 @@ def power(t, u, v, p, a):
 
 
 def free(**options):
-    return eig3.ensemble(spring, (0, 10), 1.0, 0.0, **{"h": 0.01, "params": STIFFNESS, **options})
+    return eig3.ensemble(linear_spring, (0, 10), 1.0, 0.0, **{"h": 0.01, "params": STIFFNESS, **options})
 
 
 def assert_same(solution, expected):
@@ -383,7 +378,7 @@ def test_memory_does_not_grow_with_the_members():
     seen.clear()
     gc.disable()
     tracemalloc.start()
-    peaks, sizes = zip(*eig3.ensemble(spring, (0, 500), 1.0, 0.0, **options, params=SLOW["params"]), strict=True)
+    peaks, sizes = zip(*eig3.ensemble(linear_spring, (0, 500), 1.0, 0.0, **options, params=SLOW["params"]), strict=True)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     gc.enable()
@@ -397,7 +392,7 @@ def test_memory_does_not_grow_with_the_members():
 def test_the_division_depends_on_the_ensemble_only():
     def sizes(m, n_steps, save_every=None, n=None):
         start = (1.0, 0.0) if n is None else (np.ones(n), np.zeros(n))
-        rhs = spring if n is None else springs
+        rhs = linear_spring if n is None else springs
         members = check_members(rhs, (0, n_steps), *start, np.ones((m, 1)), 1.0)
         parts = parts_of(members, run_options(h=1.0, save_every=save_every))
         assert [part.first for part in parts] == list(np.cumsum([0, *map(len, parts)])[:-1])

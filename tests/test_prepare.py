@@ -13,7 +13,7 @@ import eig3
 from eig3 import problems
 from eig3.run import short
 
-from .conftest import oscillator, oscillator_vector
+from .conftest import bounce, first_position, oscillator, oscillator_vector, position, velocity
 from .test_extend import assert_same
 
 SPAN, P = (0.0, 1.0), np.array([3.0, 0.1])
@@ -26,23 +26,8 @@ def energy(t, u, v, p):
 
 
 @eig3.jit
-def first(t, u, v, p):
-    return u[0]
-
-
-@eig3.jit
-def position(t, u, v, p):
-    return u
-
-
-@eig3.jit
 def both(t, u, v, p, out):
     out[0], out[1] = u, v
-
-
-@eig3.jit
-def rebound(t, u, v, p):
-    return u, -0.9 * v
 
 
 KINDS = {
@@ -107,18 +92,18 @@ OPTIONS = {
     "times": {"t_eval": np.linspace(0.0, 1.0, 7)},
     "outputs": {"outputs": {"u": position, "both": (both, 2)}, "invariants": {"energy": energy}},
     "events": {
-        "events": {"zero": eig3.Event(position, apply=rebound)},
+        "events": {"zero": eig3.Event(position, apply=bounce)},
         "outputs": {"both": (both, 2)},
         "save_every": 3,
     },
     "terminal": {"events": {"zero": eig3.Event(position, terminal=True)}},
     "terminal with a reset": {
-        "events": {"zero": eig3.Event(position, apply=rebound, terminal=True)},
+        "events": {"zero": eig3.Event(position, apply=bounce, terminal=True)},
         "outputs": {"both": (both, 2)},
         "save_every": 3,
     },
     "terminal at times": {
-        "events": {"zero": eig3.Event(position, apply=rebound, terminal=True)},
+        "events": {"zero": eig3.Event(position, apply=bounce, terminal=True)},
         "outputs": {"both": (both, 2)},
         "t_eval": np.linspace(0.0, 1.0, 7),
     },
@@ -152,7 +137,9 @@ def test_it_has_the_numbers_of_integrate(kind):
 
 
 def test_threads_share_a_prepared_run():
-    prepared = eig3.prepare(oscillator_vector, h=1e-3, invariants={"first": first}, outputs={"u": first})
+    prepared = eig3.prepare(
+        oscillator_vector, h=1e-3, invariants={"first": first_position}, outputs={"u": first_position}
+    )
     starts = [U * (1 + k) for k in range(40)]
     with ThreadPoolExecutor(8) as pool:
         runs = [*pool.map(lambda u0: prepared((0.0, 2.0), u0, V, P), starts)]
@@ -244,7 +231,7 @@ def test_all_uses_of_a_method_share_three_kernels(kind):
     """One for bare runs, one that follows quantities, one that searches too: each takes seconds to compile, once."""
     rhs, steps, u0, v0 = KINDS[kind]
     of_vector = np.ndim(u0) > 0
-    height = first if of_vector else position
+    height = first_position if of_vector else position
     uses = [
         {},
         {"save_every": None},
@@ -260,11 +247,6 @@ def test_all_uses_of_a_method_share_three_kernels(kind):
         prepared(SPAN, u0, v0, P)
         kernels.update(kernel.call for kernel in prepared._system.kernels.values())
     assert len(kernels) == 3
-
-
-@eig3.jit
-def speed(t, u, v, p):
-    return v
 
 
 @pytest.fixture
@@ -285,7 +267,7 @@ def change():
         given["t_eval"][:] = [0.3, 0.9]
         given["events"] |= {"wall": given["events"].pop("zero")}
         given["invariants"].clear()
-        given["outputs"]["v"] = speed
+        given["outputs"]["v"] = velocity
 
     return given, make
 

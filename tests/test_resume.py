@@ -11,23 +11,13 @@ import pytest
 import eig3
 from eig3.stepping import watching
 
-from .conftest import coupled, oscillator
+from .conftest import bounce, coupled, oscillator, position
 from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, energy, forces, steady
-
-
-@eig3.jit
-def crossing(t, u, v, p):
-    return u
 
 
 @eig3.jit
 def fast(t, u, v, p):
     return v - 0.5
-
-
-@eig3.jit
-def restitution(t, u, v, p):
-    return u, -0.9 * v
 
 
 @eig3.jit
@@ -44,7 +34,7 @@ def rub_derivative(t, u, v, p, J):
 
 
 FUNCTIONS = {"invariants": {"energy": energy}, "outputs": {"forces": (forces, 2), "energy / kg": energy}}
-EVENTS = {"wall": eig3.Event(crossing, direction=-1, apply=restitution), "fast": eig3.Event(fast)}
+EVENTS = {"wall": eig3.Event(position, direction=-1, apply=bounce), "fast": eig3.Event(fast)}
 
 
 def integrate(system, t_end, **options):
