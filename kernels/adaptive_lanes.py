@@ -34,7 +34,6 @@ from .loops.pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
 from .protocol import (
     EVALUATIONS,
     LOOK_WITHIN,
-    SCALAR,
     SPAN,
     STEP,
     STEP_BEFORE,
@@ -60,10 +59,8 @@ NEXT, OPEN = range(2)
 
 _OVERFLOWING = 1e150  # a single run says what is wrong with a larger motion
 
-#: The signatures of a right-hand side for lanes, which gets a time for each lane, of the function of an event, and of
-#: the projection.
-RHS_AT_TIMES, _EVENT = none(*[vector_type] * 5), none(*[vector_type] * 6)
-_rhs_at, _event_at = function_at(RHS_AT_TIMES), function_at(_EVENT)
+_EVENT = none(*[vector_type] * 6)
+_event_at, _rhs_at = function_at(_EVENT), function_at(none(*[vector_type] * 5))
 _project_at = function_at(float64(float64, *[vector_type] * 3))
 
 
@@ -301,29 +298,10 @@ def widen_sizes(atol, of, y):
         u_size[lane], v_size[lane] = (most[lane] if is_new else u_size[lane]), (more[lane] if is_new else v_size[lane])
 
 
-# The right-hand side and the functions of events for lanes: each lane has its time.
-
-
-def scalar_at_times(t, u, v, p, a):
-    for lane in range(LANES):
-        a[lane] = FUNCTION(t[lane], u[lane], v[lane], PARAMS(p, lane))
-
-
-def vector_at_times(t, u, v, p, a):
-    for lane in range(LANES):
-        FUNCTION(t[lane], GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
-
-
 def watched(t, u, v, p, side, product):
     """Write the function times its side: this is positive as long as the sign has not changed."""
     for lane in range(LANES):
         product[lane] = side[lane] * FUNCTION(t[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
-
-
-def compile_rhs_at_times(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:
-    """Compile the right-hand side of lanes with their own times, from the plain Python function of the user."""
-    template = scalar_at_times if layout.form is SCALAR else vector_at_times
-    return compile_template(template, function, layout, RHS_AT_TIMES.args, is_checked)
 
 
 def compile_event(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:

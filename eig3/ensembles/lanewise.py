@@ -11,13 +11,13 @@ from ..functions.callbacks import Callback
 from ..functions.companions import constraints_of
 from ..functions.layout import bound_layout
 from ..functions.quantities import Quantity
-from ..kernels.adaptive_lanes import RHS_AT_TIMES, adaptive_kernel, compile_event, compile_rhs_at_times
+from ..kernels.adaptive_lanes import adaptive_kernel, compile_event
 from ..kernels.compile.numba_internals import gist, options_of
 from ..kernels.constraint_lanes import Straight, compile_constrained, compile_keeping
 from ..kernels.lane_stops import stops_kernel
 from ..kernels.lanes import Lanes, Layout, compile_caught, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
-from ..kernels.protocol import FOLLOWS, SEARCHES, VECTOR
+from ..kernels.protocol import FOLLOWS, SEARCHES
 from ..methods import Method
 from ..run.prepare import Prepared
 from ..stepping.options import RunOptions
@@ -139,7 +139,7 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
     invariants, outputs = options.functions.quantities(members.form)
     followed = {**invariants, **outputs}
     if options.has_tolerances:
-        layout = _layout(members, ADAPTIVE_LANES) if _pays(members, straight) else None
+        layout = _layout(members, ADAPTIVE_LANES, True) if _pays(members, straight) else None
         obstacle = obstacle or _FOLLOWED * (options.save_every is not None or bool(followed))
     else:
         method = method.for_force(callback.reads_velocity, members.n)
@@ -173,17 +173,16 @@ def _compiled(
     followed: dict[str, Quantity],
 ) -> dict[str, Any]:
     """Compile the functions of a `Setup`."""
-    is_adaptive, events = options.has_tolerances, options.events.values()
+    is_adaptive, events = layout.has_own_times, options.events.values()
     only_ends = bool(events) and not (is_adaptive or followed or straight)
     only_ends = only_ends and all(event.terminal and event.apply is None for event in events)
-    how = (RHS_AT_TIMES, compile_rhs_at_times) if is_adaptive else (VECTOR.rhs, compile_rhs)
     has_leap = bool(method.second) and not is_adaptive
     given, keeping = (rhs, callback, layout), None
     if straight:
-        in_blocks = _lanes_of(*given, compile_constrained, *how, of=straight)
+        in_blocks = _lanes_of(*given, compile_constrained, of=straight)
         keeping = _lanes_of(*given, compile_keeping, has_leap, of=straight)
     else:
-        in_blocks = _lanes_of(*given, how[1])
+        in_blocks = _lanes_of(*given, compile_rhs)
     quantities = {}
     for name, quantity in followed.items():
         mine = quantity.function, quantity.callback, layout
@@ -245,9 +244,9 @@ def layout_of(members: Members, method: Method, more_rows: int, threads: int) ->
     return _layout(members, lanes)
 
 
-def _layout(members: Members, lanes: int) -> Layout:
-    k = members.params.shape[-1]
-    return Layout(members.form, members.n, lanes, k, not members.has_own_params, members.has_own_step)
+def _layout(members: Members, lanes: int, has_own_times: bool = False) -> Layout:
+    k, shares_params = members.params.shape[-1], not members.has_own_params
+    return Layout(members.form, members.n, lanes, k, shares_params, members.has_own_step, has_own_times)
 
 
 def _lanes_of(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import reals
-from ..functions.events import Event, Occurrences
+from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..functions.guard import CELLS, are_untouched, beyond, guarded
 from ..kernels.loops.zeros import NEAR
@@ -32,7 +32,6 @@ from ..kernels.protocol import (
     T_LOW,
     Follow,
     Look,
-    LookWithin,
     Watch,
     Within,
 )
@@ -107,15 +106,11 @@ class Observer:
         self._out, self._widest, self.steps, self.parts, self.forward, self.most, self._start, self._before = arrays
 
     @property
-    def arguments(self) -> Look | LookWithin:
+    def arguments(self) -> Look:
         """What the kernel gets."""
         arrays = self._table, self._out, self._widest, self.steps, self.parts, self.forward, self.most
         follow = Follow(*arrays, self.followed.advance, self.followed.project)
-        return Look(self.watch, follow) if self._within is None else LookWithin(self.watch, follow, self._within)
-
-    @property
-    def events(self) -> Mapping[str, Event]:
-        return self.system.events
+        return Look(self.watch, follow, self._within)
 
     def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
         """Look at the start: write the signs of g, and that there was no reset before, and evaluate the quantities.
@@ -129,7 +124,7 @@ class Observer:
         tally[PART_END] = 1
         values = tally[EVENTS:].reshape(-1, EVENT_VALUES)
         values[:, 0], values[:, 1], values[:, 2:] = 0.0, -np.inf, 0.0
-        for k, (name, (g, apply)) in enumerate(zip(self.events, self.system.event_callbacks, strict=True)):
+        for k, (name, (g, apply)) in enumerate(zip(self.system.events, self.system.event_callbacks, strict=True)):
             values[k, 0] = g.call(t0, u, v, params)
             if apply and not self._is_scalar:
                 _check_within(apply, name, t0, (u, v), params)
@@ -240,7 +235,7 @@ class Observer:
         Their states may have fewer degrees of freedom, because integrals are not among them: those are NaN.
         """
         rows = []
-        for k, name in enumerate(self.events):
+        for k, name in enumerate(self.system.events):
             found = events[name]
             mine = np.full((len(found), 2 + 4 * self._n), np.nan)
             mine[:, 0], mine[:, 1] = k, found.t
@@ -260,7 +255,7 @@ class Observer:
         n = self._n
         rows = np.concatenate([self.watch.log[:0], *self._found])
         result = {}
-        for k, name in enumerate(self.events):
+        for k, name in enumerate(self.system.events):
             mine = rows[rows[:, 0] == k]
             states = [mine[:, 2 + i * n : 2 + (i + 1) * n] for i in range(4)]
             states = [np.ascontiguousarray(x[:, 0] if self._is_scalar else x) for x in states]
