@@ -73,12 +73,12 @@ OWN_STEP_ROWS = 2
 
 
 def scalar(t, u, v, p, a):
-    for lane in range(LANES):
+    for lane in range(a.size):
         a[lane] = FUNCTION(TIME(t, p, lane), u[lane], v[lane], PARAMS(p, lane))
 
 
 def vector(t, u, v, p, a):
-    for lane in range(LANES):
+    for lane in range(a.size // N):
         FUNCTION(TIME(t, p, lane), GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
 
 
