@@ -238,7 +238,7 @@ class Block(Alone):
         for lane in np.flatnonzero(ended).tolist():
             if lane in self._failed:
                 histories.judge(int(members[lane]), failure, self._failed[lane])
-        fired = state.observer.crossings[0].any(axis=0) & ended
+        fired = state.observer.crossings[0].any(axis=0) & ended if self.shared.events else np.zeros_like(ended)
         for member in members[fired].tolist():
             histories.judge(member, Status.INTERRUPTED, "The run was interrupted before the events were found.")
             self._fired.append(member)
