@@ -123,21 +123,12 @@ def find(u, x, p, room):
             x[first + lane] = x[first + lane] if room[lane] == CONVERGED else math.nan
 
 
-def compile_constrained(
-    functions: Straight,
-    layout: Layout,
-    signature: Any,
-    compile_forces: Callable[..., Lanes],
-    is_checked: bool = False,
-) -> Lanes:
-    """Compile the right-hand side of a block, which knows the constraints.
-
-    `compile_forces` compiles that which does not, for the same signature.
-    """
-    forces = compile_forces(functions.forces.py_func, layout, is_checked)
+def compile_constrained(functions: Straight, layout: Layout, is_checked: bool = False) -> Lanes:
+    """Compile the right-hand side of a block, which knows the constraints."""
+    forces = compile_rhs(functions.forces.py_func, layout, is_checked)
     parts = {"forces": forces, **_parts(("react",), functions, layout, is_checked)}
-    names = {"FORCES_AT": function_at(signature), "REACT_AT": _AT["react"]}
-    return _joined(rhs, signature.args, names, parts, is_checked)
+    names = {"FORCES_AT": function_at(layout.rhs), "REACT_AT": _AT["react"]}
+    return _joined(rhs, layout.rhs.args, names, parts, is_checked)
 
 
 def compile_keeping(functions: Straight, layout: Layout, is_leap: bool, is_checked: bool = False) -> Lanes:

@@ -74,12 +74,12 @@ OWN_STEP_ROWS = 2
 
 def scalar(t, u, v, p, a):
     for lane in range(a.size):
-        a[lane] = FUNCTION(t, u[lane], v[lane], PARAMS(p, lane))
+        a[lane] = FUNCTION(TIME(t, p, lane), u[lane], v[lane], PARAMS(p, lane))
 
 
 def vector(t, u, v, p, a):
     for lane in range(a.size // N):
-        FUNCTION(t, GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
+        FUNCTION(TIME(t, p, lane), GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
 
 
 # With its own step h, each trajectory is integrated in the time (t - t0) / h with the step 1. Its velocity is then h v,
@@ -179,6 +179,11 @@ def time_of_shared_step(t, p, lane):
 
 
 @element
+def time_of_lane(t, p, lane):
+    return t[lane]
+
+
+@element
 def rescale(v, h, velocities):
     """Write v / h. LLVM does not vectorise a loop that also writes to the array in which it reads p."""
     for first in range(0, v.size, h.size):
@@ -243,6 +248,8 @@ class Layout:
         Whether the array p begins with one set of parameters for all trajectories, and not with k rows of lanes.
     has_own_step : bool
         Whether p goes on with the rows h and t0, and n rows of scratch.
+    has_own_times : bool
+        Whether the right-hand side gets an array with a time for each lane.
     """
 
     form: Form
@@ -251,6 +258,12 @@ class Layout:
     k: int
     shares_params: bool
     has_own_step: bool
+    has_own_times: bool = False
+
+    @property
+    def rhs(self) -> Any:
+        """The signature of the right-hand side of a block. It has the vector form."""
+        return none(*[vector_type] * 5) if self.has_own_times else VECTOR.rhs
 
     @property
     def params_size(self) -> int:
@@ -281,7 +294,7 @@ class Layout:
             "STEPS": _shared(lanes, own),
             "BEGINS": _shared(lanes, own + lanes),
             "VELOCITIES": _shared(n * lanes, own + OWN_STEP_ROWS * lanes, readonly=False),
-            "TIME": time_of_shared_step,
+            "TIME": time_of_lane if self.has_own_times else time_of_shared_step,
             "HAS_OWN_STEP": int(self.has_own_step),
         }
         if self.has_own_step:
@@ -312,12 +325,12 @@ class Lanes:
 
 
 def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) -> Lanes:
-    """Compile the right-hand side of a block, from the plain Python function of the user. It has the vector form.
+    """Compile the right-hand side of a block, from the plain Python function of the user.
 
     With `is_checked`, it raises an IndexError for an index beyond an array, and is not vectorised.
     """
     templates = (scalar_own_step, vector_own_step) if layout.has_own_step else (scalar, vector)
-    return compile_template(templates[layout.form is not SCALAR], function, layout, VECTOR.rhs.args, is_checked)
+    return compile_template(templates[layout.form is not SCALAR], function, layout, layout.rhs.args, is_checked)
 
 
 def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...], is_checked: bool = False) -> Lanes:

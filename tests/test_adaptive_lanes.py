@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.ensembles import adaptive
+from eig3.ensembles import lanewise
 from eig3.kernels.protocol import SCALAR
 from eig3.stepping import slices as slices_of_steps
 
@@ -147,17 +147,17 @@ def test_no_lane_waits(monkeypatch):
 
     The last members may begin when the others end, which costs the steps of one more.
     """
-    calls, kernel = [], adaptive.adaptive_kernel("rk5", SCALAR, 1, adaptive.LANES, 0)
+    calls, kernel = [], lanewise.adaptive_kernel("rk5", SCALAR, 1, lanewise.ADAPTIVE_LANES, 0)
     monkeypatch.setattr(slices_of_steps, "_SECONDS", 0.0)  # each call of the kernel is a step
     monkeypatch.setattr(slices_of_steps, "_LONGEST", 0.0)
-    monkeypatch.setattr(adaptive, "adaptive_kernel", lambda *_: lambda *given: calls.append(1) or kernel(*given))
+    monkeypatch.setattr(lanewise, "adaptive_kernel", lambda *_: lambda *given: calls.append(1) or kernel(*given))
     stiff = np.ones((300, 1))
     stiff[5] = 1e4
     found = eig3.ensemble(linear_spring, (0, 20), 1.0, 0.0, rtol=1e-6, method="rk5", params=stiff, threads=1)
     trials = found.n_steps + found.n_rejected
     assert trials[5] > 50 * trials[0]
     assert trials[5] <= len(calls) <= trials[5] + trials[0] + 2
-    rounds = -(-299 // (adaptive.LANES - 1))
+    rounds = -(-299 // (lanewise.ADAPTIVE_LANES - 1))
     calls.clear()
     found = eig3.ensemble(
         linear_spring, (0, 20), 1.0, 0.0, rtol=1e-6, method="rk5", params=np.ones((299, 1)), threads=1
@@ -278,8 +278,8 @@ def test_members_with_events_depend_on_nothing_but_themselves(monkeypatch):
     order = RNG.permutation(M)
     found = eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES, threads=1, **options)
     others = [(eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES[order], threads=2, **options), order)]
-    monkeypatch.setattr("eig3.stepping.watching._LOG_ROWS", 1)
-    monkeypatch.setattr("eig3.stepping.watching._LOG_VALUES", 1)
+    monkeypatch.setattr("eig3.stepping.observer._LOG_ROWS", 1)
+    monkeypatch.setattr("eig3.stepping.observer._LOG_VALUES", 1)
     others.append((eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES, threads=1, **options), np.arange(M)))
     for other, chosen in others:
         for name in ("u", "v", "steps", "n_rhs"):
@@ -316,7 +316,7 @@ def test_few_members_run_alone(monkeypatch):
     def kernel(*arguments):
         raise AssertionError("few members ran in lanes")
 
-    monkeypatch.setattr(adaptive, "adaptive_kernel", kernel)
+    monkeypatch.setattr(lanewise, "adaptive_kernel", kernel)
     found = solve("duffing", slice(15))
     for i in range(15):  # with the bits of single runs
         alone = single("duffing", i)

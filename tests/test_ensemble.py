@@ -453,7 +453,7 @@ def test_notes_say_why_a_function_is_not_vectorised():
 
 def test_a_function_is_compiled_once_for_a_shape(monkeypatch):
     compiled = []
-    monkeypatch.setattr(in_process, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
+    monkeypatch.setattr(lanewise, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
 
     @eig3.jit
     def rhs(t, u, v, p):
@@ -603,8 +603,8 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
     def with_signal(block, stop):
         if block.numbers[0] == 256:
             threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
-            block.shared.members.n_steps.setflags(write=True)
-            block.shared.members.n_steps[:] = 2**40  # the other blocks do not end by themselves
+            block.histories.members.n_steps.setflags(write=True)
+            block.histories.members.n_steps[:] = 2**40  # the other blocks do not end by themselves
         begin(block, stop)
 
     monkeypatch.setattr(in_process.Block, "run", with_signal)
@@ -622,7 +622,7 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
 
 @pytest.mark.usefixtures("python_handler")
 @pytest.mark.parametrize(
-    ("module", "name"), [(run, "check_members"), (in_process, "check_callback"), (in_process, "compile_rhs")]
+    ("module", "name"), [(run, "check_members"), (in_process, "check_callback"), (lanewise, "compile_rhs")]
 )
 def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch, module, name):
     """Before the first member begins, the arguments are checked and functions are compiled."""

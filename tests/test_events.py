@@ -767,8 +767,8 @@ def test_a_step_with_a_full_log_can_be_taken_back():
         each.advance(1)
         assert each.index == 2
         assert (each.u, each.v) == (whole.u, whole.v)
-        times = each.look.watching.occurrences()["impact"].t
-        assert np.array_equal(times, whole.look.watching.occurrences()["impact"].t)
+        times = each.look.occurrences()["impact"].t
+        assert np.array_equal(times, whole.look.occurrences()["impact"].t)
 
 
 # Long runs and failures ----------------------------------------------------------------------------------------------

@@ -39,7 +39,6 @@ from eig3.kernels.protocol import (
     ZENO,
     Follow,
     Look,
-    LookWithin,
     Span,
     Steps,
     Watch,
@@ -161,7 +160,7 @@ def look_of(form, n, start, *, work_rows, quantities=(), events=(), times=(), ro
     if formulas is None:
         look = Look(watch, follow)
     else:
-        look = LookWithin(watch, follow, within_steps(values, n, formulas, np.zeros(len(quantities))))
+        look = Look(watch, follow, within_steps(values, n, formulas, np.zeros(len(quantities))))
     return SimpleNamespace(look=look, follow=follow, watch=watch, tally=tally, saved=saved, callbacks=callbacks)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.stepping import watching
+from eig3.stepping import observer
 
 from .conftest import bounce, coupled, oscillator, position
 from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, energy, forces, steady
@@ -140,8 +140,8 @@ def test_an_interrupted_run_goes_on_from_anywhere(options, tmp_path, monkeypatch
     counts = ("n_steps", "n_rejected")
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-7)
     monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-7)
-    monkeypatch.setattr(watching, "_LOG_ROWS", 2)
-    monkeypatch.setattr(watching, "_LOG_VALUES", 0)
+    monkeypatch.setattr(observer, "_LOG_ROWS", 2)
+    monkeypatch.setattr(observer, "_LOG_VALUES", 0)
     monkeypatch.setattr("eig3.run.history.FIRST_ROWS", 2)
     options = {**options, "events": EVENTS, "outputs": {"energy": energy}}
     if "rtol" not in options:

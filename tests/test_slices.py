@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.ensembles import adaptive, in_process
+from eig3.ensembles import lanewise
 from eig3.kernels.loops import fixed, variable
 from eig3.stepping import slices
 
@@ -18,7 +18,7 @@ SLICE = 5e-4  # s, the duration of a slice
 PER_STEP = 1e-7  # s
 
 #: Where each kind of run gets its kernel.
-KERNELS = (fixed, "kernel"), (variable, "kernel"), (in_process, "wide_kernel"), (adaptive, "adaptive_kernel")
+KERNELS = (fixed, "kernel"), (variable, "kernel"), (lanewise, "wide_kernel"), (lanewise, "adaptive_kernel")
 
 
 @eig3.jit

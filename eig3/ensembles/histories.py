@@ -11,10 +11,11 @@ import numpy as np
 
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
-from ..kernels.protocol import SCALAR
+from ..kernels.protocol import SCALAR, TERMINAL
 from ..result.columns import OF_RUNS, each
 from ..result.memory import check_members_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
+from ..run.run import ended_by_event
 from ..stepping.options import RunOptions
 from .members import Members
 from .occurrences import MemberOccurrences
@@ -176,16 +177,20 @@ class Histories:
             values[later], values[places, last] = np.nan, end
             whole[chosen] = values
 
-    def note_events(self, member: np.ndarray, event: np.ndarray, t: np.ndarray, states: np.ndarray) -> None:
-        """Store occurrences of members that ran in lanes: the number of each event, and u and v before and after it.
-
-        `states` has the shape (occurrences, 4, n).
-        """
-        degrees = slice(states.shape[2] - len(self.options.integrals))
+    def note_events(self, member: np.ndarray, rows: np.ndarray) -> None:
+        """Store occurrences of members that ran in lanes, from the rows of a log: see `eig3.kernels.protocol.Watch`."""
+        n = self.members.n
+        states = rows[:, 2:].reshape(len(rows), 4, n)[..., : n - len(self.options.integrals)]
         for k, name in enumerate(self.events):
-            mine = event == k
-            rows = (self.shaped(states[mine, i, degrees]) for i in range(4))
-            self.events[name].append((member[mine], Occurrences(t[mine], *rows)))
+            mine = rows[:, 0] == k
+            found = (self.shaped(states[mine, i]) for i in range(4))
+            self.events[name].append((member[mine], Occurrences(rows[mine, 1], *found)))
+
+    def end_by_events(self, chosen: np.ndarray, event: np.ndarray, t: np.ndarray) -> None:
+        """Judge members that the events of these numbers have ended."""
+        names = list(self.events)
+        for member, k, time in zip(chosen.tolist(), event.tolist(), t.tolist(), strict=True):
+            self.judge(member, *ended_by_event(TERMINAL, names[int(k)], time))
 
     def _store(self, member: int, rows: int, states: Mapping[str, Any]) -> None:
         """Write the rows of a member, and NaN after them."""

@@ -21,8 +21,8 @@ from ..result.labels import Labels
 from ..run.prepare import Prepared
 from ..run.progress import check_progress
 from ..stepping.march import Cancel
+from ..stepping.observer import check_times
 from ..stepping.options import RunOptions, run_options
-from ..stepping.watching import check_times
 from .files import Directory
 from .in_process import Run, at_start, cores
 from .members import Members, check_members

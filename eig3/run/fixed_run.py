@@ -21,10 +21,10 @@ from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
 from ..stability import alternating_limit
 from ..stepping.march import Rows
+from ..stepping.observer import check_times, further_times
 from ..stepping.options import NEVER
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
-from ..stepping.watching import check_times, further_times
 from .growth import Growth
 from .history import History
 from .progress import check_progress
@@ -95,7 +95,7 @@ class FixedRun(Run):
             stepper = Stepper.of(system, state["t0"], state["h"], u0, v0, guarded(state["params"]), times)
             stepper.load(state["stepper"])
             if stepper.look:
-                stepper.look.watching.recall(solution.events)
+                stepper.look.recall(solution.events)
             t, u, v = whole_rows(solution, stepper.n)
             count = stepper.n_wanted if times is not None else stepper.index // stride(state["save_every"], n_steps) + 1
             if len(t) < count:
@@ -237,7 +237,7 @@ class FixedRun(Run):
             if self.status is not Status.DIVERGED:
                 if stepper.look and (stepper.index == self.n_steps or stepper.is_over):
                     t = stepper.t if stepper.is_over else self.t_end
-                    stepper.look.watching.finish(stepper.tally, stepper.t0, t, stepper.h, stepper.u, stepper.v)
+                    stepper.look.finish(stepper.tally, stepper.t0, t, stepper.h, stepper.u, stepper.v)
                 history.row = stepper.n_wanted
         else:
             if stepper.index % self.every or stepper.is_within_step:

@@ -20,12 +20,12 @@ from ..methods import Method
 from ..result.solution import Solution
 from ..result.storage import Place
 from ..stepping.march import Cancel, March
+from ..stepping.observer import check_times
 from ..stepping.options import RunOptions, run_options
 from ..stepping.stepper import Stepper
 from ..stepping.system import System, remembered
 from ..stepping.tolerances import Tolerances, usual_method
 from ..stepping.variable_stepper import VariableStepper
-from ..stepping.watching import check_times
 from . import short
 from .fixed_run import FixedRun, divide
 from .progress import check_progress

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.drift import excess
+from ..diagnosis.drift import excess, growth
 from ..diagnosis.refinement import Refinement
 from ..functions.checks import check_cancel, check_flag
 from ..functions.evaluation import accelerations
@@ -209,7 +209,7 @@ class Run:
             self._judge(first)
             stepper = self.stepper
             if stepper.look:
-                stepper.look.follower.check()
+                stepper.look.check()
             if stepper.form is VECTOR and (stepper.index - self._looked_at >= _LEAST_STEPS or self.is_done):
                 self._check_written()
             if bar:
@@ -247,9 +247,9 @@ class Run:
         """Let the kernel write into the present block of the history."""
         look = self.stepper.look
         if self.history.outputs:
-            look.follower.save_in(self.history.outputs)
+            look.save_outputs(self.history.outputs)
         if self.times is not None:
-            look.watching.want(self.times)
+            look.want(self.times)
             look.save_wanted(self.history.arrays, self.stepper.n)
 
     def _rows_to_write(self) -> Rows:
@@ -278,7 +278,7 @@ class Run:
         """Save the present state in the next row."""
         stepper = self.stepper
         values = {"t": stepper.t, "steps": step, "u": stepper.u, "v": stepper.v}
-        self.history.write(values, stepper.look.follower.present_outputs() if self.history.outputs else {})
+        self.history.write(values, stepper.look.present_outputs() if self.history.outputs else {})
 
     # What a run gives back --------------------------------------------------------------------------------------------
 
@@ -338,15 +338,15 @@ class Run:
         """
         stepper, notes = self.stepper, []
         if stepper.look and not stepper.method.is_stochastic and self.status is not Status.DIVERGED:
-            follower = stepper.look.follower
-            for name, k in follower.followed.invariants.items():
-                is_balance = follower.followed.work[k] >= 0
-                growth = self.status is Status.COMPLETED and follower.growth(name, stepper.tally, stepper.index)
-                far = 0.0 if growth else excess(stepper, k, self._fields()["h"])
-                if growth:
-                    notes.append(growth_note(name, growth, is_balance, stepper.method, remedy))
+            look = stepper.look
+            for name, k in look.followed.invariants.items():
+                is_balance = look.followed.work[k] >= 0
+                grown = self.status is Status.COMPLETED and growth(stepper, k)
+                far = 0.0 if grown else excess(stepper, k, self._fields()["h"])
+                if grown:
+                    notes.append(growth_note(name, grown, is_balance, stepper.method, remedy))
                 elif far:
-                    notes.append(drift_note(name, follower.drift_of(k), far, is_balance, remedy))
+                    notes.append(drift_note(name, look.drift_of(k), far, is_balance, remedy))
         return notes
 
     def all_notes(self) -> tuple[str, ...]:

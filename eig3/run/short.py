@@ -109,7 +109,7 @@ def at_times(stepper: Any, most: int, t_end: float, times: np.ndarray) -> Soluti
     if not is_well:
         return None
     written, end = stepper.n_wanted, stepper.t if stepper.ended == TERMINAL else t_end
-    look.watching.finish(tally, stepper.t0, end, stepper.h, stepper.u, stepper.v)
+    look.finish(tally, stepper.t0, end, stepper.h, stepper.u, stepper.v)
     count = stepper.n_wanted
     if outputs and written < count:  # `finish` has written states without outputs
         return None
@@ -150,7 +150,7 @@ def _call(stepper: Any, steps: Any) -> int:
     stepper.seconds += time.perf_counter() - begin
     stepper.index += taken
     if stepper.look:
-        stepper.look.watching.collect(stepper.tally)
+        stepper.look.collect(stepper.tally)
     return row
 
 
@@ -182,7 +182,7 @@ def _is_well(stepper: Any, wanted: int, span: float) -> bool:
     if stepper.index:
         stepper.system.pace[stepper.kernel.pace_key] = stepper.seconds / stepper.index
     if stepper.look:
-        stepper.look.follower.check()
+        stepper.look.check()
     if stepper.form is SCALAR:
         u, v = abs(state.item(0)), abs(state.item(1))
     else:
@@ -207,7 +207,7 @@ def _rows_of_outputs(stepper: Any, count: int, has_first: bool = True) -> dict[s
     for name, shape in stepper.system.functions.shapes.items():
         outputs[name] = np.empty((count, *shape))
     if outputs:
-        stepper.look.follower.save_in(outputs)
+        stepper.look.save_outputs(outputs)
         if has_first:
             _write_outputs(stepper, outputs, 0)
     return outputs
@@ -215,7 +215,7 @@ def _rows_of_outputs(stepper: Any, count: int, has_first: bool = True) -> dict[s
 
 def _write_outputs(stepper: Any, outputs: dict[str, np.ndarray], row: int) -> None:
     if outputs:
-        for name, value in stepper.look.follower.present_outputs().items():
+        for name, value in stepper.look.present_outputs().items():
             outputs[name][row] = value
 
 

@@ -15,11 +15,11 @@ from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
 from ..stepping.march import Rows
+from ..stepping.observer import check_times, further_times
 from ..stepping.options import NEVER
 from ..stepping.system import System
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
 from ..stepping.variable_stepper import VariableStepper
-from ..stepping.watching import check_times, further_times
 from .growth import OVERFLOWING
 from .history import FIRST_ROWS, History
 from .progress import check_progress
@@ -73,7 +73,7 @@ class VariableRun(Run):
                 raise ValueError("atol has another shape.")
             stepper.load(state["stepper"])
             if stepper.look:
-                stepper.look.watching.recall(solution.events, state["events"])
+                stepper.look.recall(solution.events, state["events"])
             t, u, v = whole_rows(solution, stepper.n)
             count = check_count(state["rows"], "rows") if times is None else stepper.n_wanted
             if count > len(t):
@@ -136,7 +136,7 @@ class VariableRun(Run):
     def state(self) -> dict[str, Any]:
         mark = self._mark or self._marked()
         stepper = mark.stepper
-        found = stepper.look.watching.occurrences() if stepper.look else {}
+        found = stepper.look.occurrences() if stepper.look else {}
         return {
             "t0": stepper.t0,
             "t_end": stepper.t_end,
@@ -234,8 +234,7 @@ class VariableRun(Run):
         stepper, history = self.stepper, self.history
         if self.times is not None:
             if stepper.look and (stepper.is_over or stepper.t >= stepper.t_end):
-                watching = stepper.look.watching
-                watching.finish(stepper.tally, stepper.t0, stepper.t, stepper.h, stepper.u, stepper.v)
+                stepper.look.finish(stepper.tally, stepper.t0, stepper.t, stepper.h, stepper.u, stepper.v)
             history.row = stepper.n_wanted
             if history.files:
                 history.arrays["t"][: history.row] = self.times[: history.row]

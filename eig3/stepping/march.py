@@ -34,11 +34,10 @@ from ..kernels.protocol import (
 )
 from ..methods import Method
 from ..result.memory import aligned
-from .observer import Observer
+from .observer import Observer, not_a_number
 from .slices import Slices
 from .system import Kernel, System
 from .team import team
-from .watching import not_a_number
 
 ENDED_BY_EVENT = (TERMINAL, RESTING)  # the first and the last of the outcomes of an event that ends a run
 
@@ -263,7 +262,7 @@ class March:
             self.seconds += slices.end(taken, *begun)
             self.index += taken
             if self.look and self.tally[LOGGED]:
-                self.look.watching.collect(self.tally)
+                self.look.collect(self.tally)
             if ended != GOING:
                 if ended == FULL and self._has_room(row, rows):
                     continue
@@ -334,8 +333,8 @@ class March:
             "seconds": self.seconds,
             "state": self.state[: self._carried].copy(),
             "tally": self.tally.copy(),
-            "numbers": look.follower.numbers.copy() if look else None,
-            "n_found": look.watching.n_found if look else 0,
+            "numbers": look.numbers.copy() if look else None,
+            "n_found": look.n_found if look else 0,
             "remembered": self.params.copy() if remembers else None,
         }
 
@@ -347,8 +346,8 @@ class March:
         self.index, self.changed_at, self.ended = kept["index"], changed_at, GOING
         self.state[: self._carried], self.tally[...] = kept["state"], kept["tally"]
         if self.look:
-            self.look.follower.numbers[...] = kept["numbers"]
-            self.look.watching.forget_from(kept["n_found"])
+            self.look.numbers[...] = kept["numbers"]
+            self.look.forget_from(kept["n_found"])
         if kept["remembered"] is not None:
             self.params[...] = kept["remembered"]
 
@@ -370,7 +369,7 @@ class March:
         tally[[LOGGED, ENDED_BY, WITHIN]] = 0  # places in arrays of another process
         checked = {"index": check_index(kept["index"]), "changed_at": changed_at, "state": state, "tally": tally}
         if self.look:
-            checked["numbers"] = self.look.follower.checked(kept["numbers"])
+            checked["numbers"] = self.look.checked(kept["numbers"])
         self.restore({**kept, **checked, "n_found": 0})
         self.seconds = float(kept["seconds"])
 

@@ -15,7 +15,7 @@ from ..kernels.compile.jit import compiled
 from ..kernels.compile.numba_internals import address_of
 from ..kernels.protocol import FOLLOWS, SEARCHES, Form
 from ..methods import Method
-from .follower import Followed
+from .followed import Followed
 from .options import RunOptions
 from .team import Shares
 

@@ -77,7 +77,7 @@ class VariableStepper(March):
         self.state[U], self.state[V], self.state[A] = u, v, a
         self.tally[ERROR], self.tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
         if self.look:
-            self.look.follow_within(self.kernel.formulas, tolerances.rtol)
+            self.look.look_within(self.kernel.formulas, tolerances.rtol)
         self.may_shorten = False
 
     def _work_rows(self) -> int:
