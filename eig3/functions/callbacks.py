@@ -63,7 +63,7 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(jit, **options)
     options = {**OPTIONS, **options}
-    is_kept = options.pop("cache", False)
+    is_kept = options.pop("cache", True)
     jitted = numba.njit(**options)(function)
     return keep_on_disk(jitted) if is_kept else jitted
 

@@ -263,7 +263,7 @@ class Effect:
         given = self._argument_types(name, dimension)
         types = tuple(given.get(argument, numba.float64) for argument in arguments(function))
         try:
-            returned = return_type(compiled(function, types))
+            returned = return_type(compiled(getattr(function, "for_python", function), types))
         except Exception as error:
             raise TypeError(f"{name} of {self.title} does not compile: {gist(error)}.") from error
         self._check_returned(name, returned, dimension)
