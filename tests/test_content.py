@@ -8,7 +8,6 @@ import sys
 import types
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
 import pytest
 
@@ -109,7 +108,7 @@ def runs():
     yield problems.pounding_buildings().with_(t_span=(0, 0.02)).integrate(h=1e-3)
     yield problems.ten_storey_frame().with_(t_span=(0, 0.02)).integrate(h=1e-3)
     yield problems.jelly().with_(t_span=(0, 2e-3)).integrate(h=1e-4)
-    params, events = {"k": 4.0, "c": 0.1}, {"crossing": crossing}
+    params, events = {"k": 4.0, "c": 0.1}, {"crossing": eig3.Event(crossing)}
     yield eig3.integrate(named, (0, 1), 1.0, 0.0, params=params, events=events, rtol=1e-6)
     yield eig3.integrate(named, (0, 1), 1.0, 0.0, params=params, h=0.01, method="rk4", inline=True)
     yield eig3.ensemble(named, (0, 1), [1.0] * 20, 0.0, params=params, h=0.01)
@@ -134,7 +133,7 @@ def test_the_second_process_compiles_nothing_of_scenes_and_structures(tmp_path):
     assert results_of(READY, tmp_path) == [values, "0"]
 
 
-ONE_NAME = """
+ONE_NAME = r"""
 import sys
 
 import eig3

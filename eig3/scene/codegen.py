@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..functions.callbacks import cached_jit, jit
+from ..functions.callbacks import jit
 from ..functions.companions import Constraints, History
 from ..functions.events import Event
 from ..functions.families import Family
@@ -60,7 +60,7 @@ _TINY = (
 G = TypeVar("G", MassesText, LinksText)
 
 
-@cached_jit
+@jit
 def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
     """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
 

@@ -31,6 +31,7 @@ from .numba_internals import (
     compile_results,
     define_symbol,
     linked_jit,
+    return_type,
 )
 from .source import define
 
@@ -77,6 +78,12 @@ def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
         return results[arguments]
 
 
+def type_returned(function: Any, arguments: tuple) -> Any:
+    """Return the type that a jitted function returns for types of arguments."""
+    # An element has no code that could be kept: what is compiled of it for calls from Python has.
+    return return_type(compiled(getattr(function, "for_python", function), arguments))
+
+
 def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, label: str = "") -> Any:
     """Compile a template for a signature, and return the compiled function without the checks of its arguments.
 
@@ -88,10 +95,9 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
         Globals that the template uses besides those of its own file.
     signature : Numba signature
     label : str
-        If it is not empty, the kernel is kept on the disk, and loaded from there. The label distinguishes it from other
-        kernels with the same template. All `names` must come from this folder: the name of the kernel on the disk
-        contains a checksum of the files of this folder, so that a kernel is compiled again after a change, but Numba
-        cannot detect a change of other files.
+        What tells the kernel from others with the same template, for which it is found on the disk. All `names` must
+        then come from this folder, of which a checksum is in the name of the file. Without a label, the kernel is found
+        by its content.
     """
     return call_without_checks(_compiled(template, names, signature, label, WITHOUT_C_WRAPPER))
 
@@ -122,8 +128,8 @@ def linked(template: Callable, names: dict[str, Any], signature: Any, label: str
 def of_library(signature: Any) -> Callable:
     """Decorate a function of a module that scenes call, for the types of a signature.
 
-    It is compiled when the first scene needs it, and kept on the disk. The scenes, which are not kept there, contain
-    only a symbol: they compile in a part of the time, and the function rounds in one way for all.
+    It is compiled when the first scene needs it. The scenes contain only a symbol: they compile in a part of the time,
+    and the function rounds in one way for all.
     """
 
     def decorate(function: Callable) -> Any:

@@ -14,6 +14,7 @@ import importlib
 import itertools
 import operator
 import os
+import pickle
 import re
 import sys
 from abc import abstractmethod
@@ -554,7 +555,7 @@ class DiskCache(FunctionCache):
 
     @abstractmethod
     def open_files(self, folder: Path) -> Any:
-        """Return an object with the methods load(key), save(key, data) and flush(). `load` returns None without a file."""
+        """Return an object with the methods load(key), which may return None, save(key, data) and flush()."""
 
     @abstractmethod
     def find_key(self) -> str:
@@ -583,6 +584,8 @@ class DiskCache(FunctionCache):
             return
         try:
             super().save_overload(sig, data)
+        except pickle.PicklingError:  # of an argument whose class is in no module, such as that of named parameters
+            return
         except Exception as error:
             self.failed("keep", error)
 
