@@ -157,7 +157,7 @@ def test_a_users_function_in_numbas_cache_survives_damage(tmp_path):
         return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
 
     first = printed()
-    files = list((tmp_path / "cache").rglob("*user*.nb*"))
+    files = list((tmp_path / "cache").rglob("*.nbc"))
     assert files
     for path in files:
         os.truncate(path, 100)

@@ -429,6 +429,12 @@ def test_a_function_at_an_address_that_is_called_by_another_function():
         assert numba.njit(lambda address: function_at(address)(3.0, 0.5))(address_of(result)) == 6.5
 
 
+def test_the_jitted_function_of_a_type():
+    with probe("The type of a jitted function has no `dispatcher`"):
+        inner = numba.njit(double)
+        assert internals.jitted_of(numba.typeof(inner)) is inner
+
+
 def test_code_with_an_address_of_this_process_is_not_kept(memory):
     size = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(abs)  # the next process has another address
     with probe("The library of a compile result does not say by `has_dynamic_globals` that it has addresses"):

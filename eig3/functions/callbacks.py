@@ -57,9 +57,9 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     -----
     Numba compiles a global variable as a constant. If its value has changed when the next run begins, the function is
     compiled again, which takes some tenths of a second: pass values that change often as parameters. A function is
-    found on the disk by its code, the code of the functions that it calls, and the values from outside. A function that uses
-    anything else, such as an `enum`, is compiled in each process. Numba does not check indices unless the environment
-    variable NUMBA_BOUNDSCHECK is 1 when Python starts.
+    found on the disk by its code, the code of the functions that it calls, and the values from outside. A function that
+    uses anything else, such as an `enum`, is compiled in each process. Numba does not check indices unless the
+    environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
     """
     if function is None:
         return functools.partial(jit, **options)

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 from numba.types import unliteral
 
+from ..kernels.compile.jit import type_returned
 from .effect import REAL, Effect, arguments
 from .fields import check_fields
 

@@ -14,6 +14,7 @@ import numpy as np
 from numba.types import unliteral
 
 from ..functions.checks import reals
+from ..kernels.compile.jit import type_returned
 from ..kernels.compile.numba_internals import Jitted, gist
 from .fields import annotations_of, check_fields
 
