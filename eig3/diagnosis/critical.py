@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import cached_jit
+from ..functions.callbacks import jit
 from ..functions.checks import check_method, check_time, velocity_refused
 from ..methods import Method
 from ..stability import (
@@ -431,7 +431,7 @@ def _step_matrix(method: Method, system: Linearised, h: float) -> np.ndarray:
     return np.concatenate(columns).T
 
 
-@cached_jit
+@jit
 def _copies(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
     m = int(p[0])
     for first in range(0, u.size, m):

@@ -10,8 +10,7 @@ import numba
 import numpy as np
 from numba.types import unliteral
 
-from ..kernels.compile.jit import compiled
-from ..kernels.compile.numba_internals import return_type
+from ..kernels.compile.jit import type_returned
 from .effect import REAL, Effect, arguments
 from .fields import check_fields
 
@@ -91,7 +90,7 @@ class Cell(Effect):
         if self.variable and name != "measure":
             measure = self.functions()["measure"]
             types = tuple(given.get(argument, numba.float64) for argument in arguments(measure))
-            measured = unliteral(return_type(compiled(measure, types)))
+            measured = unliteral(type_returned(measure, types))
             given |= dict.fromkeys((self.variable, "rate", self.conjugate), measured)
         return given
 

@@ -21,13 +21,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..functions.callbacks import cached_jit, jit
+from ..functions.callbacks import jit
 from ..functions.companions import Constraints, History
 from ..functions.events import Event
 from ..functions.families import Family
+from ..kernels.compile.jit import with_symbol
 from ..kernels.compile.numba_internals import WITHOUT_C_WRAPPER
 from ..kernels.compile.source import define
 from ..kernels.constraint_lanes import Straight
+from ..kernels.constraints import FUNCTION_OF_SCENE
 from ..kernels.neighbours import bounds, memory
 from ..kernels.protocol import index
 from ..kernels.shared_forces import OWN, add_forces, advance_springs, set_forces
@@ -58,7 +60,7 @@ _TINY = (
 G = TypeVar("G", MassesText, LinksText)
 
 
-@cached_jit
+@jit
 def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
     """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
 
@@ -100,9 +102,12 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
 
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-    known = {"sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index}
+    known = {"__name__": __name__, "sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index}
     known["jit"] = functools.partial(jit, **WITHOUT_C_WRAPPER)
-    return define(text, "scene", {**known, **dict(names)})
+    functions = define(text, "scene", {**known, **dict(names)})
+    if "own" in functions:
+        with_symbol(functions["own"], FUNCTION_OF_SCENE)
+    return functions
 
 
 @functools.lru_cache(maxsize=256)

@@ -14,8 +14,8 @@ import numpy as np
 from numba.types import unliteral
 
 from ..functions.checks import reals
-from ..kernels.compile.jit import compiled
-from ..kernels.compile.numba_internals import Jitted, gist, return_type
+from ..kernels.compile.jit import type_returned
+from ..kernels.compile.numba_internals import Jitted, gist
 from .fields import annotations_of, check_fields
 
 #: The functions that cause accelerations: those of a `Body`, of a `Link` and of a `Cell`.
@@ -263,7 +263,7 @@ class Effect:
         given = self._argument_types(name, dimension)
         types = tuple(given.get(argument, numba.float64) for argument in arguments(function))
         try:
-            returned = return_type(compiled(function, types))
+            returned = type_returned(function, types)
         except Exception as error:
             raise TypeError(f"{name} of {self.title} does not compile: {gist(error)}.") from error
         self._check_returned(name, returned, dimension)
