@@ -247,7 +247,7 @@ EQUIVALENT = [
     ("kernels/elementary.py", "_TANH_IS_1 = 22.0", "_TANH_IS_1 = 23.0", "tanh is rounded to 1 from 19.1 on"),
     ("kernels/philox.py", "_11) + 1.0)", "_11) + 2.0)", "a change of 2^-53, the least distance of two numbers"),
     ("eig3/effects/restitution.py", "rate >= 0", "rate > 0", "the rate 0 rebounds with the rate 0"),
-    ("eig3/effects/shifted.py", "- pull_at_reach if r <", "- pull_at_reach if r <=", "both are 0 at the reach"),
+    ("eig3/effects/shifted.py", "- pull_at_cutoff if r <", "- pull_at_cutoff if r <=", "both are 0 at the reach"),
 ]
 
 

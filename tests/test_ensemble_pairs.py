@@ -150,7 +150,7 @@ def test_the_number_of_pairs_stays():
     """A new option of `ensemble` belongs into this file: the signature has these and the arguments of a start."""
     import inspect
 
-    taken = {"rhs", "t_span", "u0", "v0", "params", "h", "rtol", "atol", "method", "integrals", "labels", "refused"}
+    taken = {"rhs", "t_span", "u0", "v0", "params", "h", "rtol", "atol", "method", "quadratures", "labels", "refused"}
     named = {*OF_RUNS, *OF_ENSEMBLES, "events"}
     assert {*inspect.signature(eig3.ensemble).parameters} == taken | named
 

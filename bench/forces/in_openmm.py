@@ -58,8 +58,8 @@ def _spring() -> Any:
 def _morse() -> Any:
     import openmm
 
-    depth, width, length = MORSE
-    force = openmm.CustomBondForce(f"{depth} * (1 - exp(({length} - r) / {width}))^2")
+    D, a, r0 = MORSE
+    force = openmm.CustomBondForce(f"{D} * (1 - exp({a} * ({r0} - r)))^2")
     for i, j in chains(2):
         force.addBond(i, j, [])
     return force

@@ -88,7 +88,7 @@ class Histories:
             for place in np.flatnonzero(~complete):
                 member = int(chosen[place])
                 t = self.members.t_span[0] + index * float(self.members.steps[member])
-                last: dict[str, Any] = {"t": t, "integrals": {}}
+                last: dict[str, Any] = {"t": t, "quadratures": {}}
                 last["u"], last["v"] = (self.shaped(x[:, place].copy()) for x in (u, v))
                 last["outputs"] = {name: self._valued(name, x[:, place].copy()) for name, x in outputs.items()}
                 self.last[member] = last
@@ -122,7 +122,7 @@ class Histories:
     def take(self, member: int, solution: Solution) -> None:
         """Store the result of a member that ran alone."""
         t, u, v = whole_rows(solution, self.members.n)
-        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "integrals": {}}
+        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "quadratures": {}}
         rows = len(t)
         self.last.pop(member, None)  # of the same member in lanes
         if self.options.has_own_times:
@@ -181,7 +181,7 @@ class Histories:
 
         `states` has the shape (occurrences, 4, n).
         """
-        degrees = slice(states.shape[2] - len(self.options.integrals))
+        degrees = slice(states.shape[2] - len(self.options.quadratures))
         for k, name in enumerate(self.events):
             mine = event == k
             rows = (self.shaped(states[mine, i, degrees]) for i in range(4))
@@ -216,7 +216,7 @@ class Histories:
         again: Callable[..., EnsembleSolution] | None,
     ) -> EnsembleSolution:
         """Return the result of the ensemble, or of its part."""
-        rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.integrals)
+        rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.quadratures)
         shape = () if self.members.form is SCALAR else (degrees,)
         extremes = {name: each(partial(self._valued, name), x) for name, x in self.extremes.items()}
         solution = EnsembleSolution(
@@ -238,8 +238,8 @@ class Histories:
             _repeat=repeat,
             _again=again,
         )
-        if self.options.integrals:
-            solution._separate(self.options.integrals)
+        if self.options.quadratures:
+            solution._separate(self.options.quadratures)
         return solution
 
     @property

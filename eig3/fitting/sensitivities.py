@@ -93,7 +93,7 @@ def sensitivities(
         As for `Problem.integrate`.
     t_eval : array_like, shape (s,)
         Find the derivatives at these times. u and v are those of `Solution.at`, from all saved states; outputs and
-        integrals follow from polynomials through six saved values.
+        quadratures follow from polynomials through six saved values.
     steps : dict of str to float
         Steps d by name, rounded down to powers of two. By default d is 2^-12 of the size of the value. For a value of
         zero this size is that of the largest entry of its array with a name, for a start that of the motion, or else 1.

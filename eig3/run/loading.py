@@ -92,7 +92,7 @@ def with_functions(
     outputs: Any = None,
     jacobian: Any = None,
     labels: Labels | None = None,
-    integrals: tuple[str, ...] = (),
+    quadratures: tuple[str, ...] = (),
 ) -> Solution:
     """Give a loaded solution the functions of its run, as `eig3.load` describes it, and return it."""
     state = solution._state
@@ -129,7 +129,7 @@ def with_functions(
         functions=Functions(**given),
         inline=check_flag(state["inline"], "inline"),
         labels=labels,
-        integrals=integrals,
+        quadratures=quadratures,
     )
     run = kind.restored(solution, System(rhs, form, options))
     solution._accelerations = run.stepper.accelerations

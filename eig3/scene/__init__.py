@@ -1,6 +1,6 @@
 """Scenes: masses and the effects on them. A scene is compiled to a problem with code for exactly these effects.
 
-`scene`, `description` and `bodies` have the classes that a user works with, `effect`, `cell`, `grain_contact` and
+`scene`, `description` and `bodies` have the classes that a user works with, `effect`, `cell`, `frictional_contact` and
 `body_torque` the base classes of effects, and `constraint` that of constraints. An effect is `placed` on points, and
 `assembly` groups those that share a loop. For each group there is a block, which puts its parameters into the array p
 and writes its loops: see `group_text`, `links_text`, `mesh_text`, `swarm_text` and `grains_text`. What constraints and

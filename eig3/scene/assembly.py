@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .bonds import bonds_of
 from .cell import Cell
 from .constraint import Constraint
 from .effect import FORCES, Body, Effect, Link, Motion
 from .names import words
 from .placed import Placed, joined
-from .swarm import Swarm, check_rest, joined_pairs
+from .swarm import Swarm, check_rest
 
 if TYPE_CHECKING:
     from .constraint_set import ConstraintSet
@@ -200,7 +201,8 @@ class Assembly:
 
     `events` are the names of the events, in the order in which their effects were added, and `states` the names of
     those that have a state. The points of `meshes` are indices of masses; from the number of masses on they stand for
-    `supports`. `joined` are the pairs of points that a link, a cell or a constraint joins.
+    `supports`. `bonds` are pairs of points, if any effect leaves out
+    pairs by their bonds.
     """
 
     cloud: Cloud
@@ -209,7 +211,7 @@ class Assembly:
     meshes: list[Placed]
     supports: Supports
     swarms: list[Swarm]
-    joined: np.ndarray
+    bonds: np.ndarray
     motions: list[Placed]
     events: list[str]
     states: list[str]
@@ -300,9 +302,8 @@ def assemble(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm] = (
     links = _fused(_link_groups(cloud, placed, moves))
     meshes, supports = _meshes(cloud, placed, moves)
     check_rest(swarms, placed)
-    leaves_joined = any(swarm.leaves_joined for swarm in swarms)
-    pairs = joined_pairs(placed, whole.bodies.carried) if leaves_joined else joined_pairs((), {})
-    given = bodies, links, meshes, supports, list(swarms), pairs, motions, events, states
+    bonds = bonds_of(placed, whole.bodies.carried) if any(x.exclude_bonded for x in swarms) else bonds_of((), {})
+    given = bodies, links, meshes, supports, list(swarms), bonds, motions, events, states
     assembly = Assembly(cloud, *given, held=None, follows_work=False)
     if any(isinstance(law.effect, Constraint) for law in placed):
         from .constraint_set import collected  # it needs SciPy
@@ -583,5 +584,5 @@ def note(assembly: Assembly) -> str:
     else:
         lines.append("nothing reads the velocity: central difference takes one evaluation a step")
     if assembly.follows_work:
-        lines.append('the work done is followed: solution.integrals["work"], J')
+        lines.append('the work done is followed: solution.quadratures["work"], J')
     return "\n".join(lines)

@@ -37,7 +37,7 @@ from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
 from .constraint_text import ConstraintText
 from .effect import FORCES, RESETS
-from .grain_contact import Rough
+from .frictional_contact import FrictionalContact
 from .grains_text import GrainsText
 from .group_text import GroupText, MassesText
 from .links_text import LinksText
@@ -129,9 +129,9 @@ class _Functions(Text):
         self._moving = {number for links in self._links for number in links.group.motions}  # the motions of supports
         self._meshes = [MeshText(assembly, source, mesh) for mesh in assembly.meshes]
         self._supports = SupportsText(assembly, source) if assembly.supports.positions.size else None
-        swarms = sorted(assembly.swarms, key=lambda swarm: isinstance(swarm.effect, Rough))
+        swarms = sorted(assembly.swarms, key=lambda swarm: isinstance(swarm.effect, FrictionalContact))
         near: list[SwarmText] = [
-            (GrainsText if isinstance(swarm.effect, Rough) else SwarmText)(assembly, source, swarm, number)
+            (GrainsText if isinstance(swarm.effect, FrictionalContact) else SwarmText)(assembly, source, swarm, number)
             for number, swarm in enumerate(swarms)
         ]
         self._near, self.grains = near, [text for text in near if isinstance(text, GrainsText)]

@@ -52,7 +52,7 @@ class ConstraintSet:
 
     @property
     def depends_on_time(self) -> bool:
-        return any({"length", "target"} & law.effect.functions().keys() for law, _ in self.kinds)
+        return any({"distance", "target"} & law.effect.functions().keys() for law, _ in self.kinds)
 
 
 def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintSet:
@@ -106,7 +106,7 @@ def _check_still(placed: Sequence[Placed]) -> None:
     for law in (law for law in placed if isinstance(law.effect, Constraint)):
         if moved and np.isin(np.concatenate(law.points), np.concatenate(moved)).any():
             raise ValueError(
-                f"{law.effect.title} takes fixed points that no motion moves: move a mass with an Actuator instead."
+                f"{law.effect.title} takes fixed points that no motion moves: move a mass with a PrescribedDistance."
             )
 
 
@@ -173,8 +173,8 @@ def _driven(held: ConstraintSet, t: float, values: np.ndarray) -> np.ndarray:
         assert isinstance(law.effect, Constraint)
         functions = law.effect.functions()
         for member, row in enumerate(its_rows):
-            if "length" in functions:
-                length, rate, _ = law.call("length", member, {"t": t})
+            if "distance" in functions:
+                length, rate, _ = law.call("distance", member, {"t": t})
                 scale, target = held.table.rows[row].scale, held.table.rows[row].target
                 values[row] -= scale * (length * length - target)
                 rates[row] = -2 * scale * length * rate

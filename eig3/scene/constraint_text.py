@@ -101,16 +101,16 @@ class ConstraintText(Text):
             with self._block("if task != PLACE"):
                 self._line(f"sum_up(u, c, {len(table.weights)}, {len(table.arms)}, True, c.arms, {self._d})")
         for law, rows in self._laws:
-            self._line(*law.constants("length", "target", "phi", "gradient"))
+            self._line(*law.constants("distance", "target", "phi", "gradient"))
             with self._block(f"for s in range({len(rows)})"):
                 self._line(f"row = index(p[{self._order + int(rows[0])} + s])")
-                if "length" in law.functions:
-                    self._length(law)
+                if "distance" in law.functions:
+                    self._distance(law)
                 else:
                     self._phi(law, int(rows[0]))
 
-    def _length(self, law: Symbols) -> None:
-        self._line(f"length, rate, acceleration = {law.call('length', 's', {'t': 't'})}")
+    def _distance(self, law: Symbols) -> None:
+        self._line(f"length, rate, acceleration = {law.call('distance', 's', {'t': 't'})}")
         self._line("c.targets[row] = length * length")
         self._line("c.target_rates[row] = c.scales[row] * 2 * length * rate")
         self._line("c.target_curvatures[row] = 2 * (rate * rate + length * acceleration)")

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from .assembly import Assembly, Group
+from .bonds import bonded_pairs
 from .effect import FORCES
-from .grain_contact import Rough
+from .frictional_contact import FrictionalContact
 from .placed import Placed
 from .swarm import Swarm, near_pairs
 
@@ -133,7 +134,9 @@ class Encounters:
 
     def _of_links(self) -> Iterator[tuple[Group, list[Placed]]]:
         for group in self._assembly.links:
-            laws = [law for law in group.laws if law.effect.cutoff and law.effect.functions().keys() & set(FORCES)]
+            laws = [
+                law for law in group.laws if law.effect.cutoff_field and law.effect.functions().keys() & set(FORCES)
+            ]
             if laws:
                 yield group, laws
 
@@ -166,7 +169,7 @@ class Encounters:
             ends = [group.first] if group.second is None else [group.first, group.second]
             energy, speed, inverse = (sum(y[i] for i in ends).max() for y in (energies, speeds, inverses))
             crowd = min(int(np.bincount(np.concatenate(ends)).max()), self._dimension + 1)
-            depth = max(float((law.columns[law.effect.cutoff] - r).max()) for law in laws)
+            depth = max(float((law.columns[law.effect.cutoff_field] - r).max()) for law in laws)
             for s in _extremes(laws):
                 yield _meeting(t, laws, s, depth, energy, speed, crowd * inverse)
 
@@ -195,12 +198,12 @@ class Encounters:
 
     def _rolling(self, meeting: _Meeting, t: float, law: Placed, s: int, inverse: float, has_groups: bool) -> _Meeting:
         """Return a meeting of grains, which have a radius, a mass, and springs along their surfaces."""
-        if not isinstance(law.effect, Rough):
+        if not isinstance(law.effect, FrictionalContact):
             return meeting
-        reach = float(law.value("reach", s))
+        reach = float(law.value("contact_distance", s))
         arms = [reach / 2] * 2
         if has_groups:
-            near = float(law.columns["near_radius"][0])
+            near = float(law.columns["wall_radius"][0])
             arms = [reach - near, near]
         given = {"t": t, "rate": 0.0, "radius": arms[0] * arms[1] / reach, "mass": 1 / inverse}
         of_spin = 1 / self._inertia[self._inertia > 0].min() if self._inertia.any() else 0.0
@@ -219,8 +222,8 @@ class Encounters:
 
     def _depth(self, swarm: Swarm, x: np.ndarray) -> float:
         """The largest distance by which two points are within their cutoff at the start."""
-        joined = self._assembly.joined if swarm.leaves_joined else self._assembly.joined[:0]
-        ends, cutoffs = near_pairs(swarm, self._assembly.cloud, x.T.ravel(), joined)
+        bonded = bonded_pairs(self._assembly.bonds, swarm.exclude_bonded)
+        ends, cutoffs = near_pairs(swarm, self._assembly.cloud, x.T.ravel(), bonded)
         return float((cutoffs - self._distances(*ends)).max(initial=0.0))
 
     def _on_planes(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
@@ -251,7 +254,7 @@ def _meeting(
     t: float, laws: Sequence[Placed], s: int, depth: float, energy: float, speed: float, inverse: float
 ) -> _Meeting:
     """Return the meeting of two points by laws with a cutoff; `depth` is how far within it they are at the start."""
-    reach = max(float(law.value(law.effect.cutoff, s)) for law in laws)
+    reach = max(float(law.value(law.effect.cutoff_field, s)) for law in laws)
     decades = [math.log10(_HALF / part) for part in (_LEAST, _CLOSEST)]
     far, near = (round(_IN_A_DECADE * d) for d in decades)
     way = np.append(1 - np.geomspace(_LEAST, _HALF, far), np.geomspace(_HALF, _CLOSEST, near)[1:]) * reach
@@ -262,7 +265,7 @@ def _meeting(
         for law in laws:
             functions = law.effect.functions()
             total -= law.call("tension", s, at) if "tension" in functions else 0.0
-            total -= r * law.call("density", s, at) if "density" in functions else 0.0
+            total -= r * law.call("force_density", s, at) if "force_density" in functions else 0.0
         return total
 
     return _Meeting(push, way, reach - depth, energy, speed, inverse)

@@ -142,7 +142,7 @@ def _radii(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm]) -> n
     needs no matrix. Every scene has radii, also without SciPy: so this is not its `lsqr`.
     """
     given = [
-        (*law.points, law.columns["reach"])
+        (*law.points, law.columns["contact_distance"])
         for law in placed
         if isinstance(law.effect, Link) and law.effect.picture == "discs"
     ]
@@ -150,7 +150,7 @@ def _radii(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm]) -> n
     radii = np.zeros(count)
     for swarm in swarms:
         if swarm.effect.picture == "discs" and not swarm.second.size:
-            radii[swarm.first] = swarm.columns["reach"] / 2
+            radii[swarm.first] = swarm.columns["contact_distance"] / 2
     if not given:
         return radii
     of_swarms, radii = radii, np.zeros(count)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from ..kernels import neighbours
 from ..kernels.neighbours import Areas
-from .cell import Cell
-from .constraint import Constraint
 from .effect import Link, Motion
-from .grain_contact import Rough
+from .frictional_contact import FrictionalContact
 from .placed import Placed
 
 _SKIN = 0.2  # as a part of the largest cutoff
@@ -32,15 +29,15 @@ class Swarm(Placed):
 
     Attributes
     ----------
-    leaves_joined : bool
-        Whether pairs are left out that another effect joins.
-    room : int or None
+    exclude_bonded : tuple of str
+        The pairs that are left out, by how many bonds they are apart: see `bonds`.
+    neighbor_capacity : int or None
         Pairs of each point for which there is memory.
     """
 
     effect: Link
-    leaves_joined: bool = False
-    room: int | None = None
+    exclude_bonded: tuple[str, ...] = ()
+    neighbor_capacity: int | None = None
 
     @property
     def first(self) -> np.ndarray:
@@ -126,12 +123,12 @@ def check_swarm(swarm: Swarm, cloud: Any) -> None:
     effect, numbers, box = swarm.effect, np.concatenate(swarm.points), cloud.box
     is_mass = cloud.masses[numbers] > 0
     title = effect.title
-    if not effect.cutoff:
+    if not effect.cutoff_field:
         raise TypeError(f"{title} has no cutoff, so that it needs two arguments of points: the ends of each link.")
     if "event" in effect.functions():
         raise TypeError(f"{title} has an event, so that it needs two arguments of points: the ends of each link.")
     if np.unique(numbers).size < numbers.size:
-        raise ValueError(f"{title} was given a point twice: the points of near must not be among the others.")
+        raise ValueError(f"{title} was given a point twice: the points of others must not be among the first ones.")
     if not is_mass.any():
         raise ValueError(f"{title} was given fixed points only, so that it cannot move anything.")
     if cloud.shear and not is_mass.all():
@@ -142,18 +139,18 @@ def check_swarm(swarm: Swarm, cloud: Any) -> None:
             raise ValueError(
                 f"{name} of {title} must be a number for the pairs of a group: {able} can have a value for each point."
             )
-    reach = swarm.columns[effect.cutoff]
-    effect.require(reach > 0, f"{effect.cutoff} must be positive")
+    reach = swarm.columns[effect.cutoff_field]
+    effect.require(reach > 0, f"{effect.cutoff_field} must be positive")
     if (reach.max() > box[box > 0] / 2).any():
         raise ValueError(
-            f"{effect.cutoff} of {title} must be at most half a side of the box, {box[box > 0].min() / 2:g}."
+            f"{effect.cutoff_field} of {title} must be at most half a side of the box, {box[box > 0].min() / 2:g}."
         )
     places = cloud.positions[numbers].copy()
     places[:, box > 0] %= box[box > 0]
     if np.unique(places, axis=0).shape[0] < numbers.size:
         raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
-    if isinstance(effect, Rough) and (cloud.masses[swarm.second] > 0).any():
-        raise ValueError(f"near of {title} must be fixed points; give masses in the same array as the others.")
+    if isinstance(effect, FrictionalContact) and (cloud.masses[swarm.second] > 0).any():
+        raise ValueError(f"others of {title} must be fixed points; give masses in the same array as the first ones.")
 
 
 def check_rest(swarms: Sequence[Swarm], placed: Sequence[Placed]) -> None:
@@ -171,23 +168,6 @@ def check_rest(swarms: Sequence[Swarm], placed: Sequence[Placed]) -> None:
                 f"{swarm.effect.title} acts between near points, of which a motion moves a fixed one: give it two "
                 "arguments of points, the ends of each link."
             )
-
-
-def joined_pairs(placed: Sequence[Placed], carried: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Return the pairs of points that are joined, of shape (pairs, 2), the smaller number first.
-
-    A link, a cell or a constraint joins its points. A rigid body joins its centre and the points that it carries.
-    """
-    found = [np.empty((0, 2), dtype=np.int64)]
-    for law in placed:
-        if isinstance(law.effect, Link | Cell | Constraint):
-            ends = np.column_stack(law.points)
-            found += [ends[:, [i, j]] for i in range(ends.shape[1]) for j in range(i)]
-    bodies: dict[int, list[int]] = {}
-    for point, (parts, _) in carried.items():
-        bodies.setdefault(int(parts[0]), [int(parts[0])]).append(point)
-    found += [np.array(list(combinations(points, 2))) for points in bodies.values()]
-    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,14 +218,14 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         is_whole = p[begin + neighbours.LISTED] == members.index.size and p[begin + neighbours.PRESENT_SKIN] == skin
         return p, areas, int(_integers(p, areas.stop, members.index.size)[-1]) if is_whole else None
 
-    room = count * (swarm.room or _DENSE[dimension]) + 64
+    room = count * (swarm.neighbor_capacity or _DENSE[dimension]) + 64
     p, areas, found = attempt(room, 0.0)
-    while found is None and swarm.room is None:
+    while found is None and swarm.neighbor_capacity is None:
         room *= 2
         p, areas, found = attempt(room, 0.0)
     skin = _skin(swarm, (room if found is None else found) / count, dimension)
     p, areas, found = attempt(room, skin)
-    while swarm.room is None and (found is None or _GROWTH * found > room):
+    while swarm.neighbor_capacity is None and (found is None or _GROWTH * found > room):
         room = 2 * room if found is None else int(_GROWTH * found) + 64
         p, areas, found = attempt(room, skin)
     follows = (np.diff(members.index) == 1).all()
@@ -258,8 +238,8 @@ def near_pairs(
     swarm: Swarm, cloud: Any, u0: np.ndarray, pairs: np.ndarray
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Return the positions of the two points of all pairs that are near each other at u0, and their cutoffs."""
-    listing = listed(replace(swarm, room=None), 0, cloud, u0, pairs)
-    p, areas, cutoff = listing.values, listing.areas, swarm.effect.cutoff
+    listing = listed(replace(swarm, neighbor_capacity=None), 0, cloud, u0, pairs)
+    p, areas, cutoff = listing.values, listing.areas, swarm.effect.cutoff_field
     count = int(_integers(p, areas.stop, listing.masses)[-1])
     one, other = (_integers(p, area, count) for area in (areas.owners, areas.mates))
     x = p[areas.x :][: listing.points * cloud.positions.shape[1]].reshape(listing.points, -1)
@@ -274,7 +254,7 @@ def _skin(swarm: Swarm, found: float, dimension: int) -> float:
 
     Where many points are within the cutoff, the skin is a part of their distances.
     """
-    widest = float(swarm.columns[swarm.effect.cutoff].max())
+    widest = float(swarm.columns[swarm.effect.cutoff_field].max())
     return _SKIN * widest * min(1.0, (_DENSE[dimension] / (2 * found + 1)) ** (1 / dimension))
 
 
@@ -316,7 +296,7 @@ def _write(
     apart: tuple[np.ndarray, np.ndarray],
 ) -> None:
     """Write what of a list does not change."""
-    count, cutoff, x = members.points.size, swarm.effect.cutoff, cloud.positions
+    count, cutoff, x = members.points.size, swarm.effect.cutoff_field, cloud.positions
     widest = float(swarm.columns[cutoff].max())
     numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, swarm.second.size > 0, widest)
     p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count), neighbours.IS_LIST

@@ -16,6 +16,7 @@ from ..kernels import neighbours
 from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
 from .assembly import Assembly
+from .bonds import bonded_pairs
 from .placed import Placed
 from .source import Source, entry
 from .swarm import Swarm, listed
@@ -34,12 +35,12 @@ class SwarmText(BlockText):
     listing : Listing
     """
 
-    _functions: tuple[str, ...] = ("tension", "density")  # of the forces
+    _functions: tuple[str, ...] = ("tension", "force_density")  # of the forces
 
     def __init__(self, assembly: Assembly, source: Source, swarm: Swarm, number: int) -> None:
         super().__init__(assembly, source)
         self._law = source.symbols(Placed(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))
-        pairs = assembly.joined if swarm.leaves_joined else assembly.joined[:0]
+        pairs = bonded_pairs(assembly.bonds, swarm.exclude_bonded)
         u0 = assembly.cloud.in_order(assembly.cloud.positions).T.ravel()
         self.listing = listed(swarm, source.size, assembly.cloud, u0, pairs)
         source.add(self.listing.values)
@@ -263,7 +264,7 @@ class SwarmText(BlockText):
     @property
     def _is_near(self) -> str:
         """The condition that two points are within the cutoff."""
-        name = self._law.effect.cutoff
+        name = self._law.effect.cutoff_field
         cutoff = self._law.value(name, "") if name in self._law.columns else self._field(name)
         return f"square < {cutoff} * {cutoff}"
 
@@ -296,12 +297,12 @@ class SwarmText(BlockText):
     def _tension(self) -> str:
         law, offered = self._law, self._offered
         terms = [law.call("tension", "", offered)] if "tension" in law.functions else []
-        terms += [f"{law.call('density', '', offered)} * r"] if "density" in law.functions else []
+        terms += [f"{law.call('force_density', '', offered)} * r"] if "force_density" in law.functions else []
         return " + ".join(terms)
 
     @property
     def _reads_rate(self) -> bool:
-        return self._law.reads("rate", "tension", "density")
+        return self._law.reads("rate", "tension", "force_density")
 
     @property
     def _offered(self) -> dict[str, str]:
