@@ -26,6 +26,7 @@ from .functions.layout import Layout
 from .functions.named import Parameters, in_layout, named
 from .functions.quantities import EnergyLessWork
 from .kernels.protocol import SCALAR, VECTOR
+from .keywords import with_suggestions
 from .methods import Method
 from .result import storage
 from .result.labels import Labels
@@ -66,6 +67,7 @@ class UnknownMotion:
         return self
 
 
+@with_suggestions()
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A second-order initial value problem u'' = f(t, u, u'), with its energy and exact solution where they are known.
@@ -212,6 +214,7 @@ class Problem:
         params, u0, v0, t_span = (new.get(name, getattr(self, name)) for name in ("params", "u0", "v0", "t_span"))
         return again(params, u0, v0, t_span[0])
 
+    @with_suggestions(run_options)
     def integrate(
         self, *, h: float | None = None, method: str | Method | None = None, t_end: float | None = None, **options: Any
     ) -> Solution:
@@ -238,6 +241,7 @@ class Problem:
         span = None if t_end is None else (self.t_span[0], t_end)
         return self.prepare(h=h, method=method, **options)(span, **of_call)
 
+    @with_suggestions(run_options)
     def prepare(self, **options: Any) -> Prepared:
         """Prepare runs of the problem, as `eig3.prepare` does.
 
@@ -301,6 +305,7 @@ class Problem:
         solution.labels = self.labels
         return solution
 
+    @with_suggestions(ensemble)
     def ensemble(
         self,
         *,

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
-from eig3.effects import Slider, Torque, PointJoint
+from eig3.effects import PointJoint, Slider, Torque
 from eig3.problem import Problem
 from eig3.scene import Points, RigidBody, Scene
 

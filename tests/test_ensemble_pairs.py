@@ -160,7 +160,7 @@ def test_the_number_of_pairs_stays():
     [
         ({"inline": True}, "inline is for single runs: the functions of members are compiled into the loop"),
         ({"raise_on_failure": True}, "raise_on_failure is for single runs: .*look at solution.status"),
-        ({"tolerance": 1}, "unexpected keyword argument 'tolerance'"),
+        ({"tolerance": 1}, r"ensemble\(\) has no argument 'tolerance'; did you mean rtol"),
     ],
 )
 def test_what_an_ensemble_does_not_take(option, message):

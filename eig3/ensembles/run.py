@@ -16,6 +16,7 @@ from ..functions.layout import bound_layout
 from ..functions.named import has_names
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.compile.numba_internals import Jitted, options_of
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.labels import Labels
 from ..run.prepare import Prepared
@@ -38,6 +39,7 @@ _REFUSED = {
 
 
 @with_solution
+@with_suggestions()
 def ensemble(
     rhs: Any,
     t_span: Sequence[float],

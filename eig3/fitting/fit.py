@@ -15,6 +15,7 @@ from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..functions.quantities import check_functions
 from ..kernels.compile.interrupt import with_solution
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..problem import Problem
 from .data import Series, check_data
@@ -113,6 +114,7 @@ class Fit:
 
 
 @with_solution
+@with_suggestions()
 def fit(
     problem: Problem,
     data: Any,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_h, reals
 from ..functions.layout import unknown_name
 from ..kernels.compile.interrupt import with_solution
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..problem import Problem
 from .places import Place, check_places, sizes
@@ -64,6 +65,7 @@ class Sensitivities:
 
 
 @with_solution
+@with_suggestions()
 def sensitivities(
     problem: Problem,
     parameters: str | Iterable[str],

@@ -14,6 +14,7 @@ from ..functions.events import Event, check_events
 from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
 from ..kernels.protocol import SCALAR, VECTOR
+from ..keywords import with_suggestions
 from ..result import storage
 from ..result.labels import Labels
 from ..result.solution import Solution
@@ -23,6 +24,7 @@ from .fixed_run import FixedRun
 from .variable_run import VariableRun
 
 
+@with_suggestions()
 def load(
     path: str | PathLike[str],
     *,

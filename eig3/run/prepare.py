@@ -16,6 +16,7 @@ from ..functions.guard import guarded
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.solution import Solution
 from ..result.storage import Place
@@ -234,6 +235,7 @@ class Prepared:
         return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults)
 
 
+@with_suggestions(run_options)
 def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
     """Check, choose and compile all that runs of a right-hand side need, for many runs with different starts.
 

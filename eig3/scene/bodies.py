@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import reals
+from ..keywords import with_suggestions
 from .constraint import Constraint, Equation
 from .description import Description, Points
 from .hinge_friction import HingeFriction, HingeFrictionInSpace
@@ -73,6 +74,7 @@ class Along(Constraint):
         return [Equation(((-1.0, 1.0, 0.0), zero), ((0.0, 0.0, 1.0), zero), 1.0, target)]
 
 
+@with_suggestions()
 @dataclass(frozen=True, eq=False)
 class RigidBody:
     """A rigid body of a scene.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, reals
+from ..keywords import with_suggestions
 from .assembly import Bodies, Cloud, count_states
 from .body_torque import BodyTorque
 from .bonds import check_orders
@@ -136,6 +137,7 @@ class Axes(Points):
         return self[0], fixed
 
 
+@with_suggestions()
 class Description:
     """The points and the effects of a scene, as they are added one after the other."""
 

@@ -16,6 +16,7 @@ from numba.types import unliteral
 from ..functions.checks import reals
 from ..kernels.compile.jit import compiled
 from ..kernels.compile.numba_internals import Jitted, gist, return_type
+from ..keywords import refuse_unknown
 from .fields import annotations_of, check_fields
 
 #: The functions that cause accelerations: those of a `Body`, of a `Link` and of a `Cell`.
@@ -98,6 +99,7 @@ class Effect:
         known = getattr(cls, "__dataclass_fields__", None)
         if "__dataclass_fields__" not in vars(cls) and (known is None or annotations_of(cls).keys() - known):
             raise TypeError(f"{cls.__name__} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
+        refuse_unknown(cls, fields)
         return super().__new__(cls)
 
     def __post_init__(self) -> None:

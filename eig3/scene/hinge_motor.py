@@ -11,7 +11,7 @@ from ..functions.callbacks import jit
 from ..kernels.friction import couple_in_plane, couple_in_space, rate_in_plane, rate_in_space
 from ..kernels.vector_angle import angle_in_plane, angle_in_space
 from .cell import Cell
-from .effect import arguments
+from .effect import Effect, arguments
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +22,7 @@ class HingeMotor(Cell):
 
     takes = (2,)
     dimensions = (2,)
-    offers: ClassVar[dict[str, tuple[str, ...]]] = {**Cell.offers, "torque": ("t", "angle", "rate")}
+    offers: ClassVar[dict[str, tuple[str, ...]]] = {"torque": ("t", "angle", "rate"), **Cell.offers}
     source = "prescribed by the user"
 
     @property
@@ -39,7 +39,8 @@ class HingeMotor(Cell):
         super().check(dimension)
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
-        super()._check_returned("potential" if name == "torque" else name, returned, dimension)
+        check = Effect._check_returned if name == "torque" else Cell._check_returned
+        check(self, name, returned, dimension)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, check_span, reals
+from ..keywords import with_suggestions
 from ..problem import Problem
 from . import codegen
 from .assembly import assemble, names, note, numbered, sources, units
@@ -22,6 +23,7 @@ from .picture import mechanism
 __all__ = ["Scene"]
 
 
+@with_suggestions()
 class Scene(Description):
     """Points in one to three dimensions and the effects on them.
 

@@ -19,7 +19,7 @@ class Weld(Constraint):
     """
 
     needs = ()
-    takes = (4, 8)
+    takes = (6, 8)
     dimensions = (2, 3)
     picture = ""
     source = "phi = x1 - x0, and the products e_i . f_j of axes of both bodies, which are at right angles at the start"

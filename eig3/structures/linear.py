@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_count, check_span, reals, shown
 from ..functions.named import Parameters
 from ..kernels.compile.numba_internals import Jitted
+from ..keywords import with_suggestions
 from ..problem import Problem
 from .damping import Modal, Rayleigh
 from .factors import copies_in, factors
@@ -22,6 +23,7 @@ from .source import LOADED, QUADRATURES, Parts, energy, right_hand_side
 _FUNCTION = "the force is a function: give it as a table if it depends on the time only"
 
 
+@with_suggestions()
 def linear(
     M: Any,
     C: Any = None,
