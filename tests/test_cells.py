@@ -121,7 +121,7 @@ def test_a_dihedral_angle_is_that_of_iupac(phi):
     """Seen along the middle link, from the second point to the third, the last is clockwise of the first by phi."""
     first, last = (np.array([np.cos(a), np.sin(a), 0.0]) for a in (0.7, 0.7 + phi))
     x = (first - np.array([0, 0, 0.3]), np.zeros(3), np.array([0.0, 0.0, 1.0]), last + np.array([0, 0, 1.2]))
-    assert Dihedral.measure(tuple(map(tuple, x))) == pytest.approx(phi, abs=1e-14)
+    assert Dihedral.value(tuple(map(tuple, x))) == pytest.approx(phi, abs=1e-14)
     u = np.array(x).T.ravel()
     assert dihedrals(u)[0] == pytest.approx(phi % (2 * np.pi), abs=1e-14)
 
@@ -584,7 +584,11 @@ WRONG = {
         "thickness of StVenantKirchhoffMembrane must be positive.",
     ),
     "nu": (lambda: NeoHookean(1.0, 0.5), ValueError, "nu of NeoHookean must be between -1 and 0.5."),
-    "nu of a membrane": (lambda: StVenantKirchhoffMembrane(1.0, 1.0, 1.0), ValueError, "nu of StVenantKirchhoffTria"),
+    "nu of a membrane": (
+        lambda: StVenantKirchhoffMembrane(1.0, 1.0, 1.0),
+        ValueError,
+        "nu of StVenantKirchhoffMembrane",
+    ),
     "angle": (lambda: HarmonicAngle(1.0, 4.0), ValueError, "angle of HarmonicAngle must not be above pi."),
     "cutoff": (lambda: LennardJones(1.0, 1.0, 0.0), ValueError, "cutoff of LennardJones must be positive."),
     "a": (lambda: Morse(1.0, 0.0, 1.0), ValueError, "a of Morse must be positive."),

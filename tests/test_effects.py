@@ -349,7 +349,11 @@ def test_a_block_slides_down_a_rough_slope(dimension):
 WRONG = {
     "a negative stiffness": (lambda: LinearSpring(-1.0), ValueError, "stiffness of LinearSpring must not be negative."),
     "one of many": (lambda: LinearSpring([2.0, -1.0]), ValueError, "stiffness of LinearSpring must not be negative."),
-    "a negative length": (lambda: LinearSpring(1.0, -1.0), ValueError, "length of LinearSpring must not be negative."),
+    "a negative length": (
+        lambda: LinearSpring(1.0, -1.0),
+        ValueError,
+        "rest_length of LinearSpring must not be negative.",
+    ),
     "a negative damping": (lambda: LinearDamper(-1.0), ValueError, "damping of LinearDamper must not be negative."),
     "a negative drag": (lambda: QuadraticDrag(-1.0), ValueError, "drag of QuadraticDrag must not be negative."),
     "a negative contact": (lambda: HertzContact(-1.0, 1.0), ValueError, "stiffness of HertzContact must not be"),
@@ -384,7 +388,7 @@ WRONG = {
         ValueError,
         "restitution of MassImpact must not be above 1.",
     ),
-    "no slow speed": (lambda: MassImpact(0.0, 1.0, 0.0), ValueError, "slow of MassImpact must be positive."),
+    "no slow speed": (lambda: MassImpact(0.0, 1.0, 0.0), ValueError, "rest_speed of MassImpact must be positive."),
     "a long normal": (lambda: RigidStop((1.0, 1.0)), ValueError, "normal of RigidStop must be a unit vector."),
     "a negative strength": (lambda: BreakingString(1.0, 1.0, -1.0), ValueError, "strength of BreakingString must not"),
     "NaN": (lambda: LinearDamper(math.nan), ValueError, "damping of LinearDamper must be finite."),

@@ -374,7 +374,7 @@ def test_bad_grains_are_refused():
     a, b = scene.mass(M, [(0, 0), (1, 0)]), scene.mass(M, [(2, 0), (3, 0)])
     with pytest.raises(TypeError, match="HertzMindlin takes one array of points"):
         scene.add(hertz_mindlin(), a, b)
-    with pytest.raises(ValueError, match="near of HertzMindlin must be fixed points"):
+    with pytest.raises(ValueError, match="others of HertzMindlin must be fixed points"):
         scene.add(hertz_mindlin(), a, others=b)
     with pytest.raises(ValueError, match="no mass of the scene has an inertia"):
         a.angles(np.zeros(8))

@@ -448,7 +448,7 @@ WRONG = {
     ),
     "discs without a reach": (
         lambda: two(effect(Link, event=distance, picture="discs")),
-        "Own must have a field reach that a function reads, for its picture 'discs'.",
+        "Own must have a field contact_distance that a function reads, for its picture 'discs'.",
     ),
     "behind the stop": (
         lambda: one(RigidStop(1.0, 1.0)),
@@ -456,11 +456,11 @@ WRONG = {
     ),
     "touching masses": (
         lambda: two(MassImpact(1.0)),
-        "reach of MassImpact must be below the distance at the start.",
+        "contact_distance of MassImpact must be below the distance at the start.",
     ),
     "points in a plane": (
         lambda: two(MassImpact(), 2, ((0, 0), (1, 0))),
-        "reach of MassImpact must be positive in a scene of two or three dimensions.",
+        "contact_distance of MassImpact must be positive in a scene of two or three dimensions.",
     ),
     "a string that is broken": (
         lambda: two(BreakingString(10.0, 0.5, 5.0)),
