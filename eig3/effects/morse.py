@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
@@ -61,8 +60,8 @@ class Morse(Shifted):
     a: ArrayLike
     r0: ArrayLike
     cutoff: ArrayLike | None = None
-    pull_at_cutoff: np.ndarray = field(init=False, repr=False, default=0.0)
-    energy_at_cutoff: np.ndarray = field(init=False, repr=False, default=0.0)
+    pull_at_cutoff: ArrayLike = field(init=False, repr=False, default=0.0)
+    energy_at_cutoff: ArrayLike = field(init=False, repr=False, default=0.0)
 
     nonnegative = ("D", "r0")
     source = "Morse (1929)"

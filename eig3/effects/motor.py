@@ -50,9 +50,10 @@ class Motor(BodyTorque):
 
     def resolved(self, points: tuple[Any, ...]) -> tuple[Effect, tuple[Any, ...]]:
         """Return the motor against the ground that a torque with an angle stands for."""
-        axes = points[0] if len(points) == 1 else None
-        if not hasattr(axes, "across") or not hasattr(self.torque, "py_func") or len(arguments(self.torque)) == 1:
+        reads_angle = hasattr(self.torque, "py_func") and len(arguments(self.torque)) > 1
+        if not reads_angle or [hasattr(axes, "across") for axes in points] != [True]:
             return self, points
+        (axes,) = points
         if axes.scene.dimension == 3:
             raise TypeError("torque of Motor has an angle, which needs an axis in space: take body.motor(None, ...).")
         return HingeMotor(self.torque), axes.across()

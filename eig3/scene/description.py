@@ -220,7 +220,7 @@ class Description:
     def add(
         self,
         effect: Effect,
-        *points: Points,
+        *points: Any,
         others: Points | None = None,
         exclude_bonded: Collection[str] = (),
         neighbor_capacity: int | None = None,
@@ -234,7 +234,7 @@ class Description:
         *points : Points
             A `Body` takes masses; without them it acts on all masses of the scene. A `Link` takes its two ends, as
             points of the same shape or as one point for many. A `Motion` takes fixed points. A `Cell` takes the points
-            of each of its corners, in the same way as a link.
+            of each of its corners, in the same way as a link. A `Weld` takes rigid bodies.
 
             A `Link` with a cutoff also takes one array of points, and then acts between all pairs of them. The compiled
             code keeps a list of the pairs that are near each other, so that the time of a step grows as the number of

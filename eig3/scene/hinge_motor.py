@@ -60,11 +60,11 @@ def _in_plane(torque: Any, count: int) -> Any:
     """Return one function for each torque, because scenes with the same functions share their code."""
 
     @jit
-    def of_time(t, x):
+    def of_time(t, x):  # type: ignore[no-untyped-def]
         return couple_in_plane(x, torque(t))
 
     @jit
-    def of_angle(t, x, v):
+    def of_angle(t, x, v):  # type: ignore[no-untyped-def]
         return couple_in_plane(x, torque(t, angle_in_plane(x[0], x[1]), rate_in_plane(x, v)))
 
     return of_time if count == 1 else of_angle
@@ -73,11 +73,11 @@ def _in_plane(torque: Any, count: int) -> Any:
 @functools.cache
 def _in_space(torque: Any, count: int) -> Any:
     @jit
-    def of_time(t, x):
+    def of_time(t, x):  # type: ignore[no-untyped-def]
         return couple_in_space(x, torque(t))
 
     @jit
-    def of_angle(t, x, v):
+    def of_angle(t, x, v):  # type: ignore[no-untyped-def]
         return couple_in_space(x, torque(t, angle_in_space(x[0], x[1], x[2]), rate_in_space(x, v)))
 
     return of_time if count == 1 else of_angle
