@@ -235,7 +235,7 @@ def test_coulombs_friction_in_a_hinge_stops_a_wheel():
     assert 0 < spin[-1] < slip
     with pytest.raises(ValueError, match="regularization_speed of HingeFriction must be positive"):
         wheel.friction(None, limit, regularization_speed=0.0)
-    with pytest.raises(ValueError, match="axis of a friction is that of its hinge in space"):
+    with pytest.raises(ValueError, match="axis of friction is for scenes of 3 dimensions"):
         wheel.friction(None, limit, axis=(0.0, 0.0, 1.0))
 
 

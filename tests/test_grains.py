@@ -11,7 +11,7 @@ import pytest
 import eig3
 from eig3 import effects, problems
 from eig3.effects.hertz_mindlin import damping_ratio
-from eig3.scene import Scene, swarm
+from eig3.scene import Scene, pair_force
 
 from .conftest import acceleration
 from .test_extend import assert_same
@@ -303,7 +303,7 @@ def test_the_springs_are_a_part_of_the_state(options, tmp_path, monkeypatch):
     parts = problem.integrate(**options, save_every=50, save_to=tmp_path / "parts")
     np.testing.assert_array_equal(parts.u, run.u)
     for skin in (0.01, 0.7):
-        monkeypatch.setattr(swarm, "_SKIN", skin)
+        monkeypatch.setattr(pair_force, "_SKIN", skin)
         np.testing.assert_array_equal(heap().problem((0.0, 0.6)).integrate(**options, save_every=50).u, run.u)
 
 

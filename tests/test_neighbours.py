@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import eig3
 from eig3 import effects
 from eig3.kernels import neighbours
-from eig3.scene import Scene, swarm
+from eig3.scene import Scene, pair_force
 
 from .test_extend import assert_same
 
@@ -162,9 +162,9 @@ def test_points_in_order_stay_in_order(thickness):
     rng, rows = np.random.default_rng(0), np.indices((30, 40)).reshape(2, -1).T
     layer = np.column_stack([rows, thickness * rng.uniform(size=len(rows))])
     for x in (layer, layer[:40], layer[:1], np.concatenate([layer, layer + 1e6])):
-        assert not swarm._jumps(x)
+        assert not pair_force._jumps(x)
     for x in (layer, layer[:40]):
-        assert swarm._jumps(rng.permutation(x))
+        assert pair_force._jumps(rng.permutation(x))
 
 
 @settings(max_examples=40, deadline=None)
@@ -235,7 +235,7 @@ def test_runs_do_not_depend_on_the_list(monkeypatch, tmp_path):
     halves.save(tmp_path / "run.npz")
     assert_same(problem.load(tmp_path / "run.npz").extend(3.0), run.extend(3.0))
     for skin in (0.01, 0.7):
-        monkeypatch.setattr(swarm, "_SKIN", skin)
+        monkeypatch.setattr(pair_force, "_SKIN", skin)
         np.testing.assert_array_equal(gas().problem((0.0, 2.0)).integrate(h=1e-3).u, run.u)
 
 

@@ -17,7 +17,7 @@ from eig3.kernels import grains as kernel
 from eig3.kernels import neighbours
 from eig3.problems.flag import sheet
 from eig3.run import short
-from eig3.scene import Scene, codegen, grains_text, hinges, swarm
+from eig3.scene import Scene, codegen, grains_text, hinges, pair_force
 from eig3.stepping import team
 
 from .test_extend import assert_same
@@ -29,7 +29,7 @@ def _shared_from_the_start(monkeypatch):
     monkeypatch.setattr(codegen, "_SHARED_CELLS", 1)
     monkeypatch.setattr(team, "_WORTH", 0)
     monkeypatch.setattr(short, "MOST_SECONDS", 0)
-    monkeypatch.setattr(swarm, "_JUMP", np.inf)  # most pairs shall be in two parts
+    monkeypatch.setattr(pair_force, "_JUMP", np.inf)  # most pairs shall be in two parts
 
 
 @pytest.fixture
@@ -179,7 +179,7 @@ def test_the_forces_are_those_of_a_small_scene(make, monkeypatch):
 def test_points_in_no_order_are_sorted_by_their_places(make, monkeypatch):
     """This is seen in the order of the list only. The forces differ by the order of rounding."""
     given = make().problem((0.0, 0.5), threads=2)
-    monkeypatch.setattr(swarm, "_JUMP", 3.0)
+    monkeypatch.setattr(pair_force, "_JUMP", 3.0)
     sorted_ = [make().problem((0.0, 0.5), threads=threads) for threads in (1, 2)]
     (place,) = re.findall(r"index\((\d+)\)\n    add_forces\(share, lists, 0,", inspect.getsource(given.rhs.py_func))
     for problem, is_sorted in ((given, False), (sorted_[0], True)):

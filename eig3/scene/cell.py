@@ -73,9 +73,9 @@ class Cell(Effect):
     def check_points(
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
     ) -> None:
-        held = np.flatnonzero(np.all([m == 0 for m in masses], axis=0))
-        if held.size:
-            raise ValueError(f"{self.title} has only fixed points in cell {held[0]}, so that it cannot move anything.")
+        fixed = np.flatnonzero(np.all([m == 0 for m in masses], axis=0))
+        if fixed.size:
+            raise ValueError(f"{self.title} has only fixed points in cell {fixed[0]}, so that it cannot move anything.")
 
     def refuse_cells(self, wrong: np.ndarray, what: str) -> None:
         """Raise a ValueError that names the first wrong cell, if any is. `what` says why, and the remedy."""

@@ -18,9 +18,9 @@ from .bonds import check_orders
 from .cell import same_points
 from .effect import Body, Effect, Link, arguments
 from .frictional_contact import FrictionalContact
+from .pair_force import PairForce, check_pair_force
 from .picture import moves
 from .placed import Placed
-from .swarm import Swarm, check_swarm
 
 _ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension
 
@@ -151,7 +151,7 @@ class Description:
             raise ValueError(f"shear must be finite, not {shear!r}.")
         if self._shear and not (self.dimension > 1 and (self._box[:2] > 0).all()):
             raise ValueError("shear needs a box with sides along x and y, such as box=(1.0, 1.0).")
-        self._swarms: list[Swarm] = []
+        self._pair_forces: list[PairForce] = []
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
         self._placed: list[Placed] = []
@@ -266,7 +266,7 @@ class Description:
                 f"{effect.title} takes one array of points, and fixed points as others=, not {len(points)}."
             )
         if isinstance(effect, Link) and len(points) == 1:
-            self._add_swarm(effect, points[0], others, check_orders(exclude_bonded), neighbor_capacity)
+            self._add_pair_force(effect, points[0], others, check_orders(exclude_bonded), neighbor_capacity)
             return
         if others is not None or exclude_bonded or neighbor_capacity is not None:
             raise TypeError(
@@ -290,7 +290,7 @@ class Description:
             return
         self._placed.append(Placed(effect, columns, flat))
 
-    def _add_swarm(
+    def _add_pair_force(
         self, effect: Link, points: Points, others: Points | None, excluded: tuple[str, ...], capacity: int | None
     ) -> None:
         groups = [self._numbers_of([handle], effect)[0] for handle in (points, others) if handle is not None]
@@ -300,10 +300,10 @@ class Description:
             return
         columns = {name: column[:1] if (column == column[0]).all() else column for name, column in columns.items()}
         capacity = None if capacity is None else check_count(capacity, "neighbor_capacity")
-        swarm = Swarm(effect, columns, (first, second), excluded, capacity)
+        pair_force = PairForce(effect, columns, (first, second), excluded, capacity)
         cloud = self._cloud()
-        check_swarm(swarm, cloud)
-        self._swarms.append(swarm)
+        check_pair_force(pair_force, cloud)
+        self._pair_forces.append(pair_force)
 
     def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:
         vectors = reals(values, name)

@@ -20,8 +20,8 @@ from .assembly import Assembly, Group
 from .bonds import bonded_pairs
 from .effect import FORCES
 from .frictional_contact import FrictionalContact
+from .pair_force import PairForce, near_pairs
 from .placed import Placed
-from .swarm import Swarm, near_pairs
 
 _LEAST, _HALF, _CLOSEST = 1e-8, 0.5, 1e-12  # parts of a cutoff: where the way of a pair begins, is halved, and ends
 _DEPTHS = 1e-18, 1e6  # the way into a plane, m
@@ -111,7 +111,7 @@ class Encounters:
     def of(cls, assembly: Assembly) -> Encounters | None:
         """Return the encounters of a scene; None if nothing can meet, or points have no effective mass of their own."""
         self = cls(assembly)
-        meets = bool(assembly.swarms or any(self._of_links()) or any(self._planes()))
+        meets = bool(assembly.pair_forces or any(self._of_links()) or any(self._planes()))
         return self if meets and not assembly.cloud.bodies.vectors else None
 
     def __call__(self, t: float, u: np.ndarray, v: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -122,7 +122,7 @@ class Encounters:
         shape, count = (self._dimension, -1), self._dimension * self._masses.size
         x, velocity = u[:count].reshape(shape).T, v[:count].reshape(shape).T
         speeds = np.linalg.norm(velocity, axis=1) + span * np.linalg.norm(self._pulls(t, x, velocity), axis=1)
-        meetings = [*self._pairs(t, x, speeds), *self._swarms(t, x, speeds), *self._on_planes(t, x, speeds)]
+        meetings = [*self._pairs(t, x, speeds), *self._pair_forces(t, x, speeds), *self._on_planes(t, x, speeds)]
         try:
             found = [one for meeting in meetings for one in meeting.hardest()]
         except ArithmeticError:
@@ -173,15 +173,15 @@ class Encounters:
             for s in _extremes(laws):
                 yield _meeting(t, laws, s, depth, energy, speed, crowd * inverse)
 
-    def _swarms(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
+    def _pair_forces(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
         """The links between near points. Those between the same points act together."""
-        cloud, together = self._assembly.cloud, dict[Any, list[Swarm]]()
-        for swarm in self._assembly.swarms:
-            together.setdefault((swarm.first.tobytes(), swarm.second.tobytes()), []).append(swarm)
+        cloud, together = self._assembly.cloud, dict[Any, list[PairForce]]()
+        for pair_force in self._assembly.pair_forces:
+            together.setdefault((pair_force.first.tobytes(), pair_force.second.tobytes()), []).append(pair_force)
         of_masses = self._masses * speeds**2 / 2, speeds, 1 / self._masses
         energies, rates, inverses = (np.where(cloud.free < 0, 0.0, np.append(y, 0.0)[cloud.free]) for y in of_masses)
-        for swarms in together.values():
-            first, second = swarms[0].first, swarms[0].second
+        for pair_forces in together.values():
+            first, second = pair_forces[0].first, pair_forces[0].second
             groups = (first, second) if second.size else (first,)
 
             def of_two(values: np.ndarray, groups: tuple = groups) -> float:
@@ -191,10 +191,10 @@ class Encounters:
 
             most = first.size - 1 if len(groups) == 1 else max(first.size, second.size)
             inverse = min(most, self._dimension + 1) * of_two(inverses)
-            depth = max(self._depth(swarm, x) for swarm in swarms)
-            for s in _extremes(swarms):
-                meeting = _meeting(t, swarms, s, depth, of_two(energies), of_two(rates), inverse)
-                yield self._rolling(meeting, t, swarms[0], s, of_two(inverses), bool(second.size))
+            depth = max(self._depth(pair_force, x) for pair_force in pair_forces)
+            for s in _extremes(pair_forces):
+                meeting = _meeting(t, pair_forces, s, depth, of_two(energies), of_two(rates), inverse)
+                yield self._rolling(meeting, t, pair_forces[0], s, of_two(inverses), bool(second.size))
 
     def _rolling(self, meeting: _Meeting, t: float, law: Placed, s: int, inverse: float, has_groups: bool) -> _Meeting:
         """Return a meeting of grains, which have a radius, a mass, and springs along their surfaces."""
@@ -220,10 +220,10 @@ class Encounters:
         crowd = meeting.inverse / inverse
         return replace(meeting, push=push, slide=slide, turning=crowd * (inverse + turns))
 
-    def _depth(self, swarm: Swarm, x: np.ndarray) -> float:
+    def _depth(self, pair_force: PairForce, x: np.ndarray) -> float:
         """The largest distance by which two points are within their cutoff at the start."""
-        bonded = bonded_pairs(self._assembly.bonds, swarm.exclude_bonded)
-        ends, cutoffs = near_pairs(swarm, self._assembly.cloud, x.T.ravel(), bonded)
+        bonded = bonded_pairs(self._assembly.bonds, pair_force.exclude_bonded)
+        ends, cutoffs = near_pairs(pair_force, self._assembly.cloud, x.T.ravel(), bonded)
         return float((cutoffs - self._distances(*ends)).max(initial=0.0))
 
     def _on_planes(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:

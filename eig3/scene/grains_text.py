@@ -15,9 +15,9 @@ from ..kernels import grains, neighbours
 from ..kernels.shared_forces import ACTING, ADVANCING
 from ..kernels.team import out_of_line
 from .assembly import Assembly
+from .pair_force import PairForce
+from .pair_force_text import PairForceText
 from .source import Source, entry
-from .swarm import Swarm
-from .swarm_text import SwarmText
 from .text import NEXT, cross
 
 _CONTACTS = {2: 4, 3: 8}  # of a grain, by the dimension: hard ones have 3 and 6
@@ -41,17 +41,17 @@ spring = stretched(held_values, known, since, grip, wx, wy, wz, nx, ny, nz, limi
 """
 
 
-class GrainsText(SwarmText):
+class GrainsText(PairForceText):
     """Contacts with friction in the source."""
 
     _functions = ("tension", "shear_stiffness", "shear_damping")
 
-    def __init__(self, assembly: Assembly, source: Source, swarm: Swarm, number: int) -> None:
-        super().__init__(assembly, source, swarm, number)
-        self._room = self.listing.points * max(_CONTACTS[assembly.dimension], swarm.neighbor_capacity or 0) + 64
+    def __init__(self, assembly: Assembly, source: Source, pair_force: PairForce, number: int) -> None:
+        super().__init__(assembly, source, pair_force, number)
+        self._room = self.listing.points * max(_CONTACTS[assembly.dimension], pair_force.neighbor_capacity or 0) + 64
         self._table = grains.Table.of(self.listing.masses, self._room)
         self._springs_at = source.add(np.zeros(grains.HEAD + 2 * self._table.size))
-        self._has_groups = swarm.second.size > 0
+        self._has_groups = pair_force.second.size > 0
         source.functions |= {**grains.FUNCTIONS, "bounds": neighbours.bounds, "out_of_line": out_of_line}
 
     def forces(self) -> None:

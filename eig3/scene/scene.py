@@ -212,15 +212,15 @@ class Scene(Description):
         """
         check_span(t_span)
         cloud = self._cloud()
-        assembly = assemble(cloud, self._placed, self._swarms, work=work)
+        assembly = assemble(cloud, self._placed, self._pair_forces, work=work)
         if assembly.angles and cloud.bodies.vectors:
             raise ValueError("a scene with rigid bodies has no masses with an inertia of their own: make them bodies.")
         code = codegen.compiled(assembly, None if threads is None else check_count(threads, "threads"))
         u0, v0 = assembly.start(cloud.positions), assembly.start(cloud.velocities, cloud.spins)
-        if assembly.held:
-            from .constraint_set import fitting  # it needs SciPy
+        if assembly.constraints:
+            from .constraint_system import fitting  # it needs SciPy
 
-            v0 = fitting(assembly.held, u0, v0, float(t_span[0]))
+            v0 = fitting(assembly.constraints, u0, v0, float(t_span[0]))
         return Problem(
             name=name,
             u0=u0,
@@ -233,6 +233,6 @@ class Scene(Description):
             quadratures=("work",) if assembly.follows_work else (),
             encounters=Encounters.of(assembly),
             masses=assembly.inertias,
-            view=mechanism(cloud, numbered(cloud, self._placed)[0], self._swarms),
+            view=mechanism(cloud, numbered(cloud, self._placed)[0], self._pair_forces),
             **code,
         )

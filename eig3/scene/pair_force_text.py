@@ -17,9 +17,9 @@ from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
 from .assembly import Assembly
 from .bonds import bonded_pairs
+from .pair_force import PairForce, listed
 from .placed import Placed
 from .source import Source, entry
-from .swarm import Swarm, listed
 from .text import BlockText
 
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
@@ -27,7 +27,7 @@ _VECTOR = 32  # pairs: a multiple of those whose forces are computed together, a
 _ALL_ABOVE = "above[begin], stops[stop - 1]"  # those of several points
 
 
-class SwarmText(BlockText):
+class PairForceText(BlockText):
     """A link between near points in the source.
 
     Attributes
@@ -37,12 +37,14 @@ class SwarmText(BlockText):
 
     _functions: tuple[str, ...] = ("tension", "force_density")  # of the forces
 
-    def __init__(self, assembly: Assembly, source: Source, swarm: Swarm, number: int) -> None:
+    def __init__(self, assembly: Assembly, source: Source, pair_force: PairForce, number: int) -> None:
         super().__init__(assembly, source)
-        self._law = source.symbols(Placed(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))
-        pairs = bonded_pairs(assembly.bonds, swarm.exclude_bonded)
+        self._law = source.symbols(
+            Placed(pair_force.effect, {n: c for n, c in pair_force.columns.items() if len(c) == 1})
+        )
+        pairs = bonded_pairs(assembly.bonds, pair_force.exclude_bonded)
         u0 = assembly.cloud.in_order(assembly.cloud.positions).T.ravel()
-        self.listing = listed(swarm, source.size, assembly.cloud, u0, pairs)
+        self.listing = listed(pair_force, source.size, assembly.cloud, u0, pairs)
         source.add(self.listing.values)
         self._number = number  # of the list among all of the scene
         self._first = LISTS + number * STAGES
@@ -284,7 +286,7 @@ class SwarmText(BlockText):
 
     @property
     def _if_mass(self) -> str:
-        """The condition that the mate is a mass, if the swarm has fixed points."""
+        """The condition that the mate is a mass, if the pair_force has fixed points."""
         listing = self.listing
         return "" if listing.points == listing.masses else f"mate < {listing.masses}"
 
