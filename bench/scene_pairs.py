@@ -204,7 +204,7 @@ def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
     yield PlaneContact(10.0 * strength, up, -50.0)
     yield HertzContact(10.0 * strength, 0.5)
     yield LennardJones(strength, 0.1, 0.5)
-    yield Coulomb(strength, 0.5)
+    yield Coulomb(strength, cutoff=0.5)
     yield Morse(strength, 1.0, 1.0)
     yield CoulombFriction(0.1 * strength, 9.81)
     if dimension > 1:

@@ -77,7 +77,7 @@ OTHER_FORMS = {
     "damped rough plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4, damping=0.1, friction=0.3),
     "damped hertz contact": lambda d: HertzContact(400.0, 1.4 + 0.3 * d, damping=0.1),
     "damped cable": lambda d: Cable(50.0, 0.8, 2.0),
-    "damped coulomb": lambda d: Coulomb(2.0, 4.0, alpha=0.5),
+    "damped coulomb": lambda d: Coulomb(2.0, 0.5, 4.0),
     "friction on a plane": lambda d: CoulombFriction(0.3, 9.81, 0.05, unit(d)),
     "motor": lambda d: Motor(running if d == 2 else running_in_space),
 }

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eig3.effects import LennardJones, Morse
+from eig3.effects import Coulomb, LennardJones, Morse
 from eig3.scene import Scene
 
 D, A, R0, CUTOFF = 0.7, 1.9, 1.1, 2.5
@@ -47,3 +47,21 @@ def test_without_a_cutoff_it_is_a_bond():
     for effect in (Morse, LennardJones):
         with pytest.raises(ValueError, match=f"cutoff of {effect.__name__} must be positive"):
             effect(1.0, 1.0, *[1.0] * (effect is Morse), cutoff=0.0)
+
+
+def test_coulombs_law_without_a_cutoff():
+    """The plain and the damped law at any distance, as the limit of a far cutoff."""
+    for alpha in (0.0, 0.3):
+        forces, energies = [], []
+        for cutoff in (None, 1e9):
+            scene = Scene(3)
+            scene.add(Coulomb(-1.3, alpha, cutoff), scene.mass(1.0, (0.0, 0.0, 0.0)), scene.mass(1.0, (1.0, 2.0, 2.0)))
+            problem = scene.problem((0.0, 1.0))
+            forces.append(np.empty(6))
+            problem.rhs(0.0, problem.u0, problem.v0, problem.params, forces[-1])
+            energies.append(problem.energy_of(problem.u0, problem.v0))
+        np.testing.assert_allclose(forces[0], forces[1], rtol=0, atol=1e-15)
+        assert energies[0] == pytest.approx(energies[1], abs=1e-8)
+        if not alpha:
+            assert energies[0] == -1.3 / 3
+            np.testing.assert_allclose(forces[0][::2], 1.3 / 27 * np.array([1, 2, 2]), rtol=1e-14)

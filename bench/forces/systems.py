@@ -18,8 +18,8 @@ TORSION = (9.28, 12.16, -13.12, -3.06, 26.24, -31.5)
 _BETWEEN_PAIRS = {
     "contact": HertzContact(CONTACT, DIAMETER),
     "lennard-jones": LennardJones(1.0, 1.0, REACH),
-    "coulomb": Coulomb(1.0, REACH),
-    "damped coulomb": Coulomb(1.0, REACH, DAMPING),
+    "coulomb": Coulomb(1.0, cutoff=REACH),
+    "damped coulomb": Coulomb(1.0, DAMPING, REACH),
 }
 _ALONG_THE_CHAIN = {
     "spring": LinearSpring(*BOND),

@@ -59,16 +59,16 @@ class Coulomb(Shifted):
 
     The potential is prefactor / r, or prefactor erfc(alpha r) / r with the alpha alpha. A constant is added to the
     tension so that it is 0 at the cutoff, and it is 0 beyond. In a neutral system the damped shifted force comes near
-    the sum over all distances. For the plain law, take a cutoff far beyond the scene, such as 1e9 m.
+    the sum over all distances.
 
     Parameters
     ----------
     prefactor : float or array_like
         q1 q2 / (4 pi epsilon_0), N m^2: charges of one sign have a positive prefactor and repel each other.
-    cutoff : float or array_like
-        The distance from which on there is no force, m.
     alpha : float or array_like
-        1/m; some 2 / cutoff is usual.
+        1/m; some 2 / cutoff is usual, and 0 is the plain law.
+    cutoff : float or array_like, optional
+        The distance from which on there is no force, m. Without it, the force acts at all distances and is not shifted.
 
     Raises
     ------
@@ -77,10 +77,10 @@ class Coulomb(Shifted):
     """
 
     prefactor: ArrayLike
-    cutoff: ArrayLike
     alpha: ArrayLike = 0.0
-    pull_at_cutoff: np.ndarray = field(init=False, repr=False)
-    energy_at_cutoff: np.ndarray = field(init=False, repr=False)
+    cutoff: ArrayLike | None = None
+    pull_at_cutoff: ArrayLike = field(init=False, repr=False, default=0.0)
+    energy_at_cutoff: ArrayLike = field(init=False, repr=False, default=0.0)
 
     nonnegative = ("alpha",)
     source = "Coulomb (1785); damped shifted force of Fennell and Gezelter (2006)"
@@ -98,8 +98,12 @@ class Coulomb(Shifted):
 
     @property
     def tension(self):
+        if self.cutoff is None:
+            return damped_tension_of if self.is_damped else tension_of
         return damped_tension if self.is_damped else plain_tension
 
     @property
     def potential(self):
+        if self.cutoff is None:
+            return damped_potential_of if self.is_damped else potential_of
         return damped_potential if self.is_damped else plain_potential

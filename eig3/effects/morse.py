@@ -69,12 +69,7 @@ class Morse(Shifted):
     def __post_init__(self):
         super().__post_init__()
         self.require(self._reals("a") > 0, "a must be positive")
-        if self.cutoff is not None:
-            self._shift(tension_of, potential_of, "D", "a", "r0")
-
-    @property
-    def cutoff_field(self):
-        return "" if self.cutoff is None else "cutoff"
+        self._shift(tension_of, potential_of, "D", "a", "r0")
 
     @property
     def picture(self):

@@ -21,16 +21,24 @@ def shifted_potential(r, cutoff, potential, pull_at_cutoff, energy_at_cutoff):
 
 
 class Shifted(Link):
-    """A link with the fields cutoff, pull_at_cutoff and energy_at_cutoff; `_shift` computes the last two."""
+    """A link with the fields cutoff, pull_at_cutoff and energy_at_cutoff; `_shift` computes the last two.
 
-    cutoff_field = "cutoff"
+    The cutoff of some is None: then the force acts at all distances, and nothing is shifted.
+    """
+
     picture = ""
+
+    @property
+    def cutoff_field(self):
+        return "" if self.cutoff is None else "cutoff"
 
     def needs_direction(self, columns):
         return True
 
     def _shift(self, tension, potential, *given):
         """Compute the tension and the potential at the cutoff from functions of the cutoff and of fields."""
+        if self.cutoff is None:
+            return
         cutoff, *values = (self._reals(name) for name in ("cutoff", *given))
         self.require(cutoff > 0, "cutoff must be positive")
         for name, function in (("pull_at_cutoff", tension), ("energy_at_cutoff", potential)):
