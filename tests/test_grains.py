@@ -419,7 +419,7 @@ def test_a_column_spreads_as_far_as_measured():
         reached[friction] = r[-1] / r[0], r[-1] - r[-2]
     slenderness = z[0].max() / r[0]
     assert reached[0.5][0] == pytest.approx(1 + 1.6 * np.sqrt(slenderness), rel=0.25)
-    # the last spheres come to rest at times that round-off changes: then the reach grows by 2e-5 to 2.5e-3 m
+    # the last spheres come to rest at times that round-off changes: then the run-out grows by 2e-5 to 2.5e-3 m
     assert reached[0.5][1] < 0.1 * reached[0.0][1]
     assert reached[0.0][0] > 1.5 * reached[0.5][0]
 
