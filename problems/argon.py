@@ -35,7 +35,7 @@ def argon(
     Raises
     ------
     ValueError
-        For n below 4, and a cube that is shorter than twice the reach of the forces.
+        For n below 4, and a cube that is shorter than twice the cutoff of the forces.
     """
     if n < 4:
         raise ValueError(f"n must be at least 4, not {n}.")

@@ -19,7 +19,7 @@ def forces(name: str) -> np.ndarray:
 
 
 def _shifted(potential: str, slope: float) -> str:
-    """Return a potential whose force is 0 at the reach, but for a constant."""
+    """Return a potential whose force is 0 at the cutoff, but for a constant."""
     return f"step({REACH} - r) * (u - r * ({slope:.17g})); u = {potential}"
 
 
