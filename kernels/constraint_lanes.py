@@ -3,7 +3,7 @@
 
 The formulas are those of `eig3.kernels.constraints`. There, a table in p says which arms and points belong to a row,
 and what is computed on the way is in p too. Here, the rows are straight lines of source, written by the scene: see
-`eig3.scene.straight_text`. Each of the parts, such as `stand`, is one loop over the lanes. What a lane needs from one
+`eig3.scene.unrolled_text`. Each of the parts, such as `stand`, is one loop over the lanes. What a lane needs from one
 loop to the next, such as S, has its room on the stack.
 
 Newton's iteration goes on until the last lane has converged. A lane that has, stays as it is: its numbers do not depend

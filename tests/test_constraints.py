@@ -69,7 +69,7 @@ def swelling(t):
 def actuated():
     scene = Scene(3)
     bob = scene.mass(1.0, (0.6, 0.0, -0.8), (0.0, 0.5, 0.0) + 0.3 * np.array([0.6, 0.0, -0.8]))
-    scene.add(effects.Actuator(swelling), scene.fixed((0.0, 0.0, 0.0)), bob)
+    scene.add(effects.PrescribedDistance(swelling), scene.fixed((0.0, 0.0, 0.0)), bob)
     scene.add(effects.Gravity((0.0, 0.0, -G)))
     return scene
 
@@ -82,9 +82,9 @@ def swing(t):
 def driven():
     """A pendulum on a crank whose angle is a function of time."""
     scene = Scene(2)
-    crank = scene.body(1.0, 0.1, (0.0, 0.0), spin=4.0)
-    crank.joint(None, (0.0, 0.0))
-    crank.drive(None, swing)
+    crank = scene.body(1.0, 0.1, (0.0, 0.0), angular_velocity=4.0)
+    crank.revolute(None, (0.0, 0.0))
+    crank.prescribed_angle(None, swing)
     bob = scene.mass(1.0, (0.3, -0.5), (0.0, 1.2))
     scene.add(effects.Rod(), crank.at((0.3, 0.0)), bob)
     scene.add(effects.Gravity((0.0, -G)))
@@ -205,16 +205,16 @@ def test_sliders_and_welds():
     way = np.array([1.0, 2.0, -2.0]) / 3
     bead, guest = scene.mass(1.0, (0.0, 0.0, 0.0)), scene.mass(3.0, (0.0, 1.0, 0.0))
     scene.add(effects.Slider(direction=2 * way), bead)
-    scene.add(effects.Weld(), bead, guest)
+    scene.add(effects.PointJoint(), bead, guest)
     puck = scene.mass(1.0, (5.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     scene.add(effects.Slider(normal=(0.0, 0.0, 3.0)), puck)
     scene.add(effects.Gravity((0.0, 0.0, -G)))
     problem = scene.problem((0.0, 1.0))
     run = problem.integrate(h=1e-2, outputs=problem.outputs)
     fall = G * 2 / 3 / 2
-    np.testing.assert_allclose(bead.of(run.u)[-1], fall * way, atol=1e-12)
-    np.testing.assert_allclose(guest.of(run.u)[-1], fall * way + [0.0, 1.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(puck.of(run.u)[-1], [6.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(bead.positions(run.u)[-1], fall * way, atol=1e-12)
+    np.testing.assert_allclose(guest.positions(run.u)[-1], fall * way + [0.0, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(puck.positions(run.u)[-1], [6.0, 0.0, 0.0], atol=1e-12)
     assert abs(run.outputs["reactions"][-1, -1]) == pytest.approx(G)
 
 
@@ -224,7 +224,7 @@ def test_the_work_of_an_actuator_is_followed():
     drifts = [problem.integrate(h=h).drift["energy"] for h in (2e-3, 1e-3)]
     assert drifts[0] / drifts[1] == pytest.approx(4.0, rel=0.1)
     assert problem.integrate(h=1e-2, method="rk8").drift["energy"] < 1e-10
-    assert np.ptp(problem.integrate(h=1e-2, method="rk8").integrals["work"]) > 1
+    assert np.ptp(problem.integrate(h=1e-2, method="rk8").quadratures["work"]) > 1
 
 
 @pytest.mark.parametrize("options", [{"h": 1e-3}, {"h": 1e-3, "method": "rk4"}, {"rtol": 1e-8}])
@@ -239,7 +239,7 @@ def test_an_impact_goes_through_the_joints(options):
     run = scene.problem((0.0, 3.0)).integrate(**options)
     impacts = run.events["rigid stop 0"]
     assert len(impacts.t) > 0
-    before, after = end.of(impacts.v)[0, 0], end.of(impacts.v_after)[0, 0]
+    before, after = end.velocities(impacts.v)[0, 0], end.velocities(impacts.v_after)[0, 0]
     assert after == pytest.approx(-0.7 * before, rel=1e-9)
     x, v = (np.moveaxis(values.reshape(2, -1), 0, -1) for values in (impacts.u[0], impacts.v_after[0]))
     rates = [v[0] @ x[0], (v[1] - v[0]) @ (x[1] - x[0]), (v[2] - v[1]) @ (x[2] - x[1])]
@@ -323,7 +323,7 @@ def test_a_singular_position_is_passed_or_reported(options):
     """Where the parallelogram is flat, the pins could go on either way; a run that goes on keeps the parallelogram."""
     pins, problem = flat_four_bar()
     run = problem.integrate(**options)
-    x = pins.of(run.u)
+    x = pins.positions(run.u)
     np.testing.assert_allclose(x[:, 1] - x[:, 0], np.tile([2.0, 0.0], (len(x), 1)), atol=1e-6)
     if not run.success:
         assert run.t[-1] == pytest.approx(0.4, abs=0.02)
@@ -372,7 +372,7 @@ def test_a_target_of_ones_own_depends_on_the_time():
     problem = scene.problem((0.0, 2.0), work=True)
     for options, tolerance in (({"h": 1e-3, "method": "rk4"}, 1e-9), ({"h": 1e-3}, 1e-5)):
         run = problem.integrate(**options)
-        x, v = points.of(run.u), points.of(run.v)
+        x, v = points.positions(run.u), points.velocities(run.v)
         expected = length + speed * run.t[:, None]
         np.testing.assert_allclose(np.linalg.norm(x, axis=-1), expected, rtol=0, atol=1e-13)
         momentum = x[..., 0] * v[..., 1] - x[..., 1] * v[..., 0]
@@ -417,7 +417,9 @@ def test_what_all_constraints_share_is_compiled_once():
         return [f.__name__ for f in functions if f.__module__ == "eig3.kernels.constraints"]
 
     compiled_for(effects.Rod(), effects.Rod())
-    assert set(compiled_for(effects.Rod(), effects.Actuator(growing))) <= {"hold_2d"}  # a call of what is compiled
+    assert set(compiled_for(effects.Rod(), effects.PrescribedDistance(growing))) <= {
+        "hold_2d"
+    }  # a call of what is compiled
 
 
 @eig3.jit

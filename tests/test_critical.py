@@ -12,7 +12,7 @@ import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
 from eig3.diagnosis.linear import Linearised
-from eig3.effects import Coulomb, Gravity, LennardJones, MassContact, PlaneContact
+from eig3.effects import Coulomb, Gravity, HertzContact, LennardJones, PlaneContact
 from eig3.kernels.methods import eig
 from eig3.planning.pilots import Pilots, Run
 from eig3.planning.search import Search
@@ -771,7 +771,7 @@ def atoms(distance, speed=0.0):
     """Two atoms of 1 kg with the units of the force between them, which approach each other at twice the speed."""
     scene = Scene(dimension=3)
     pair = scene.mass(1.0, [[0.0, 0.0, 0.0], [distance, 0.0, 0.0]], [[speed, 0.0, 0.0], [-speed, 0.0, 0.0]])
-    scene.add(LennardJones(1.0, 1.0, reach=2.5), pair)
+    scene.add(LennardJones(1.0, 1.0, cutoff=2.5), pair)
     return scene.problem((0.0, 10.0))
 
 
@@ -817,7 +817,10 @@ def test_argon_has_the_step_of_its_collisions():
 def test_grains_have_the_step_of_their_hardest_contact():
     """Two spheres of 1 kg with Hertz's contact: m v^2 = 2/5 k d^(5/2), and a stiffness of 3/2 k sqrt(d)."""
     scene = Scene(dimension=2)
-    scene.add(MassContact(stiffness=1e6, reach=0.1), scene.mass(1.0, [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0], [-1.0, 0]]))
+    scene.add(
+        HertzContact(stiffness=1e6, contact_distance=0.1),
+        scene.mass(1.0, [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0], [-1.0, 0]]),
+    )
     depth = (2.5 / 1e6) ** 0.4
     found = scene.problem((0.0, 2.0)).critical_step(method="cd")
     assert found.limit == pytest.approx(2 / math.sqrt(2 * 1.5e6 * math.sqrt(depth)), rel=0.02)
@@ -844,7 +847,7 @@ def test_grains_have_springs_along_their_surfaces():
 
 def test_what_nothing_keeps_apart_has_the_step_of_the_start():
     scene = Scene(dimension=1)
-    scene.add(Coulomb(-1.0, reach=10.0), scene.mass(1.0, [0.0]), scene.mass(1.0, [1.0]))
+    scene.add(Coulomb(-1.0, cutoff=10.0), scene.mass(1.0, [0.0]), scene.mass(1.0, [1.0]))
     problem = scene.problem((0.0, 1.0))
     assert problem.ahead(0.0) is None
     with pytest.raises(NoCriticalStepError, match="limits the step"):

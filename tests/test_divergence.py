@@ -9,7 +9,7 @@ import pytest
 
 import eig3
 from eig3 import integrate, problems
-from eig3.effects import HarmonicForce, LinearDamper, LinearSpring, MassContact
+from eig3.effects import HarmonicForce, HertzContact, LinearDamper, LinearSpring
 from eig3.scene import Scene
 from eig3.stability import limit, practical_limit, spectral_radius
 
@@ -395,7 +395,7 @@ def forced_from_rest(damping):
     """A mass of 1 kg on a spring of 100 N/m, whose energy is zero at the start, with a force at resonance."""
     scene = Scene(dimension=1)
     wall, mass = scene.fixed((0.0,)), scene.mass(1.0, (1.0,))
-    scene.add(LinearSpring(stiffness=100.0, length=1.0), wall, mass)
+    scene.add(LinearSpring(stiffness=100.0, rest_length=1.0), wall, mass)
     scene.add(HarmonicForce((10.0,), 10.0, -np.pi / 2), mass)
     if damping:
         scene.add(LinearDamper(damping=damping), wall, mass)
@@ -409,7 +409,7 @@ def forced_from_rest(damping):
 def test_a_small_part_of_the_work_is_no_growth(damping, method, relative, save_every):
     """The energy less the work is zero at the start, and the errors of the work add up: they are small beside it."""
     run = forced_from_rest(damping).integrate(h=0.005, method=method, save_every=save_every)
-    assert 0 < run.drift["energy"] < relative * np.abs(run.integrals["work"]).max()
+    assert 0 < run.drift["energy"] < relative * np.abs(run.quadratures["work"]).max()
     assert run.notes == ()
 
 
@@ -421,7 +421,7 @@ def test_energy_that_a_method_adds_to_a_forced_motion_is_noted():
     grown = said(
         r"energy less the work grows steadily, by ([\d.e+]+) % of the larger of the two over the run: RK2\(\) ", note
     )
-    assert grown == pytest.approx(100 * run.drift["energy"] / np.abs(run.integrals["work"]).max(), rel=0.1)
+    assert grown == pytest.approx(100 * run.drift["energy"] / np.abs(run.quadratures["work"]).max(), rel=0.1)
     first = forced_from_rest(0.5).integrate(h=0.02, method="rk2", t_end=30.0)
     assert first.extend(60.0).notes == run.notes
 
@@ -461,7 +461,7 @@ def test_the_step_that_is_named_is_shorter_than_the_one_that_failed():
     """If a contact closes during the run, the critical step at the start is longer than the step that fails."""
     scene = Scene(1)
     balls = scene.mass(0.1, [-0.11, 0.0, 0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0, 0.0])
-    scene.add(MassContact(1e9, 0.1), balls[:-1], balls[1:])
+    scene.add(HertzContact(1e9, 0.1), balls[:-1], balls[1:])
     problem = scene.problem((0.0, 0.05))
     run = problem.integrate(h=1e-3)
     assert run.status is eig3.Status.DIVERGED

@@ -139,7 +139,7 @@ def test_work_counts_in_the_error_of_the_energy():
     scene = Scene(dimension=1)
     mass = scene.mass(1.0, (1.0,))
     wall = scene.fixed((0.0,))
-    scene.add(LinearSpring(stiffness=1.0, length=0.5), wall, mass)
+    scene.add(LinearSpring(stiffness=1.0, rest_length=0.5), wall, mass)
     scene.add(LinearDamper(damping=0.2), wall, mass)
     problem = scene.problem((0, 100), work=True)
     (prediction,) = eig3.plan(problem, 1e-4, metric="energy", methods=["rk4"]).predictions

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import jit
 from ..functions.checks import check_method, check_time, velocity_refused
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..stability import (
     NEGLIGIBLE,
@@ -92,6 +93,7 @@ class NoStableStepError(NoCriticalStepError):
     """The method is unstable at every step."""
 
 
+@with_suggestions()
 def critical_step(
     rhs: Any,
     u0: ArrayLike,

@@ -89,7 +89,7 @@ class Histories:
             for place in np.flatnonzero(~complete):
                 member = int(chosen[place])
                 t = self.members.t_span[0] + index * float(self.members.steps[member])
-                last: dict[str, Any] = {"t": t, "integrals": {}}
+                last: dict[str, Any] = {"t": t, "quadratures": {}}
                 last["u"], last["v"] = (self.shaped(x[:, place].copy()) for x in (u, v))
                 last["outputs"] = {name: self._valued(name, x[:, place].copy()) for name, x in outputs.items()}
                 self.last[member] = last
@@ -123,7 +123,7 @@ class Histories:
     def take(self, member: int, solution: Solution) -> None:
         """Store the result of a member that ran alone."""
         t, u, v = whole_rows(solution, self.members.n)
-        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "integrals": {}}
+        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "quadratures": {}}
         rows = len(t)
         self.last.pop(member, None)  # of the same member in lanes
         if self.options.has_own_times:
@@ -180,7 +180,7 @@ class Histories:
     def note_events(self, member: np.ndarray, rows: np.ndarray) -> None:
         """Store occurrences of members that ran in lanes, from the rows of a log: see `eig3.kernels.protocol.Watch`."""
         n = self.members.n
-        states = rows[:, 2:].reshape(len(rows), 4, n)[..., : n - len(self.options.integrals)]
+        states = rows[:, 2:].reshape(len(rows), 4, n)[..., : n - len(self.options.quadratures)]
         for k, name in enumerate(self.events):
             mine = rows[:, 0] == k
             found = (self.shaped(states[mine, i]) for i in range(4))
@@ -221,7 +221,7 @@ class Histories:
         again: Callable[..., EnsembleSolution] | None,
     ) -> EnsembleSolution:
         """Return the result of the ensemble, or of its part."""
-        rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.integrals)
+        rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.quadratures)
         shape = () if self.members.form is SCALAR else (degrees,)
         extremes = {name: each(partial(self._valued, name), x) for name, x in self.extremes.items()}
         solution = EnsembleSolution(
@@ -243,8 +243,8 @@ class Histories:
             _repeat=repeat,
             _again=again,
         )
-        if self.options.integrals:
-            solution._separate(self.options.integrals)
+        if self.options.quadratures:
+            solution._separate(self.options.quadratures)
         return solution
 
     @property

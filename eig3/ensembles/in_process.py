@@ -84,7 +84,7 @@ class Run:
                 raise
 
     def _at_start(self, i: int) -> March:
-        start = self.members.start(i, len(self.options.integrals))
+        start = self.members.start(i, len(self.options.quadratures))
         return self._single.prepared(i).at_start(self.members.t_span, *start)
 
     def _work(self) -> list[Alone]:

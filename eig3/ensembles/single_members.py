@@ -53,7 +53,7 @@ class Singles:
 
     def __call__(self, i: int, cancel: Cancel | None = None) -> Solution:
         """Integrate member i."""
-        start = self._members.start(i, len(self._options.integrals))
+        start = self._members.start(i, len(self._options.quadratures))
         return self.prepared(i).member(self._members.t_span, *start, cancel)
 
     def _prepared(self, h: float | None, method: Method) -> Prepared:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_state
 from ..functions.events import Event
 from ..functions.named import named
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
@@ -18,6 +19,7 @@ from ..stepping.options import run_options
 from .prepare import Prepared
 
 
+@with_suggestions()
 def integrate(
     rhs: Any,
     t_span: Sequence[float],

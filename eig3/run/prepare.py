@@ -16,6 +16,7 @@ from ..functions.guard import guarded
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.solution import Solution
 from ..result.storage import Place
@@ -122,8 +123,8 @@ class Prepared:
         u, v, form = check_state(u0, v0)
         if form is not self._system.form:
             raise self._wrong_form(u0)
-        if self._system.integrals:
-            u, v = self._with_integrals(u, v)
+        if self._system.quadratures:
+            u, v = self._with_quadratures(u, v)
         if self.options.layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
             params = in_layout(self.options.layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
@@ -133,19 +134,19 @@ class Prepared:
 
     def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
         """Run a member of an ensemble, whose start is checked already. A short run does not look at `cancel`."""
-        start = span, *self._with_integrals(u, v), guarded(params)
+        start = span, *self._with_quadratures(u, v), guarded(params)
         solution = self._if_short(*start)
         return solution or carry_out(partial(self._begin, *start, False, None), cancel, raise_on_failure=False)
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start. It has refused what the right-hand side or the method do not accept."""
-        start = span, *self._with_integrals(u, v), guarded(params), None
+        start = span, *self._with_quadratures(u, v), guarded(params), None
         return self._variable_stepper(*start) if self.options.tolerances else self._fixed_stepper(*start)[0]
 
-    def _with_integrals(self, u: Any, v: Any) -> tuple[Any, Any]:
-        if not self._system.integrals:
+    def _with_quadratures(self, u: Any, v: Any) -> tuple[Any, Any]:
+        if not self._system.quadratures:
             return u, v
-        zeros = np.zeros(len(self._system.integrals))
+        zeros = np.zeros(len(self._system.quadratures))
         return np.append(u, zeros), np.append(v, zeros)
 
     def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
@@ -185,7 +186,7 @@ class Prepared:
         """Return a run at its start."""
         if progress is not False:
             check_progress(progress)
-        place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.integrals)
+        place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.quadratures)
         times, options = None if self._t_eval is None else self._times_in(span), self.options
         if options.tolerances:
             stepper = self._variable_stepper(span, u, v, p, times)
@@ -225,15 +226,16 @@ class Prepared:
     def tolerances(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""
         if n not in self._tolerances:
-            n_integrals = len(self._system.integrals)
+            n_quadratures = len(self._system.quadratures)
             assert self.options.tolerances
-            self._tolerances[n] = self.options.tolerances.of(n - n_integrals, n_integrals)
+            self._tolerances[n] = self.options.tolerances.of(n - n_quadratures, n_quadratures)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
         return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults)
 
 
+@with_suggestions(run_options)
 def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
     """Check, choose and compile all that runs of a right-hand side need, for many runs with different starts.
 

@@ -321,7 +321,7 @@ class Run:
             If it has none, and this run has many states in files.
         """
         if save_to is not None:
-            return Place.of(save_to, self.stepper.system.labels, self.stepper.system.integrals)
+            return Place.of(save_to, self.stepper.system.labels, self.stepper.system.quadratures)
         rows = *(self.saved or {}).values(), *self.saved_outputs.values()
         in_files = sum(array.nbytes for array in rows if isinstance(array, np.memmap))
         if in_files > _MOST_JOINED:
@@ -484,8 +484,8 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
     if stepper.look:
         later = later | stepper.look.found()
     solution = Solution._of(common | fields, later)
-    if system.integrals:
-        solution._separate(system.integrals)
+    if system.quadratures:
+        solution._separate(system.quadratures)
     return solution
 
 

@@ -57,7 +57,7 @@ class System:
     rhs : jitted function
     form : Form
     options : RunOptions
-        Of these, a system has the method, the events, functions, labels and integrals, and whether there are wanted
+        Of these, a system has the method, the events, functions, labels and quadratures, and whether there are wanted
         times and whether the loop is compiled with rhs inside.
 
     Attributes
@@ -98,7 +98,7 @@ class System:
 
     def __init__(self, rhs: Any, form: Form, options: RunOptions) -> None:
         self.rhs, self.form, self.layout, self.method = rhs, form, bound_layout(rhs), options.method
-        self.labels, self.integrals = options.labels, options.integrals
+        self.labels, self.quadratures = options.labels, options.quadratures
         self.events, self.functions = options.events, options.functions
         history, constraints = history_of(rhs), constraints_of(rhs)
         self.inline = options.inline and history is None and constraints is None
@@ -153,7 +153,7 @@ def remembered(rhs: Any, form: Form, options: RunOptions) -> System:
     whose captured values have changed, makes another system.
     """
     functions = (tuple(part.items()) for part in (options.events, *options.functions))
-    others = options.method, options.inline, options.labels, options.integrals
+    others = options.method, options.inline, options.labels, options.quadratures
     key = form.name, options.h is None, options.t_eval is None, *functions, *others
     try:
         systems = vars(rhs).setdefault("_eig3_systems", {})
