@@ -459,15 +459,17 @@ BAD_VALUES = {
     "3 principal moments or a symmetric 3 x 3 matrix": lambda: in_space(1.0),
     "rotation of a body in 2 dimensions must be an angle in rad": lambda: in_plane(rotation=(0.0, 0.0, 0.0, 1.0)),
     "rotation of a body in 3 dimensions must be a quat": lambda: in_space(rotation=[[2, 0, 0], [0, 2, 0], [0, 0, 2]]),
-    "spin of a body in 2 dimensions must be a number": lambda: in_plane(spin=(1.0, 0.0, 0.0)),
+    "angular_velocity of a body in 2 dimensions must be a number": lambda: in_plane(spin=(1.0, 0.0, 0.0)),
     "a rigid body needs a scene of 2 or 3 dimensions": lambda: Scene(1).body(1.0, 1.0, 0.0),
     "periodic box has no rigid bodies": lambda: Scene(2, box=(1.0, 1.0)).body(1.0, 1.0, (0.0, 0.0)),
     "a place in a body needs 2 components": lambda: in_plane().point((1.0, 2.0, 3.0)),
-    "direction must not be zero": lambda: in_plane().slide(None, (0.0, 0.0), (0.0, 0.0)),
-    "other must be another body, or None for the ground": lambda: joined_to_itself("joint", (1.0, 0.0)),
+    "direction must not be zero": lambda: in_plane().prismatic(None, (0.0, 0.0), (0.0, 0.0)),
+    "other must be another body, or None for the ground": lambda: joined_to_itself("revolute", (1.0, 0.0)),
     "other must be another body, or None": lambda: joined_to_itself("friction", 1.0),
-    "a hinge has an axis in space only": lambda: in_plane().hinge(None, (1.0, 0.0), (0.0, 0.0, 1.0)),
-    "axis must have 3 components, not the shape": lambda: in_space().hinge(None, (0.0, 0.0, 0.0), (0.0, 1.0)),
+    "axis of a revolute joint is for scenes of 3 dimensions": lambda: in_plane().revolute(
+        None, (1.0, 0.0), (0.0, 0.0, 1.0)
+    ),
+    "axis must have 3 components, not the shape": lambda: in_space().revolute(None, (0.0, 0.0, 0.0), (0.0, 1.0)),
     "no masses with an inertia of their own: make them bodies": beside_a_rolling_mass,
     "Gravity acts on masses, and a point of a rigid body has none": lambda: adding(
         effects.Gravity((0.0, -G)), lambda body: body.point((1.0, 0.0))

@@ -491,7 +491,7 @@ class Thin(Triangle):
 
 BAD_VALUES = {
     "cell 1 .* is inverted at rest: give its corners counterclockwise.": lambda: meshed(cells=[(0, 1, 2), (1, 2, 3)]),
-    "cell 0 of StVenantKirchhoffTriangle has no area at rest": lambda: meshed(
+    "cell 0 of StVenantKirchhoffMembrane has no area at rest": lambda: meshed(
         points=[(0, 0), (1, 0), (2, 0)], cells=[(0, 1, 2)]
     ),
     "cell 0 .* has no area at rest": lambda: meshed(points=[(0, 0, 0), (1, 1, 1), (2, 2, 2)], cells=[(0, 1, 2)]),
@@ -509,15 +509,15 @@ BAD_VALUES = {
     r"density must be a number or have the shape \(2,\)": lambda: meshed(density=[1.0] * 3),
     "fixed must name points from 0 to 3": lambda: meshed(fixed=[4]),
     r"fixed must have the shape \(4,\)": lambda: meshed(fixed=[True]),
-    "StVenantKirchhoffTriangle has only fixed points in cell 1": lambda: meshed(fixed=[1, 2, 3]),
+    "StVenantKirchhoffMembrane has only fixed points in cell 1": lambda: meshed(fixed=[1, 2, 3]),
     r"rest of a mesh must have the shape \(4, 2\)": lambda: meshed(rest=TRIANGLE[:3]),
     "NeoHookean needs a scene of 3 dimensions, not 2.": lambda: meshed(NeoHookean(1.0, 0.3), cells=[(0, 1, 2, 3)]),
-    "thickness of StVenantKirchhoffTriangle must be positive.": lambda: StVenantKirchhoffTriangle(1.0, 0.3, 0.0),
+    "thickness of StVenantKirchhoffMembrane must be positive.": lambda: StVenantKirchhoffMembrane(1.0, 0.3, 0.0),
     "nu of NeoHookean must be between -1 and 0.5.": lambda: NeoHookean(1.0, 0.5),
-    "nu of StVenantKirchhoffTria": lambda: StVenantKirchhoffTriangle(1.0, 1.0, 1.0),
+    "nu of StVenantKirchhoffMembrane": lambda: StVenantKirchhoffMembrane(1.0, 1.0, 1.0),
     "angle of HarmonicAngle must not be above pi.": lambda: HarmonicAngle(1.0, 4.0),
-    "reach of LennardJones must be positive.": lambda: LennardJones(1.0, 1.0, 0.0),
-    "width of Morse must be positive.": lambda: Morse(1.0, 0.0, 1.0),
+    "cutoff of LennardJones must be positive.": lambda: LennardJones(1.0, 1.0, 0.0),
+    "a of Morse must be positive.": lambda: Morse(1.0, 0.0, 1.0),
     "cell 0 of HingeBending has a triangle without area at rest: move its corners.": lambda: (scene := Scene(3)).add(
         HingeBending(1.0), *scene.mass(1.0, CHAIN[[1, 1, 2, 3]])
     ),

@@ -369,14 +369,16 @@ BAD_VALUES = {
     "nu of HertzMindlin must not be above 0.5": lambda: hertz_mindlin(nu=0.6),
     "restitution of HertzMindlin must be above 0": lambda: hertz_mindlin(restitution=0.0),
     "friction of HertzMindlin must not be negative": lambda: hertz_mindlin(friction=-0.1),
-    "near_radius of HertzMindlin must be positive and at most the reach": lambda: hertz_mindlin(near_radius=1.0),
-    "inertia of masses must be positive": lambda: masses(inertia=0.0),
-    "spin of masses needs their inertia": lambda: masses(spin=1.0),
-    "nothing spins on a line": lambda: Scene(1).mass(M, 0.0, inertia=1.0),
-    "near of HertzMindlin must be fixed points": lambda: pairs(
-        lambda scene, a, b: scene.add(hertz_mindlin(), a, near=b)
+    "wall_radius of HertzMindlin must be positive and at most the contact_distance": lambda: hertz_mindlin(
+        wall_radius=1.0
     ),
-    "no mass of the scene has an inertia": lambda: masses()[1].angles_of(np.zeros(8)),
+    "inertia of masses must be positive": lambda: masses(inertia=0.0),
+    "angular_velocity of masses needs their inertia": lambda: masses(angular_velocity=1.0),
+    "nothing spins on a line": lambda: Scene(1).mass(M, 0.0, inertia=1.0),
+    "others of HertzMindlin must be fixed points": lambda: pairs(
+        lambda scene, a, b: scene.add(hertz_mindlin(), a, others=b)
+    ),
+    "no mass of the scene has an inertia": lambda: masses()[1].angles(np.zeros(8)),
 }
 BAD_TYPES = {
     "HertzMindlin takes one array of points": lambda: pairs(lambda scene, a, b: scene.add(hertz_mindlin(), a, b))

@@ -979,8 +979,8 @@ BAD_VALUES = {
     "LinearSpring joins two fixed points": lambda: fixed_ends(LinearSpring(1.0)),
     "LinearSpring joins a point to itself.": lambda: on_two(LinearSpring(1.0), 0, 0),
     "LinearSpring has no direction where its ends coincide": coincident,
-    "MassContact has no direction where its ends coincide": lambda: (
-        lambda scene: scene.add(MassContact(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 2))))
+    "HertzContact has no direction where its ends coincide": lambda: (
+        lambda scene: scene.add(HertzContact(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 2))))
     )(Scene(2)),
     "LinearSpring was given ends of shapes .2, 1. and .2,.; give one shape, or one point for all": lambda: (
         lambda scene: scene.add(LinearSpring(1.0), scene.mass(1.0, [[0.0], [1.0]]), scene.fixed([2.0, 3.0]))
@@ -988,7 +988,7 @@ BAD_VALUES = {
     "LinearSpring was given points of another scene.": strangers,
     "velocity of masses must have 2 components": lambda: Scene(2).mass(1.0, (0.0, 0.0), 5.0),
     "velocity of masses must have the": lambda: Scene(1).mass(1.0, [0.0, 1.0], [1.0, 2.0, 3.0]),
-    "length of LinearSpring must not be neg": lambda: on_two(LinearSpring(1.0, -1.0), 0, 1),
+    "rest_length of LinearSpring must not be neg": lambda: on_two(LinearSpring(1.0, -1.0), 0, 1),
     "values must have 4 degrees of freedom on the last axis": lambda: two()[1].of(np.zeros(7)),
     "values must have 4 degrees of freedom": lambda: two()[1].of(3.0),
     "range of Wall must not be negative": lambda: on_two(Wall(1.0, -1.0), 0, 1),
@@ -1010,7 +1010,7 @@ BAD_VALUES = {
     "times of SampledMotion must hold at least two": lambda: SampledMotion([0], [0]),
     "values of SampledMotion must have as many samples": lambda: SampledMotion([0, 1], [0]),
     "normal of PlaneContact must be a unit vector.": lambda: PlaneContact(1.0, (1.0, 1.0)),
-    "slip of CoulombFriction must be positive.": lambda: CoulombFriction(0.1, 1.0, 0.0),
+    "regularization_speed of CoulombFriction must be positive.": lambda: CoulombFriction(0.1, 1.0, 0.0),
     "LinearSpring was given ends of shapes": lambda: (
         lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2))))
     )(*two()),
@@ -1032,7 +1032,7 @@ BAD_TYPES = {
     "Plain must be a dataclass: decorate it with @dataclass": lambda: on_two(Plain()),
     "Undecorated must be a dataclass: decorate it with @dataclass": lambda: Undecorated(3.0),
     "Longer must be a dataclass: decorate it with @dataclass": lambda: Longer(3.0, extra=1.0),
-    "cutoff of NoField must be the name of a field": lambda: on_two(NoField(1.0), 0, 1),
+    "cutoff_field of NoField must be the name of a field": lambda: on_two(NoField(1.0), 0, 1),
     "Timed must rename its field t: force has an argument": lambda: on_two(Timed(1.0)),
     "effect must be an effect with parameters.* not Gravity.": lambda: Scene(1).add(Gravity),
     "stiffness of LinearSpring must be made of real": lambda: on_two(LinearSpring("soft"), 0, 1),

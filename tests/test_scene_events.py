@@ -434,8 +434,8 @@ def two(added, dimension=1, places=(0.0, 1.0)):
 BAD_VALUES = {
     "crossing of Own must be -1, 0 or 1, not 2": lambda: two(effect(Link, event=distance, crossing=2)),
     "offset of RigidStop must leave each mass on the free side at the start": lambda: one(RigidStop(1.0, 1.0)),
-    "reach of MassImpact must be below the distance at the start": lambda: two(MassImpact(1.0)),
-    "reach of MassImpact must be positive in a scene of two": lambda: two(MassImpact(), 2, ((0, 0), (1, 0))),
+    "contact_distance of MassImpact must be below the distance at the start": lambda: two(MassImpact(1.0)),
+    "contact_distance of MassImpact must be positive in a scene of two": lambda: two(MassImpact(), 2, ((0, 0), (1, 0))),
     "strength of BreakingString must be above the tension": lambda: two(BreakingString(10.0, 0.5, 5.0)),
 }
 BAD_TYPES = {
@@ -446,7 +446,7 @@ BAD_TYPES = {
     "velocity_after of Own must return a tuple of 1 number here, not float64": lambda: one(
         effect(Body, event=zero, velocity_after=number)
     ),
-    "Own must have a field reach that a function reads, for its picture 'discs'": lambda: two(
+    "Own must have a field contact_distance that a function reads, for its picture 'discs'": lambda: two(
         effect(Link, event=distance, picture="discs")
     ),
 }

@@ -232,7 +232,7 @@ class Observer:
     def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
         """Take the first occurrences of each event, or all, as those that were found so far.
 
-        Their states may have fewer degrees of freedom, because integrals are not among them: those are NaN.
+        Their states may have fewer degrees of freedom, because quadratures are not among them: those are NaN.
         """
         rows = []
         for k, name in enumerate(self.system.events):
