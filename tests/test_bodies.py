@@ -459,7 +459,7 @@ BAD_VALUES = {
     "3 principal moments or a symmetric 3 x 3 matrix": lambda: in_space(1.0),
     "rotation of a body in 2 dimensions must be an angle in rad": lambda: in_plane(rotation=(0.0, 0.0, 0.0, 1.0)),
     "rotation of a body in 3 dimensions must be a quat": lambda: in_space(rotation=[[2, 0, 0], [0, 2, 0], [0, 0, 2]]),
-    "angular_velocity of a body in 2 dimensions must be a number": lambda: in_plane(spin=(1.0, 0.0, 0.0)),
+    "angular_velocity of a body in 2 dimensions must be a number": lambda: in_plane(angular_velocity=(1.0, 0.0, 0.0)),
     "a rigid body needs a scene of 2 or 3 dimensions": lambda: Scene(1).body(1.0, 1.0, 0.0),
     "periodic box has no rigid bodies": lambda: Scene(2, box=(1.0, 1.0)).body(1.0, 1.0, (0.0, 0.0)),
     "a place in a body needs 2 components": lambda: in_plane().point((1.0, 2.0, 3.0)),
