@@ -17,7 +17,7 @@ import numpy as np
 
 from ..functions.guard import CELLS
 from ..kernels.loops.evaluation import guarded_kernel
-from ..kernels.protocol import AT_END, BEFORE_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TERMINAL, TIME, Steps
+from ..kernels.protocol import AT_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TERMINAL, TIME, Steps
 from ..result.solution import Solution
 from ..stepping.march import Rows
 from ..stepping.options import NEVER
@@ -68,7 +68,7 @@ def variable(stepper: VariableStepper, most: int, every: int, count: int) -> Sol
     t, h, u, v = rows = np.empty(count), np.empty(count), np.empty((count, n)), np.empty((count, n))
     t[0], h[0], (u[0], v[0]) = stepper.t0, 0.0, stepper.start
     outputs = _rows_of_outputs(stepper, count) if stepper.look else {}
-    row, mark = _to_end(stepper, most, every, 1, rows)
+    row = _call(stepper, stepper.steps(min(stepper.tolerances.max_steps, most), every, 1, rows))
     if not _is_well(stepper, AT_END, math.inf):
         return None
     t_last, h_last = float(stepper.tally[TIME]), float(stepper.tally[STEP_BEFORE])
@@ -80,7 +80,7 @@ def variable(stepper: VariableStepper, most: int, every: int, count: int) -> Sol
     outputs = {name: values[:row] for name, values in outputs.items()} if outputs else {}
     u, v = (u[:row, 0], v[:row, 0]) if stepper.form is SCALAR else (u[:row], v[:row])
     saved = {"t": t[:row], "steps": h[:row], "u": u, "v": v}
-    run = partial(VariableRun.ended, stepper, every, None, saved, outputs, mark)
+    run = partial(VariableRun.ended, stepper, every, None, saved, outputs, stepper.rows_before_end or row)
     between = stepper.states_between if every == 1 else None
     return _solution(stepper, {**saved, "outputs": outputs, "_between": between}, {}, run)
 
@@ -100,7 +100,7 @@ def at_times(stepper: Any, most: int, t_end: float, times: np.ndarray) -> Soluti
         rows["steps"][0], tally[NEXT] = 0.0, 1
     no_rows = Rows(_NONE, _NONE, *[np.empty((0, n))] * 2)
     if isinstance(stepper, VariableStepper):
-        _, mark = _to_end(stepper, most, 1, 0, no_rows)
+        _call(stepper, stepper.steps(min(stepper.tolerances.max_steps, most), 1, 0, no_rows))
         is_well = _is_well(stepper, AT_END, math.inf)
     else:
         del rows["steps"]
@@ -118,7 +118,7 @@ def at_times(stepper: Any, most: int, t_end: float, times: np.ndarray) -> Soluti
     for name, values in rows.items():
         saved[name] = values[:count, 0] if values.ndim == 2 and stepper.form is SCALAR else values[:count]
     if isinstance(stepper, VariableStepper):
-        run: Callable[[], Run] = partial(VariableRun.ended, stepper, NEVER, times, saved, outputs, mark)
+        run: Callable[[], Run] = partial(VariableRun.ended, stepper, NEVER, times, saved, outputs, 0)
     else:
         run = partial(FixedRun.ended, stepper, most, t_end, None, times, saved, outputs)
     return _solution(stepper, {**saved, "outputs": outputs, "_between": None}, {}, run)
@@ -152,22 +152,6 @@ def _call(stepper: Any, steps: Any) -> int:
     if stepper.look:
         stepper.look.watching.collect(stepper.tally)
     return row
-
-
-def _to_end(
-    stepper: VariableStepper, most: int, every: int, row: int, rows: tuple
-) -> tuple[int, tuple[dict[str, Any], int]]:
-    """Call the kernel up to the last step, then for this step; return the next row to write.
-
-    Return also where a longer run goes on: the state before the last step, and the number of rows up to there.
-    """
-    most = min(stepper.tolerances.max_steps, most)
-    row = _call(stepper, stepper.steps(most, every, row, rows))
-    kept = stepper.kept(), row or stepper.n_wanted
-    if stepper.ended == BEFORE_END:
-        stepper.may_shorten = True
-        row = _call(stepper, stepper.steps(most - stepper.index, every, row, rows))
-    return row, kept
 
 
 def _is_well(stepper: Any, wanted: int, span: float) -> bool:

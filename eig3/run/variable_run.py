@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
-from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
+from ..kernels.protocol import AT_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
 from ..stepping.march import Rows
@@ -30,18 +30,11 @@ _RATIO = 10  # of the tolerances of runs that show the error
 _NONE = np.empty(0)
 
 
-class _Mark(NamedTuple):
-    """A point from which a run can go on: the end of its last step that does not follow from the end of the span."""
-
-    stepper: VariableStepper
-    rows: int
-
-
 class VariableRun(Run):
     """A run whose steps follow from tolerances. The arguments are those of `Run`."""
 
     stepper: VariableStepper
-    _mark: _Mark | None = None
+    _rows_before_end: int | None = None  # the number of rows before the last step, when that has begun
     _note_size: Callable[[int, int], None] | None = None
 
     @classmethod
@@ -79,7 +72,7 @@ class VariableRun(Run):
             if count > len(t):
                 raise ValueError(f"{len(t)} states are too few.")
         every, rows = check_count(state["every"], "save_every"), {"t": t, "steps": np.asarray(solution.steps)}
-        return cls.ended(stepper, every, times, rows | {"u": u, "v": v}, solution.outputs, (stepper.kept(), count))
+        return cls.ended(stepper, every, times, rows | {"u": u, "v": v}, solution.outputs, count)
 
     @classmethod
     def ended(
@@ -89,16 +82,12 @@ class VariableRun(Run):
         times: np.ndarray | None,
         rows: dict[str, np.ndarray],
         outputs: dict[str, np.ndarray],
-        mark: tuple[dict[str, Any], int],
+        rows_before_end: int,
     ) -> VariableRun:
-        """Return a run that a stepper has taken to its end, with its rows.
-
-        `mark` is what `March.kept` has returned where a longer run goes on, and the number of rows up to there.
-        """
+        """Return a run that a stepper has taken to its end, with its rows, and their number before the last step."""
         run = cls(stepper, _history(stepper, times, None), every, times)
         run.saved, run.saved_outputs = rows, outputs
-        run._mark = _Mark(stepper.fork(), mark[1])
-        run._mark.stepper.restore(mark[0])
+        run._rows_before_end = rows_before_end
         run._judge_event()
         return run
 
@@ -116,10 +105,11 @@ class VariableRun(Run):
         if self.stepper.follows_span:
             stepper = self.stepper.restarted(t_end, times)
             return VariableRun.at_start(stepper, self.every, times, place, progress)
-        mark = self._mark or self._marked()
-        stepper = mark.stepper.extended(t_end)
+        stepper = self.stepper.before_end()
+        stepper.t_end = t_end
         history = _history(stepper, times, place)
-        history.take(self.saved, self.saved_outputs, mark.rows)
+        count = self._rows_kept() if times is None else stepper.n_wanted
+        history.take(self.saved, self.saved_outputs, count)
         return VariableRun(stepper, history, self.every, times, place, progress)
 
     def finer(self, k: int) -> VariableRun:
@@ -134,8 +124,7 @@ class VariableRun(Run):
         return self.refinement(solution, _RATIO).of_tolerances(self.stepper.tolerances.rtol)
 
     def state(self) -> dict[str, Any]:
-        mark = self._mark or self._marked()
-        stepper = mark.stepper
+        stepper = self.stepper.before_end()
         found = stepper.look.watching.occurrences() if stepper.look else {}
         return {
             "t0": stepper.t0,
@@ -148,7 +137,7 @@ class VariableRun(Run):
             "tolerances": stepper.tolerances._asdict(),
             "every": self.every,
             "times": self.times,
-            "rows": mark.rows,
+            "rows": self._rows_kept(),
             "stepper": stepper.kept(),
             "events": {name: len(occurrences) for name, occurrences in found.items()},
         }
@@ -178,11 +167,10 @@ class VariableRun(Run):
         """Find out from the kernel's outcome whether the run goes on."""
         stepper = self.stepper
         ended = stepper.ended
+        if self._rows_before_end is None and stepper.rows_before_end is not None:
+            self._rows_before_end = self.history.count - self.history.row + stepper.rows_before_end
         if ended == AT_END or stepper.t >= stepper.t_end:
             self.is_done = True
-        elif ended == BEFORE_END:
-            self._mark = self._marked()
-            stepper.may_shorten = True
         elif ended == FULL and self.times is None:
             self._make_room()
         elif ended == TOO_SMALL:
@@ -230,7 +218,7 @@ class VariableRun(Run):
 
     def _complete(self) -> None:
         """Save the last state."""
-        self._mark = self._mark or self._marked()  # before the last state, which a longer run may not save
+        self._rows_before_end = self._rows_kept()  # without the last state, which a longer run may not save
         stepper, history = self.stepper, self.history
         if self.times is not None:
             if stepper.look and (stepper.is_over or stepper.t >= stepper.t_end):
@@ -249,8 +237,9 @@ class VariableRun(Run):
         if self._note_size:
             self._note_size(stepper.index, history.count)
 
-    def _marked(self) -> _Mark:
-        return _Mark(self.stepper.fork(), self.history.count)
+    def _rows_kept(self) -> int:
+        """Return the number of rows up to the state from which a longer run goes on."""
+        return self.history.count if self._rows_before_end is None else self._rows_before_end
 
     def _keep(self) -> None:
         history = self.history
@@ -303,7 +292,7 @@ class VariableRun(Run):
         for share in np.linspace(0, 1, STATES, endpoint=False)[1:] if len(steps) > 1 else ():
             i = 1 + int(np.searchsorted(taken, share * taken[-1]))
             yield rows["t"][i], *(x[i].item() if scalar else x[i] for x in (rows["u"], rows["v"])), rows["steps"][i]
-        last = self._mark.stepper if self._mark else self.stepper
+        last = self.stepper.before_end()
         yield last.t, last.u, last.v, last.h
 
     def _total(self) -> tuple[int, str]:

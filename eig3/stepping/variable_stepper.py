@@ -17,6 +17,8 @@ from ..kernels.loops.variable import least_size
 from ..kernels.protocol import (
     BY_SPAN,
     ERROR,
+    KEPT,
+    LOGGED,
     REJECTED,
     SILENT_END,
     SILENT_STEP,
@@ -34,7 +36,7 @@ from .system import Kernel, System
 from .tolerances import Tolerances
 
 _STANDING = 1e-12  # a motion of this part of the largest one is round-off
-_NO_SETTINGS = np.empty(0)
+_NONE = np.empty(0)
 
 
 class VariableStepper(March):
@@ -52,10 +54,6 @@ class VariableStepper(March):
     times : ndarray or None
         The times at which the state is wanted.
 
-    Attributes
-    ----------
-    may_shorten : bool
-        Whether the last step may be shortened, so that it ends at the end of the span.
     """
 
     n_iterations = 0
@@ -78,7 +76,13 @@ class VariableStepper(March):
         self.tally[ERROR], self.tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
         if self.look:
             self.look.follow_within(self.kernel.formulas, tolerances.rtol)
-        self.may_shorten = False
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """Make room for the state before the last step, see `Span`."""
+        self._numbers = self.look.follower.numbers if self.look else _NONE
+        size = 2 + self.tally.size + self.state.size + self._numbers.size
+        self._before_end = np.empty(size + self.params.size if self.system.history else size)
 
     def _work_rows(self) -> int:
         return self.kernel.formulas.work_rows
@@ -141,6 +145,8 @@ class VariableStepper(March):
 
     def steps(self, count: int, every: int, row: int, rows: Any) -> Span:
         tolerances = self.tolerances
+        if self.look and not self.tally[KEPT]:
+            self._n_found = self.look.watching.n_found
         return Span(
             self.t0,
             self.t_end,
@@ -153,19 +159,32 @@ class VariableStepper(March):
             tolerances.rtol,
             tolerances.atol,
             int(tolerances.is_relative),
-            int(self.may_shorten),
             int(self.system.callback.reads_time),
+            self._before_end,
+            self._numbers,
             *rows,
         )
 
     def _has_room(self, row: int, rows: Rows) -> bool:
         return not len(rows.t) or row + 2 <= len(rows.t)
 
-    def extended(self, t_end: float) -> VariableStepper:
-        """Return an independent stepper at the same state, for a run to a later end."""
+    def before_end(self) -> VariableStepper:
+        """Return an independent stepper where a run to a later end goes on: before the last step if that has begun."""
         other = self.fork()
-        other.t_end, other.may_shorten = t_end, False
+        other._make_room()
+        if self.tally[KEPT]:
+            sizes = (2, self.tally.size, self.state.size, self._numbers.size)
+            counts, tally, state, numbers, remembered = np.split(self._before_end, np.cumsum(sizes))
+            kept = {"index": int(counts[0]), "changed_at": None, "state": state.reshape(self.state.shape)}
+            kept |= {"tally": tally, "numbers": numbers, "remembered": remembered if self.system.history else None}
+            other.restore(kept | {"n_found": self._n_found + int(tally[LOGGED]) if self.look else 0})
+            other.tally[LOGGED] = 0
         return other
+
+    @property
+    def rows_before_end(self) -> int | None:
+        """The row after those that were written before the last step; None if that has not begun."""
+        return int(self._before_end[1]) if self.tally[KEPT] else None
 
     def restarted(self, t_end: float, times: np.ndarray | None) -> VariableStepper:
         """Return an independent stepper at the start, for a run to another end."""
@@ -185,7 +204,7 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
     else:
         call = variable.kernel(module, form, 0 if system.leap else n, looks=looks)
         callbacks = system.callback.address, None
-    return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NO_SETTINGS, (module, n, system.inline))
+    return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NONE, (module, n, system.inline))
 
 
 def _inline(module: str, form: Any, n: int, looks: int, rhs: Any, jacobian: None, quantities: tuple) -> Any:
