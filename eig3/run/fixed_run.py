@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -20,7 +18,6 @@ from ..result.memory import check_disk, check_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
 from ..stability import alternating_limit
-from ..stepping.march import Rows
 from ..stepping.options import NEVER
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
@@ -31,7 +28,6 @@ from .progress import check_progress
 from .run import Run
 
 _LARGEST_GRADE = 7  # of EIG for a force that reads the velocity, before a note advises against it
-_NONE = np.empty(0)
 
 
 class FixedRun(Run):
@@ -101,8 +97,9 @@ class FixedRun(Run):
             if len(t) < count:
                 raise ValueError(f"{len(t)} states are too few.")
             rows = {"t": t, "u": u, "v": v}
-            growth = state["growth"]
-            return cls.ended(stepper, n_steps, t_end, state["save_every"], times, rows, solution.outputs, growth)
+            run = cls.ended(stepper, n_steps, t_end, state["save_every"], times, rows, solution.outputs)
+            run.growth.restore(state["growth"], stepper)
+        return run
 
     @classmethod
     def ended(
@@ -114,15 +111,9 @@ class FixedRun(Run):
         times: np.ndarray | None,
         rows: dict[str, np.ndarray],
         outputs: dict[str, np.ndarray],
-        kept: Mapping[str, Any] | None = None,
     ) -> FixedRun:
-        """Return a run that a stepper has taken to its end, with its rows; `kept` is what `Growth.kept` returned."""
-        growth = Growth(stepper, n_steps)
-        if kept is None:
-            growth.see(stepper, 0)
-        else:
-            growth.restore(kept, stepper)
-        run = cls(stepper, _EMPTY, n_steps, t_end, growth, save_every, times)
+        """Return a run that a stepper has taken to its end, with its rows."""
+        run = cls(stepper, _EMPTY, n_steps, t_end, Growth(stepper, n_steps), save_every, times)
         run.saved, run.saved_outputs = rows, outputs
         run._judge_event()
         return run
@@ -170,12 +161,6 @@ class FixedRun(Run):
             "stepper": stepper.kept(),
             "growth": self.growth.kept(),
         }
-
-    def _rows_to_write(self) -> Rows:
-        if self.times is None:
-            return self.history.rows()
-        shape = (0,) if self.stepper.form is SCALAR else (0, self.stepper.n)
-        return Rows(_NONE, _NONE, np.empty(shape), np.empty(shape))
 
     def _left(self) -> int:
         # A look in the middle of the run shows the size of a motion that starts at rest.
@@ -254,30 +239,18 @@ class FixedRun(Run):
     def _write_times(self) -> None:
         """Write the times of the rows in files."""
         if self.history.files:
-            first, count, stepper = self._n_times, self.history.count, self.stepper
-            if self.times is not None:
-                new = self.times[first:count]
-            else:
-                end = self.t_end if stepper.index == self.n_steps else stepper.t
-                new = grid(stepper.t0, stepper.h, self.every, count, stepper.index, end, first)
+            first, count = self._n_times, self.history.count
+            new = self._grid(count, first) if self.times is None else self.times[first:count]
             self.history.arrays["t"][first:count] = new
             self._n_times = max(0, count - 1)  # the last one may be that of the end of the run
 
     def _fields(self) -> dict[str, Any]:
         return {"h": self.stepper.h}
 
-    def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
-        solution = super()._solution(rows, outputs)
+    def _grid(self, count: int, first: int = 0) -> np.ndarray:
         stepper = self.stepper
-        if "t" in rows:
-            solution.t = rows["t"]
-        elif self.times is not None:
-            solution.t = self.times[: len(rows["u"])]
-        else:
-            count, index = len(rows["u"]), stepper.index
-            end = self.t_end if index == self.n_steps else stepper.t
-            solution._later["t"] = partial(grid, stepper.t0, stepper.h, self.every, count, index, end)
-        return solution
+        end = self.t_end if stepper.index == self.n_steps else stepper.t
+        return grid(stepper.t0, stepper.h, self.every, count, stepper.index, end, first)
 
     def _notes(self) -> list[str]:
         stepper = self.stepper

@@ -112,9 +112,7 @@ class Run:
         self.saved: dict[str, np.ndarray] | None = None  # the rows, when the run has ended
         self.saved_outputs: dict[str, np.ndarray] = {}
         self._looked_at = stepper.index
-        if stepper.look:
-            self._refer()
-        self._rows = self._rows_to_write()
+        self._refer()
         if history.count:  # the run goes on from them
             self._keep_first()
 
@@ -245,16 +243,14 @@ class Run:
 
     def _refer(self) -> None:
         """Let the kernel write into the present block of the history."""
-        look = self.stepper.look
-        if self.history.outputs:
-            look.follower.save_in(self.history.outputs)
+        look, history, n = self.stepper.look, self.history, self.stepper.n
+        rows = history.rows(n)
+        self._rows = rows if self.times is None else Rows(*(array[:0] for array in rows))
+        if look:
+            look.follower.save_in(history.outputs)
         if self.times is not None:
             look.watching.want(self.times)
-            look.save_wanted(self.history.arrays, self.stepper.n)
-
-    def _rows_to_write(self) -> Rows:
-        """The rows that the kernel writes besides those at wanted times."""
-        raise NotImplementedError
+            look.save_wanted(history.arrays, n)
 
     def begin(self) -> None:
         """Save the first state."""
@@ -308,9 +304,16 @@ class Run:
 
     def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
         """Return a solution with these rows, which finds what else it has when it is read."""
-        fields = self._fields() | {"u": rows["u"], "v": rows["v"], "outputs": outputs}
+        fields = {**rows, **self._fields(), "outputs": outputs}
         fields |= {"status": self.status, "message": self.message, "reason": self.reason}
-        return solution_of(self.stepper, fields, {"notes": self.all_notes})
+        later: dict[str, Callable[[], Any]] = {"notes": self.all_notes}
+        if "t" not in rows:
+            later["t"] = partial(self._grid, len(rows["u"]))
+        return solution_of(self.stepper, fields, later)
+
+    def _grid(self, count: int, first: int = 0) -> np.ndarray:
+        """Return the times of the rows from `first` to `count` of a run that does not save times."""
+        raise NotImplementedError
 
     def _place(self, save_to: str | PathLike[str] | None) -> Place | None:
         """Return the place of a run that goes on from this one, which is closed.
@@ -469,21 +472,21 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
     It has these fields, and those that each kind of run has; `later` finds fields when they are read.
     """
     system, tally = stepper.system, stepper.tally
-    common = {
+    fields = {
         "n_steps": stepper.index,
-        "n_rhs": 1 + int(tally[EVALUATIONS]),
-        "n_iterations": int(tally[ITERATIONS]),
+        "n_rhs": 1 + int(tally.item(EVALUATIONS)),
+        "n_iterations": int(tally.item(ITERATIONS)),
         "status": Status.COMPLETED,
         "message": COMPLETED,
-        "reason": None,
         "kernel_seconds": stepper.seconds,
         "method": system.method,
         "labels": system.labels,
         "_accelerations": None if system.history else partial(accelerations, system.callback, stepper.params),
+        **fields,
     }
     if stepper.look:
         later = later | stepper.look.found()
-    solution = Solution._of(common | fields, later)
+    solution = Solution._of(fields, later)
     if system.integrals:
         solution._separate(system.integrals)
     return solution

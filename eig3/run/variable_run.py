@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from os import PathLike
 from typing import Any
 
@@ -14,7 +14,6 @@ from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
-from ..stepping.march import Rows
 from ..stepping.options import NEVER
 from ..stepping.system import System
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
@@ -23,11 +22,10 @@ from ..stepping.watching import check_times, further_times
 from .growth import OVERFLOWING
 from .history import FIRST_ROWS, History
 from .progress import check_progress
-from .run import Run
+from .run import Run, Stop
 
 _NAMED = 5  # degrees of freedom that a note names
 _RATIO = 10  # of the tolerances of runs that show the error
-_NONE = np.empty(0)
 
 
 class VariableRun(Run):
@@ -35,7 +33,6 @@ class VariableRun(Run):
 
     stepper: VariableStepper
     _rows_before_end: int | None = None  # the number of rows before the last step, when that has begun
-    _note_size: Callable[[int, int], None] | None = None
 
     @classmethod
     def at_start(
@@ -45,11 +42,9 @@ class VariableRun(Run):
         times: np.ndarray | None,
         place: Place | None,
         progress: bool,
-        note_size: Callable[[int, int], None] | None = None,
     ) -> VariableRun:
-        """Return a run at its start. At its end it calls ``note_size(steps, rows)``."""
+        """Return a run at its start."""
         run = cls(stepper, _history(stepper, times, place), every, times, place, progress)
-        run._note_size = note_size
         run.begin()
         return run
 
@@ -72,7 +67,9 @@ class VariableRun(Run):
             if count > len(t):
                 raise ValueError(f"{len(t)} states are too few.")
         every, rows = check_count(state["every"], "save_every"), {"t": t, "steps": np.asarray(solution.steps)}
-        return cls.ended(stepper, every, times, rows | {"u": u, "v": v}, solution.outputs, count)
+        run = cls.ended(stepper, every, times, rows | {"u": u, "v": v}, solution.outputs)
+        run._rows_before_end = count
+        return run
 
     @classmethod
     def ended(
@@ -82,12 +79,11 @@ class VariableRun(Run):
         times: np.ndarray | None,
         rows: dict[str, np.ndarray],
         outputs: dict[str, np.ndarray],
-        rows_before_end: int,
     ) -> VariableRun:
-        """Return a run that a stepper has taken to its end, with its rows, and their number before the last step."""
+        """Return a run that a stepper has taken to its end, with its rows."""
         run = cls(stepper, _history(stepper, times, None), every, times)
         run.saved, run.saved_outputs = rows, outputs
-        run._rows_before_end = rows_before_end
+        run._rows_before_end = stepper.rows_before_end or len(rows["u"]) - (stepper.index % every > 0)
         run._judge_event()
         return run
 
@@ -147,11 +143,6 @@ class VariableRun(Run):
         """The function of `Solution.at`, if it has one, for a run whose states are all saved; None for other runs."""
         return self.stepper.states_between if self.every == 1 and self.times is None else None
 
-    def _rows_to_write(self) -> Rows:
-        if self.times is None:
-            return self.history.rows(self.stepper.n)
-        return Rows(_NONE, _NONE, *[np.empty((0, self.stepper.n))] * 2)
-
     def _left(self) -> int:
         stepper = self.stepper
         left = stepper.tolerances.max_steps - stepper.index
@@ -180,9 +171,7 @@ class VariableRun(Run):
 
     def _make_room(self) -> None:
         self.history.make_room()
-        self._rows = self._rows_to_write()
-        if self.stepper.look:
-            self._refer()
+        self._refer()
 
     def _end_too_small(self) -> None:
         stepper, t = self.stepper, self.stepper.t
@@ -227,15 +216,17 @@ class VariableRun(Run):
             history.row = stepper.n_wanted
             if history.files:
                 history.arrays["t"][: history.row] = self.times[: history.row]
-            if self._note_size:
-                self._note_size(stepper.index, history.row)
             return
         last = history.last_row()
         same = last["t"] == stepper.t and (last["u"] == stepper.u).all() and (last["v"] == stepper.v).all()
         if not same:
             self._write_present(stepper.h)
-        if self._note_size:
-            self._note_size(stepper.index, history.count)
+
+    def march(self, stop: Stop) -> None:
+        """Run to the end, and note how many steps this took, and how many rows the next run may need."""
+        super().march(stop)
+        stepper, rows = self.stepper, self.history.count
+        stepper.system.last_sizes[stepper.tolerances.rtol] = stepper.index, rows + rows // 4 + 16
 
     def _rows_kept(self) -> int:
         """Return the number of rows up to the state from which a longer run goes on."""
@@ -250,12 +241,6 @@ class VariableRun(Run):
     def _fields(self) -> dict[str, Any]:
         stepper = self.stepper
         return {"h": stepper.mean_step, "n_rejected": stepper.n_rejected, "_between": self.between}
-
-    def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
-        solution = super()._solution(rows, outputs)
-        solution.t = rows["t"] if "t" in rows else self.times[: len(rows["u"])]  # type: ignore[index]
-        solution.steps = rows["steps"]
-        return solution
 
     def _notes(self) -> list[str]:
         stepper = self.stepper
