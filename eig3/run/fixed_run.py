@@ -38,10 +38,9 @@ class FixedRun(Run):
     n_steps : int
     t_end : float
         The time after the last step, from which t0 + n h may differ by round-off.
-    growth : Growth
     save_every : int or None
         As the user has given it.
-    stepper, history, times, place, progress
+    stepper, times, place, progress, history
         As for `Run`.
     """
 
@@ -50,36 +49,19 @@ class FixedRun(Run):
     def __init__(
         self,
         stepper: Stepper,
-        history: History,
         n_steps: int,
         t_end: float,
-        growth: Growth,
         save_every: int | None,
         times: np.ndarray | None,
         place: Place | None = None,
         progress: bool = False,
+        history: History | None = None,
     ) -> None:
-        self.n_steps, self.t_end, self.growth, self.save_every = n_steps, t_end, growth, save_every
-        self._n_times = max(0, history.count - 1)  # rows in files whose times are written
+        self.n_steps, self.t_end, self.save_every = n_steps, t_end, save_every
+        self.growth = Growth(stepper, n_steps)
+        self._n_times = 0  # rows in files whose times are written
         every = NEVER if times is not None else stride(save_every, n_steps)
-        super().__init__(stepper, history, every, times, place, progress)
-
-    @classmethod
-    def at_start(
-        cls,
-        stepper: Stepper,
-        n_steps: int,
-        t_end: float,
-        save_every: int | None,
-        times: np.ndarray | None,
-        place: Place | None,
-        progress: bool,
-    ) -> FixedRun:
-        """Return a run at its start."""
-        history = _history(stepper, n_steps, save_every, times, place)
-        run = cls(stepper, history, n_steps, t_end, Growth(stepper, n_steps), save_every, times, place, progress)
-        run.begin()
-        return run
+        super().__init__(stepper, every, times, place, progress, history)
 
     @classmethod
     def restored(cls, solution: Solution, system: System) -> FixedRun:
@@ -113,7 +95,7 @@ class FixedRun(Run):
         outputs: dict[str, np.ndarray],
     ) -> FixedRun:
         """Return a run that a stepper has taken to its end, with its rows."""
-        run = cls(stepper, _EMPTY, n_steps, t_end, Growth(stepper, n_steps), save_every, times)
+        run = cls(stepper, n_steps, t_end, save_every, times, history=_EMPTY)
         run.saved, run.saved_outputs = rows, outputs
         run._judge_event()
         return run
@@ -123,22 +105,18 @@ class FixedRun(Run):
         n_steps = steps_until(self.stepper, t_end)
         times = further_times(self.times, t_eval, self.stepper.t, t_end)
         self.close()
-        assert self.saved is not None
         place = self._place(save_to)
         stepper = self.stepper.fork()
-        history = _history(stepper, n_steps, self.save_every, times, place)
-        every = stride(self.save_every, n_steps)
-        count = stepper.n_wanted if times is not None else stepper.index // every + 1
-        history.take(self.saved, self.saved_outputs, count)
-        growth = self.growth.extended(n_steps, stepper.index)
-        return FixedRun(stepper, history, n_steps, t_end, growth, self.save_every, times, place, progress)
+        run = FixedRun(stepper, n_steps, t_end, self.save_every, times, place, progress)
+        run.growth = self.growth.extended(n_steps, stepper.index)
+        return run.begin(self, stepper.n_wanted if times is not None else stepper.index // run.every + 1)
 
     def finer(self, k: int) -> FixedRun:
         stepper, factor = self.stepper, 2**k
         start = *stepper.start, guarded(stepper.params), self.times
         fine = Stepper.of(stepper.system, stepper.t0, stepper.h / factor, *start)
         every = None if self.save_every is None else factor * stride(self.save_every, self.n_steps)
-        return FixedRun.at_start(fine, factor * self.n_steps, self.t_end, every, self.times, None, False)
+        return FixedRun(fine, factor * self.n_steps, self.t_end, every, self.times).begin()
 
     def check(self, solution: Solution) -> str:
         method = solution.method
@@ -161,6 +139,17 @@ class FixedRun(Run):
             "stepper": stepper.kept(),
             "growth": self.growth.kept(),
         }
+
+    def _empty_history(self) -> History:
+        stepper, place = self.stepper, self.place
+        n_steps, every = (self.n_steps, self.every) if self.times is None else (len(self.times) - 1, 1)
+        functions = stepper.system.functions
+        if place is None:
+            check_history(n_steps, every, stepper.n, functions.n_outputs)
+        else:
+            check_disk(place.directory, n_steps, every, stepper.n, functions.n_outputs)
+        state, directory = () if stepper.form is SCALAR else (stepper.n,), place.directory if place else None
+        return History(state, functions.shapes, n_rows(n_steps, every), directory, has_times=False, has_steps=False)
 
     def _left(self) -> int:
         # A look in the middle of the run shows the size of a motion that starts at rest.
@@ -302,31 +291,6 @@ def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float, 
 def stride(save_every: int | None, n_steps: int) -> int:
     """Return the number of steps from one saved state to the next."""
     return n_steps if save_every is None else min(save_every, n_steps)
-
-
-def _history(
-    stepper: Stepper, n_steps: int, save_every: int | None, times: np.ndarray | None, place: Place | None
-) -> History:
-    """Return an empty history with room for all rows of a run.
-
-    Raises
-    ------
-    MemoryError, OSError
-        If it does not fit in memory, or on the disk if it has a place there.
-    """
-    shapes = stepper.system.functions.shapes
-    every = stride(save_every, n_steps)
-    if times is not None:
-        n_steps, every = len(times) - 1, 1
-    n_outputs = stepper.system.functions.n_outputs if shapes else 0
-    if place is None:
-        check_history(n_steps, every, stepper.n, n_outputs)
-    else:
-        check_disk(place.directory, n_steps, every, stepper.n, n_outputs)
-    rows = n_rows(n_steps, every) if times is None else len(times)
-    state = () if stepper.form is SCALAR else (stepper.n,)
-    directory = place.directory if place else None
-    return History(state, shapes, rows, directory, has_times=False, has_steps=False)
 
 
 def steps_until(stepper: Stepper, t_end: float) -> int:

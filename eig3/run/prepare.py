@@ -191,9 +191,9 @@ class Prepared:
         times, options = None if self._t_eval is None else self._times_in(span), self.options
         if options.tolerances:
             stepper = self._variable_stepper(span, u, v, p, times)
-            return VariableRun.at_start(stepper, self._every, times, place, progress)
+            return VariableRun(stepper, self._every, times, place, progress).begin()
         fixed, n_steps = self._fixed_stepper(span, u, v, p, times)
-        return FixedRun.at_start(fixed, n_steps, span[1], options.save_every, times, place, progress)
+        return FixedRun(fixed, n_steps, span[1], options.save_every, times, place, progress).begin()
 
     def _times_in(self, span: tuple[float, float]) -> np.ndarray:
         """Return the times of t_eval, which are checked once for each span that differs from the last one."""

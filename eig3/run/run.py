@@ -77,8 +77,6 @@ class Run:
     ----------
     stepper : Stepper or VariableStepper
         It stands where the run begins.
-    history : History
-        With the rows of the states up to there.
     every : int
         Every `every`-th state is saved; `NEVER` saves the first and the last.
     times : ndarray or None
@@ -86,6 +84,8 @@ class Run:
     place : Place or None
         Where the run saves its rows.
     progress : bool
+    history : History, optional
+        For its rows; by default an empty one, with room for them.
 
     Attributes
     ----------
@@ -98,14 +98,15 @@ class Run:
     def __init__(
         self,
         stepper: Any,
-        history: History,
         every: int,
         times: np.ndarray | None,
         place: Place | None = None,
         progress: bool = False,
+        history: History | None = None,
     ) -> None:
-        self.stepper, self.history, self.every, self.times = stepper, history, every, times
+        self.stepper, self.every, self.times = stepper, every, times
         self.place, self._shows_progress = place, progress
+        self.history = history or self._empty_history()
         self.status, self.message = Status.COMPLETED, COMPLETED
         self.reason: Callable[[], str] | None = None
         self.is_done = False
@@ -113,8 +114,6 @@ class Run:
         self.saved_outputs: dict[str, np.ndarray] = {}
         self._looked_at = stepper.index
         self._refer()
-        if history.count:  # the run goes on from them
-            self._keep_first()
 
     # What differs between a fixed step and tolerances -----------------------------------------------------------------
 
@@ -125,6 +124,16 @@ class Run:
 
     def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> Run:
         """Return an independent run to a later end, which stands where this one ended."""
+        raise NotImplementedError
+
+    def _empty_history(self) -> History:
+        """Return an empty history with room for rows.
+
+        Raises
+        ------
+        MemoryError, OSError
+            If it does not fit in memory, or on the disk if it has a place there.
+        """
         raise NotImplementedError
 
     def finer(self, k: int) -> Run:
@@ -252,23 +261,23 @@ class Run:
             look.watching.want(self.times)
             look.save_wanted(history.arrays, n)
 
-    def begin(self) -> None:
-        """Save the first state."""
+    def begin(self, earlier: Run | None = None, count: int = 0) -> Any:
+        """Save the first state, or the first `count` rows of an earlier part, and return the run."""
         stepper = self.stepper
-        if self.times is None or self.times[0] == stepper.t0:
+        if earlier:
+            self.history.take(earlier.saved or {}, earlier.saved_outputs, count)
+            self._refer()
+        elif self.times is None or self.times[0] == stepper.t0:
             self._write_present(0.0)
             if self.times is not None:
                 stepper.tally[NEXT] = 1
-        self._keep_first()
-
-    def _keep_first(self) -> None:
-        """Write the first record, or remove the files if that fails."""
         if self.place:
             try:
-                self._keep()
+                self._keep()  # the first record
             except BaseException:
                 self.history.remove()
                 raise
+        return self
 
     def _write_present(self, step: float) -> None:
         """Save the present state in the next row."""

@@ -13,7 +13,7 @@ from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status, whole_rows
-from ..result.storage import Place, going_on
+from ..result.storage import going_on
 from ..stepping.options import NEVER
 from ..stepping.system import System
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
@@ -33,20 +33,6 @@ class VariableRun(Run):
 
     stepper: VariableStepper
     _rows_before_end: int | None = None  # the number of rows before the last step, when that has begun
-
-    @classmethod
-    def at_start(
-        cls,
-        stepper: VariableStepper,
-        every: int,
-        times: np.ndarray | None,
-        place: Place | None,
-        progress: bool,
-    ) -> VariableRun:
-        """Return a run at its start."""
-        run = cls(stepper, _history(stepper, times, place), every, times, place, progress)
-        run.begin()
-        return run
 
     @classmethod
     def restored(cls, solution: Solution, system: System) -> VariableRun:
@@ -81,7 +67,7 @@ class VariableRun(Run):
         outputs: dict[str, np.ndarray],
     ) -> VariableRun:
         """Return a run that a stepper has taken to its end, with its rows."""
-        run = cls(stepper, _history(stepper, times, None), every, times)
+        run = cls(stepper, every, times)
         run.saved, run.saved_outputs = rows, outputs
         run._rows_before_end = stepper.rows_before_end or len(rows["u"]) - (stepper.index % every > 0)
         run._judge_event()
@@ -100,13 +86,11 @@ class VariableRun(Run):
         place = self._place(save_to)
         if self.stepper.follows_span:
             stepper = self.stepper.restarted(t_end, times)
-            return VariableRun.at_start(stepper, self.every, times, place, progress)
+            return VariableRun(stepper, self.every, times, place, progress).begin()
         stepper = self.stepper.before_end()
         stepper.t_end = t_end
-        history = _history(stepper, times, place)
-        count = self._rows_kept() if times is None else stepper.n_wanted
-        history.take(self.saved, self.saved_outputs, count)
-        return VariableRun(stepper, history, self.every, times, place, progress)
+        run = VariableRun(stepper, self.every, times, place, progress)
+        return run.begin(self, self._rows_kept() if times is None else stepper.n_wanted)
 
     def finer(self, k: int) -> VariableRun:
         stepper, given, factor = self.stepper, self.stepper.tolerances, _RATIO**k
@@ -114,7 +98,7 @@ class VariableRun(Run):
         tolerances = given._replace(rtol=rtol, atol=given.atol / factor, max_steps=NEVER)
         start = *stepper.start, guarded(stepper.params)
         fine = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
-        return VariableRun.at_start(fine, 1, self.times, None, False)
+        return VariableRun(fine, 1, self.times).begin()
 
     def check(self, solution: Solution) -> str:
         return self.refinement(solution, _RATIO).of_tolerances(self.stepper.tolerances.rtol)
@@ -142,6 +126,12 @@ class VariableRun(Run):
     def between(self) -> Any:
         """The function of `Solution.at`, if it has one, for a run whose states are all saved; None for other runs."""
         return self.stepper.states_between if self.every == 1 and self.times is None else None
+
+    def _empty_history(self) -> History:
+        stepper, times = self.stepper, self.times
+        state, directory = () if stepper.form is SCALAR else (stepper.n,), self.place.directory if self.place else None
+        rows, shapes = FIRST_ROWS if times is None else len(times), stepper.system.functions.shapes
+        return History(state, shapes, rows, directory, has_times=times is None, has_steps=True)
 
     def _left(self) -> int:
         stepper = self.stepper
@@ -286,12 +276,3 @@ class VariableRun(Run):
     def _progress(self) -> int:
         stepper = self.stepper
         return round(100 * (stepper.t - stepper.t0) / (stepper.t_end - stepper.t0))
-
-
-def _history(stepper: VariableStepper, times: np.ndarray | None, place: Place | None) -> History:
-    """Return an empty history with room for the first rows."""
-    state = () if stepper.form is SCALAR else (stepper.n,)
-    rows = FIRST_ROWS if times is None else len(times)
-    directory = place.directory if place else None
-    shapes = stepper.system.functions.shapes
-    return History(state, shapes, rows, directory, has_times=times is None, has_steps=True)
