@@ -260,7 +260,7 @@ def begin_lane(lane, alone, control, of, y, block, starts, ends, sight, look):
     tally[:] = 0.0
     tally[TIME], tally[STEP] = control.t0, min(control.h_first, control.h_max)
     limits = control.h_max, control.rtol, control.atol, control.is_relative
-    span = Span(control.t0, control.t_end, own, 0, 0, 0, 0, *limits, 0, tally, tally, tally, tally, one, one)
+    span = Span(control.t0, control.t_end, own, 0, 0, 0, 0, *limits, 0, 0, tally, tally, one, one)
     BEGIN(alone, address_of(span), tally, ORDER, one)
     of.time[lane], of.h[lane], of.before[lane], of.error[lane] = control.t0, tally[STEP], tally[STEP_BEFORE], 1.0
     of.u_size[lane], of.v_size[lane], of.rejected[lane] = tally[U_SIZE], tally[V_SIZE], 0.0

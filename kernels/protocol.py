@@ -30,21 +30,18 @@ BY_SPAN, SILENT_STEP, SILENT_END = range(17, 20)
 #: Further entries for a run with quantities: the number of the current part of the run, and the step index at its end.
 PART, PART_END = 20, 21
 
-#: A further entry for a run with tolerances: 1 if the state is kept in `Span.before`.
-KEPT = 22
-
 #: Four values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the
 #: next step; the time of its last reset; the sign of g before this reset, if it left g at zero, or else 0; and g after
 #: it.
-EVENTS, EVENT_VALUES = 23, 4
+EVENTS, EVENT_VALUES = 22, 4
 
 #: What became of a step with events. A later one of these outcomes takes precedence. A step that is RESTING or
 #: NOT_A_NUMBER is not taken: the state stays at its start.
 PASSED, RESET, TERMINAL, ZENO, RESTING, NOT_A_NUMBER, NOT_FINITE = range(7)
 
-#: How a kernel ended, besides these outcomes: the steps are taken, the end is reached, the step is below the resolution
-#: of t, or there is no room for rows or occurrences.
-GOING, AT_END, TOO_SMALL, FULL = range(10, 14)
+#: How a kernel ended, besides these outcomes: the steps are taken, the end is reached, the next step would reach it and
+#: be shortened, the step is below the resolution of t, or there is no room for rows or occurrences.
+GOING, AT_END, BEFORE_END, TOO_SMALL, FULL = range(10, 15)
 
 #: What a kernel does besides its steps, if not 0: it follows quantities; or it also looks for events and wanted times.
 FOLLOWS, SEARCHES = 1, 2
@@ -86,11 +83,8 @@ class Span(NamedTuple):
 
     Every `every`-th state is written to the rows, from the row `row` on; no state is written if there are no rows. With
     `every` 1, so is the state before a reset. `atol` has a row for u and one for v. If `is_relative` is 1, `rtol` is
-    relative to the largest value so far of each degree of freedom whose `atol` is finite. If `reads_time` is 1, the
-    force may change though nothing moves.
-
-    The last step is shortened to the end. A run to a later end goes on from before it: the kernel writes to `before`
-    the step index there, the next row, the tally, the state, `numbers`, and p if there is room for it.
+    relative to the largest value so far of each degree of freedom whose `atol` is finite. If `may_shorten` is 0, a step
+    that reaches the end is not taken. If `reads_time` is 1, the force may change though nothing moves.
     """
 
     t0: Any
@@ -104,9 +98,8 @@ class Span(NamedTuple):
     rtol: Any
     atol: Any
     is_relative: Any
+    may_shorten: Any
     reads_time: Any
-    before: Any
-    numbers: Any
     t_rows: Any
     h_rows: Any
     u_rows: Any
@@ -232,8 +225,8 @@ LOOK_WITHIN = types.NamedTuple((WATCH, FOLLOW, WITHIN_STEP), LookWithin)
 STEPS = types.NamedTuple((float64, float64, _vector, *[int64] * 4, _matrix, _matrix), Steps)
 SPAN = types.NamedTuple(
     (
-        *(float64, float64, _vector, int64, int64, int64, int64, float64, float64, _matrix, int64, int64),
-        *(_vector, _vector, _vector, _vector, _matrix, _matrix),
+        *(float64, float64, _vector, int64, int64, int64, int64, float64, float64, _matrix, int64, int64, int64),
+        *(_vector, _vector, _matrix, _matrix),
     ),
     Span,
 )

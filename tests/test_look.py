@@ -13,6 +13,7 @@ from eig3.kernels.loops.formulas import variable_formulas
 from eig3.kernels.loops.pair import A, U, V
 from eig3.kernels.protocol import (
     AT_END,
+    BEFORE_END,
     ENDED_BY,
     ERROR,
     EVENT_VALUES,
@@ -271,13 +272,13 @@ class VariableRun:
             kernel, callbacks = variable.kernel(module, form, n, looks=looks), (callback.address, None)
         self.t, self.h = np.empty((2, rows))
         self.u, self.v = np.empty((2, rows, n))
-        self.index = self.row = 0
+        self.index = self.row = may_shorten = 0
         self.ended = GOING
-        before = np.empty(2 + self.tally.size + self.state.size)
-        while self.ended == GOING:
+        while self.ended in (GOING, BEFORE_END):
+            may_shorten |= self.ended == BEFORE_END
             span = Span(
                 *(t0, t_end, self.p, self.index, 1000, every, self.row, np.inf, rtol, np.zeros((2, n)), 1),
-                *(0, before, np.empty(0), self.t, self.h, self.u, self.v),
+                *(int(may_shorten), 0, self.t, self.h, self.u, self.v),
             )
             taken, self.row, self.ended = kernel(callbacks, self.state, np.empty(0), self.tally, span, self.look)
             self.index += taken

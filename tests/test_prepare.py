@@ -81,7 +81,8 @@ def always_short(monkeypatch):
 def test_a_prepared_run_makes_few_python_calls(kind, always_short):
     rhs, options, u0, v0 = KINDS[kind]
     prepared = eig3.prepare(rhs, **options)
-    assert python_calls(lambda: prepared(SPAN, u0, v0, P)) <= 23
+    most = 26 if "rtol" in options else 23  # with tolerances, the kernel is called once more for the last step
+    assert python_calls(lambda: prepared(SPAN, u0, v0, P)) <= most
 
 
 FOLLOWED = {

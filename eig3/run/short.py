@@ -17,7 +17,7 @@ import numpy as np
 
 from ..functions.guard import CELLS
 from ..kernels.loops.evaluation import guarded_kernel
-from ..kernels.protocol import AT_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TERMINAL, TIME
+from ..kernels.protocol import AT_END, BEFORE_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TERMINAL, TIME
 from ..result.solution import Solution
 from ..stepping.stepper import Stepper
 from .fixed_run import grid
@@ -67,9 +67,16 @@ def at_once(
         arguments = look.arguments
     kernel, steps = stepper.kernel, stepper.steps(most, every, row, rows)
     begin = time.perf_counter()
-    taken, row, stepper.ended = kernel.call(kernel.callbacks, state, kernel.settings, tally, steps, arguments)
+    taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, tally, steps, arguments)
+    if ended == BEFORE_END:
+        stepper.index = taken
+        if look:
+            look.watching.collect(tally)
+        stepper.shorten(row)
+        steps = stepper.steps(most - taken, every, row, rows)
+        taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, tally, steps, arguments)
     stepper.seconds += time.perf_counter() - begin
-    stepper.index += taken
+    stepper.index, stepper.ended = stepper.index + taken, ended
     if look:
         look.watching.collect(tally)
     if not _is_well(stepper, is_fixed, most):

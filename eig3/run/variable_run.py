@@ -11,7 +11,7 @@ import numpy as np
 from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
-from ..kernels.protocol import AT_END, FULL, SCALAR, TOO_SMALL
+from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import going_on
 from ..stepping.options import NEVER
@@ -32,7 +32,6 @@ class VariableRun(Run):
     """A run whose steps follow from tolerances. The arguments are those of `Run`."""
 
     stepper: VariableStepper
-    _rows_before_end: int | None = None  # the number of rows before the last step, when that has begun
 
     @classmethod
     def restored(cls, solution: Solution, system: System) -> VariableRun:
@@ -53,9 +52,8 @@ class VariableRun(Run):
             if count > len(t):
                 raise ValueError(f"{len(t)} states are too few.")
         every, rows = check_count(state["every"], "save_every"), {"t": t, "steps": np.asarray(solution.steps)}
-        run = cls.ended(stepper, every, times, rows | {"u": u, "v": v}, solution.outputs)
-        run._rows_before_end = count
-        return run
+        stepper.rows_before_end = count
+        return cls.ended(stepper, every, times, rows | {"u": u, "v": v}, solution.outputs)
 
     @classmethod
     def ended(
@@ -69,7 +67,8 @@ class VariableRun(Run):
         """Return a run that a stepper has taken to its end, with its rows."""
         run = cls(stepper, every, times)
         run.saved, run.saved_outputs = rows, outputs
-        run._rows_before_end = stepper.rows_before_end or len(rows["u"]) - (stepper.index % every > 0)
+        if stepper.rows_before_end is None:
+            stepper.rows_before_end = len(rows["u"]) - (stepper.index % every > 0)
         run._judge_event()
         return run
 
@@ -148,10 +147,10 @@ class VariableRun(Run):
         """Find out from the kernel's outcome whether the run goes on."""
         stepper = self.stepper
         ended = stepper.ended
-        if self._rows_before_end is None and stepper.rows_before_end is not None:
-            self._rows_before_end = self.history.count - self.history.row + stepper.rows_before_end
         if ended == AT_END or stepper.t >= stepper.t_end:
             self.is_done = True
+        elif ended == BEFORE_END:
+            stepper.shorten(self.history.count)
         elif ended == FULL and self.times is None:
             self._make_room()
         elif ended == TOO_SMALL:
@@ -197,8 +196,8 @@ class VariableRun(Run):
 
     def _complete(self) -> None:
         """Save the last state."""
-        self._rows_before_end = self._rows_kept()  # without the last state, which a longer run may not save
         stepper, history = self.stepper, self.history
+        stepper.rows_before_end = self._rows_kept()  # without the last state, which a longer run may not save
         if self.times is not None:
             if stepper.look and (stepper.is_over or stepper.t >= stepper.t_end):
                 watching = stepper.look.watching
@@ -220,7 +219,8 @@ class VariableRun(Run):
 
     def _rows_kept(self) -> int:
         """Return the number of rows up to the state from which a longer run goes on."""
-        return self.history.count if self._rows_before_end is None else self._rows_before_end
+        rows = self.stepper.rows_before_end
+        return self.history.count if rows is None else rows
 
     def _keep(self) -> None:
         history = self.history

@@ -20,7 +20,6 @@ from ..kernels.protocol import (
     EVALUATIONS,
     FULL,
     GOING,
-    KEPT,
     LOGGED,
     NEXT,
     NOT_A_NUMBER,
@@ -366,7 +365,7 @@ class March:
         counts = tally[[EVALUATIONS, TIME, NEXT]]
         if not (np.isfinite(counts).all() and tally[EVALUATIONS] >= 0 and tally[NEXT] >= 0):
             raise ValueError(f"{counts} are not the counts and the time of a run.")
-        tally[[LOGGED, ENDED_BY, WITHIN, KEPT]] = 0  # places in arrays of another process
+        tally[[LOGGED, ENDED_BY, WITHIN]] = 0  # places in arrays of another process
         checked = {"index": check_index(kept["index"]), "changed_at": changed_at, "state": state, "tally": tally}
         if self.look:
             checked["numbers"] = self.look.follower.checked(kept["numbers"])

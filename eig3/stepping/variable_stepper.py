@@ -17,8 +17,6 @@ from ..kernels.loops.variable import least_size
 from ..kernels.protocol import (
     BY_SPAN,
     ERROR,
-    KEPT,
-    LOGGED,
     REJECTED,
     SILENT_END,
     SILENT_STEP,
@@ -54,10 +52,17 @@ class VariableStepper(March):
     times : ndarray or None
         The times at which the state is wanted.
 
+
+    Attributes
+    ----------
+    rows_before_end : int or None
+        The number of rows that were written before the last step; None before `shorten`.
     """
 
     n_iterations = 0
     notes: tuple[str, ...] = ()
+    rows_before_end: int | None = None
+    _before_end: dict[str, Any] | None = None  # what `kept` returned before the last step
 
     def __init__(
         self,
@@ -76,13 +81,6 @@ class VariableStepper(March):
         self.tally[ERROR], self.tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
         if self.look:
             self.look.follow_within(self.kernel.formulas, tolerances.rtol)
-        self._make_room()
-
-    def _make_room(self) -> None:
-        """Make room for the state before the last step, see `Span`."""
-        self._numbers = self.look.follower.numbers if self.look else _NONE
-        size = 2 + self.tally.size + self.state.size + self._numbers.size
-        self._before_end = np.empty(size + self.params.size if self.system.history else size)
 
     def _work_rows(self) -> int:
         return self.kernel.formulas.work_rows
@@ -145,8 +143,6 @@ class VariableStepper(March):
 
     def steps(self, count: int, every: int, row: int, rows: Any) -> Span:
         tolerances = self.tolerances
-        if self.look and not self.tally[KEPT]:
-            self._n_found = self.look.watching.n_found
         return Span(
             self.t0,
             self.t_end,
@@ -159,32 +155,25 @@ class VariableStepper(March):
             tolerances.rtol,
             tolerances.atol,
             int(tolerances.is_relative),
+            int(self._before_end is not None),
             int(self.system.callback.reads_time),
-            self._before_end,
-            self._numbers,
             *rows,
         )
 
     def _has_room(self, row: int, rows: Rows) -> bool:
         return not len(rows.t) or row + 2 <= len(rows.t)
 
+    def shorten(self, rows: int) -> None:
+        """Let the next step end at the end of the span, and keep the state before it and the number of rows so far."""
+        self._before_end, self.rows_before_end = self.kept(), rows
+
     def before_end(self) -> VariableStepper:
         """Return an independent stepper where a run to a later end goes on: before the last step if that has begun."""
         other = self.fork()
-        other._make_room()
-        if self.tally[KEPT]:
-            sizes = (2, self.tally.size, self.state.size, self._numbers.size)
-            counts, tally, state, numbers, remembered = np.split(self._before_end, np.cumsum(sizes))
-            kept = {"index": int(counts[0]), "changed_at": None, "state": state.reshape(self.state.shape)}
-            kept |= {"tally": tally, "numbers": numbers, "remembered": remembered if self.system.history else None}
-            other.restore(kept | {"n_found": self._n_found + int(tally[LOGGED]) if self.look else 0})
-            other.tally[LOGGED] = 0
+        if self._before_end:
+            other.restore(self._before_end)
+        other._before_end = other.rows_before_end = None
         return other
-
-    @property
-    def rows_before_end(self) -> int | None:
-        """The row after those that were written before the last step; None if that has not begun."""
-        return int(self._before_end[1]) if self.tally[KEPT] else None
 
     def restarted(self, t_end: float, times: np.ndarray | None) -> VariableStepper:
         """Return an independent stepper at the start, for a run to another end."""

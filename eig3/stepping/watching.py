@@ -74,7 +74,6 @@ class Watching:
         wanted = _NO_TIMES if times is None else times
         self.watch = Watch(system.event_table, log, wanted, _NO_TIMES, nothing, nothing, work, np.empty((4, count)))
         self._found: list[np.ndarray] = []
-        self.n_found = 0  # occurrences so far, without those in the log
 
     @property
     def events(self) -> Mapping[str, Event]:
@@ -118,13 +117,16 @@ class Watching:
         logged = int(tally[LOGGED])
         if logged:
             self._found.append(self.watch.log[:logged].copy())
-            self.n_found += logged
             tally[LOGGED] = 0
 
+    @property
+    def n_found(self) -> int:
+        """Number of blocks of occurrences so far, for `forget_from`."""
+        return len(self._found)
+
     def forget_from(self, n_found: int) -> None:
-        """Forget the occurrences since there were `n_found` of them."""
-        if n_found < self.n_found:
-            self._found, self.n_found = [np.concatenate(self._found)[:n_found]], n_found
+        """Forget the occurrences since there were `n_found` blocks of them."""
+        del self._found[n_found:]
 
     def finish(self, tally: np.ndarray, t0: float, t: float, h: float, u: Any, v: Any) -> None:
         """Write the state at t, the end of the run, at the wanted times that differ from t by round-off only.
@@ -158,7 +160,7 @@ class Watching:
                 mine[:, begin : begin + columns.shape[1]] = columns
             rows.append(mine if counts is None else mine[: counts[name]])
         found_rows = np.concatenate([self.watch.log[:0], *rows])
-        self._found, self.n_found = [found_rows[np.argsort(found_rows[:, 1], kind="stable")]], len(found_rows)
+        self._found = [found_rows[np.argsort(found_rows[:, 1], kind="stable")]]
 
     def occurrences(self) -> dict[str, Occurrences]:
         """Return the occurrences of each event so far."""

@@ -1,5 +1,5 @@
 # ruff: noqa: F821
-"""The sizes of a motion, relative to which its tolerances are, the first step of a run with tolerances, and its last.
+"""The sizes of a motion, relative to which its tolerances are, and the first step of a run with tolerances.
 
 These functions are called once in a run, or while nothing has moved. They do not depend on the method: all kernels of
 one form of right-hand side share them.
@@ -17,7 +17,6 @@ from ..compile.jit import element, linked
 from ..protocol import (
     BY_SPAN,
     EVALUATIONS,
-    KEPT,
     STEP,
     STEP_BEFORE,
     TIME,
@@ -58,27 +57,6 @@ def begin(address, place, tally, order, state):
 def sizes_at_rest(place, tally, t, state):
     """Call `at_rest` for the span at the address `place`, and the rows of a state."""
     return at_rest(tally, t, state.shape[1], rows(state, _ROWS), span_at(place))
-
-
-def keep(place, tally, taken, row, state):
-    """Keep the state before the last step of the span at the address `place`, after so many steps of the call."""
-    span = span_at(place)
-    before = span.before
-    before[0], before[1] = span.first + taken, row
-    end = put(before, 2, tally)
-    for i in range(len(state)):
-        end = put(before, end, state[i])
-    end = put(before, end, span.numbers)
-    if end < len(before):
-        put(before, end, span.p)
-    tally[KEPT] = 1
-
-
-@element
-def put(target, begin, values):
-    for j in range(len(values)):
-        target[begin + j] = values[j]
-    return begin + len(values)
 
 
 @element
@@ -174,13 +152,11 @@ def first_step(f, t, n, y, tally, order, span):
 
 
 @functools.cache  # so that kernels share the compiled functions
-def beginning(form: Form) -> tuple[Any, Any, Any]:
-    """Return the elements `begin`, `sizes_at_rest` and `keep` for one form of right-hand side."""
+def beginning(form: Form) -> tuple[Any, Any]:
+    """Return the elements `begin` and `sizes_at_rest` for one form of right-hand side."""
     of_begin = none(int64, int64, vector_type, int64, matrix_type)
     of_sizes = UniTuple(float64, 3)(int64, vector_type, float64, matrix_type)
-    of_keep = none(int64, vector_type, int64, int64, matrix_type)
     return (
         linked(begin, {"RHS": form.at("rhs")}, of_begin, form.name),
         linked(sizes_at_rest, {}, of_sizes, form.name),
-        linked(keep, {}, of_keep, form.name),
     )

@@ -17,12 +17,12 @@ from numba.types import UniTuple, int64, none
 from ..compile.jit import compile_kernel, element
 from ..protocol import (
     AT_END,
+    BEFORE_END,
     ERROR,
     EVALUATIONS,
     FULL,
     GAP,
     GOING,
-    KEPT,
     LOGGED,
     LOOK_WITHIN,
     NEXT,
@@ -66,7 +66,6 @@ from .zeros import LATER, quiet, searching
 
 __all__ = ["inline_kernel", "kernel", "least_size"]
 
-BEFORE_END = -1  # the next step is the last one, before which the state is kept
 _SILENCE = 0.02  # longest step while nothing acts, as a part of the time since the start
 
 
@@ -91,132 +90,128 @@ def variable(callbacks, state, settings, tally, span, look):
         has_events, has_times, follows = len(watch.events) > 0, len(watch.times) > 0, len(follow.table) > 0
     share = least_size(span.rtol)
     t, h, was_rejected = tally[TIME], tally[STEP], False
-    taken, row, ended = 0, span.row, BEFORE_END
-    while ended == BEFORE_END:
-        ended = GOING
-        while taken < span.count:
-            remaining = span.t_end - t
-            if remaining <= 0:
-                ended = AT_END
+    taken, row, ended = 0, span.row, GOING
+    while taken < span.count:
+        remaining = span.t_end - t
+        if remaining <= 0:
+            ended = AT_END
+            break
+        if has_rows and row + 2 > len(span.t_rows):
+            ended = FULL
+            break
+        if LOOKS == SEARCHES and int(tally[LOGGED]) + len(watch.events) > len(watch.log):
+            ended = FULL
+            break
+        is_last = h >= remaining
+        if is_last and span.may_shorten == 0:
+            ended = BEFORE_END
+            break
+        step = remaining if is_last else h
+        if not (is_last or (step > 0 and step >= RESOLUTION * abs(t + step))):  # also for NaN
+            ended = TOO_SMALL
+            break
+        TRIAL(f, t, step, tally[STEP_BEFORE], p, n, y)
+        tally[EVALUATIONS] += COST
+        u_least, v_least, v_blur = share * tally[U_SIZE], share * tally[V_SIZE], 0.0
+        if span.is_relative == 1 and (u_least == 0 or v_least == 0):
+            if N > 0:
+                copy_rows(kept, y, N)
+            u_least, v_least, v_blur = SIZES_AT_REST(of_span, tally, t + step, state)
+        square = SQUARE(step, n, y, span.rtol, span.atol, u_least, v_least)
+        if not square <= 1.0:
+            tally[REJECTED] += 1
+            h = step * shrinkage(square, ORDER)
+            was_rejected = True
+            continue
+        taken += 1
+        t_end, error = span.t_end if is_last else t + step, exponent(square)
+        h = next_step(step, tally[STEP_BEFORE], error, tally[ERROR], was_rejected, span.h_max, ORDER)
+        if square == 0 and span.reads_time == 1 and is_silent(n, y):
+            h = min(h, max(step, _SILENCE * (t_end - span.t0)))
+            if step > tally[SILENT_STEP]:
+                tally[SILENT_STEP], tally[SILENT_END] = step, t_end
+        was_rejected = False
+        outcome, s, t_stop = PASSED, 1.0, t_end
+        if LOOKS > 0 and N == 0:
+            PROJECT(look.follow, t_end, u_end, v_end, p)
+        if LOOKS > 0:
+            is_known = follows
+            if LOOKS == SEARCHES:
+                may_cross = has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p)
+                is_wanted = has_times and tally[NEXT] < len(watch.times) and watch.times[int(tally[NEXT])] <= t_end
+                is_known = follows or may_cross or is_wanted
+            if is_known:
+                DENSE(f, t, step, p, n, y, coefficients)
+        if LOOKS == SEARCHES and may_cross:
+            outcome, s, t_stop = SEARCH(
+                place, tally, span.t0, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
+            )
+            if outcome in (NOT_A_NUMBER, RESTING):
+                taken, ended = taken - 1, outcome
                 break
-            if has_rows and row + 2 > len(span.t_rows):
-                ended = FULL
-                break
-            if LOOKS == SEARCHES and int(tally[LOGGED]) + len(watch.events) > len(watch.log):
-                ended = FULL
-                break
-            is_last = h >= remaining
-            if is_last and tally[KEPT] == 0:
-                ended = BEFORE_END
-                break
-            step = remaining if is_last else h
-            if not (is_last or (step > 0 and step >= RESOLUTION * abs(t + step))):  # also for NaN
-                ended = TOO_SMALL
-                break
-            TRIAL(f, t, step, tally[STEP_BEFORE], p, n, y)
-            tally[EVALUATIONS] += COST
-            u_least, v_least, v_blur = share * tally[U_SIZE], share * tally[V_SIZE], 0.0
-            if span.is_relative == 1 and (u_least == 0 or v_least == 0):
-                if N > 0:
-                    copy_rows(kept, y, N)
-                u_least, v_least, v_blur = SIZES_AT_REST(of_span, tally, t + step, state)
-            square = SQUARE(step, n, y, span.rtol, span.atol, u_least, v_least)
-            if not square <= 1.0:
-                tally[REJECTED] += 1
-                h = step * shrinkage(square, ORDER)
-                was_rejected = True
-                continue
-            taken += 1
-            t_end, error = span.t_end if is_last else t + step, exponent(square)
-            h = next_step(step, tally[STEP_BEFORE], error, tally[ERROR], was_rejected, span.h_max, ORDER)
-            if square == 0 and span.reads_time == 1 and is_silent(n, y):
-                h = min(h, max(step, _SILENCE * (t_end - span.t0)))
-                if step > tally[SILENT_STEP]:
-                    tally[SILENT_STEP], tally[SILENT_END] = step, t_end
-            was_rejected = False
-            outcome, s, t_stop = PASSED, 1.0, t_end
-            if LOOKS > 0 and N == 0:
-                PROJECT(look.follow, t_end, u_end, v_end, p)
-            if LOOKS > 0:
-                is_known = follows
-                if LOOKS == SEARCHES:
-                    may_cross = has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p)
-                    is_wanted = has_times and tally[NEXT] < len(watch.times) and watch.times[int(tally[NEXT])] <= t_end
-                    is_known = follows or may_cross or is_wanted
-                if is_known:
-                    DENSE(f, t, step, p, n, y, coefficients)
-            if LOOKS == SEARCHES and may_cross:
-                outcome, s, t_stop = SEARCH(
-                    place, tally, span.t0, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
-                )
-                if outcome in (NOT_A_NUMBER, RESTING):
-                    taken, ended = taken - 1, outcome
-                    break
-            tally[ERROR], tally[STEP_BEFORE] = max(error, LEAST_ERROR), step
-            if LOOKS > 0:
-                if LOOKS == SEARCHES and is_wanted:
-                    while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
-                        WRITE_TIME(place, tally, t, step, t_end, n, coefficients, u_end, v_end, p)
-                if is_known:
-                    tally[EVALUATIONS] += DENSE_COST
-                if outcome != PASSED and s < 1.0:
-                    evaluate(coefficients, s, n, u_end, v_end)
-                if follows:
-                    part = int(tally[PART]) % PARTS
-                    EVALUATE(follow, t_stop, u_end, v_end, p)
-                    if t_stop > t:
-                        FOLLOW_WITHIN(place, t_stop, s * step, s, n, p)
-                if N == 0:
-                    ADVANCE_HISTORY(follow, t_stop, u_end, v_end, p)
-            if LOOKS == SEARCHES and outcome != PASSED:
-                if has_rows and span.every == 1 and s > 0:  # the state at the start is a row already
-                    write_row(span, row, t_stop, s * step, n, u_end, v_end)
-                    save(follow, row)
-                    row += 1
-                for j in range(n):
-                    u[j], v[j] = u_there[j], v_there[j]
-                if N == 0:
-                    PROJECT(follow, t_stop, u, v, p)
-                f(t_stop, u, v, p, y[A])
-                RESTART(y, n)
-                tally[EVALUATIONS] += 1
-                tally[STEP_BEFORE], tally[ERROR] = s * step, 0.0
-                if outcome == RESET:
-                    h = min(h, LATER * tally[GAP])
-                if N == 0:
-                    ADVANCE_HISTORY(follow, t_stop, u, v, p)
-                if follows and outcome <= ZENO:
-                    EVALUATE(follow, t_stop, u, v, p)
-                    WIDEN(follow, part, t_stop, v)
-                    FOLLOW_END(follow, look.within)
-            else:
-                if LOOKS > 0 and follows:
-                    WIDEN(follow, part, t_end, v_end)
-                ADVANCE(y, n)
-            if outcome != TERMINAL and has_rows and (span.first + taken) % span.every == 0:
-                write_row(span, row, t_stop, s * step, n, u, v)
-                if LOOKS > 0:
-                    save(follow, row)
+        tally[ERROR], tally[STEP_BEFORE] = max(error, LEAST_ERROR), step
+        if LOOKS > 0:
+            if LOOKS == SEARCHES and is_wanted:
+                while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
+                    WRITE_TIME(place, tally, t, step, t_end, n, coefficients, u_end, v_end, p)
+            if is_known:
+                tally[EVALUATIONS] += DENSE_COST
+            if outcome != PASSED and s < 1.0:
+                evaluate(coefficients, s, n, u_end, v_end)
+            if follows:
+                part = int(tally[PART]) % PARTS
+                EVALUATE(follow, t_stop, u_end, v_end, p)
+                if t_stop > t:
+                    FOLLOW_WITHIN(place, t_stop, s * step, s, n, p)
+            if N == 0:
+                ADVANCE_HISTORY(follow, t_stop, u_end, v_end, p)
+        if LOOKS == SEARCHES and outcome != PASSED:
+            if has_rows and span.every == 1 and s > 0:  # the state at the start is a row already
+                write_row(span, row, t_stop, s * step, n, u_end, v_end)
+                save(follow, row)
                 row += 1
+            for j in range(n):
+                u[j], v[j] = u_there[j], v_there[j]
+            if N == 0:
+                PROJECT(follow, t_stop, u, v, p)
+            f(t_stop, u, v, p, y[A])
+            RESTART(y, n)
+            tally[EVALUATIONS] += 1
+            tally[STEP_BEFORE], tally[ERROR] = s * step, 0.0
+            if outcome == RESET:
+                h = min(h, LATER * tally[GAP])
+            if N == 0:
+                ADVANCE_HISTORY(follow, t_stop, u, v, p)
+            if follows and outcome <= ZENO:
+                EVALUATE(follow, t_stop, u, v, p)
+                WIDEN(follow, part, t_stop, v)
+                FOLLOW_END(follow, look.within)
+        else:
+            if LOOKS > 0 and follows:
+                WIDEN(follow, part, t_end, v_end)
+            ADVANCE(y, n)
+        if outcome != TERMINAL and has_rows and (span.first + taken) % span.every == 0:
+            write_row(span, row, t_stop, s * step, n, u, v)
             if LOOKS > 0:
-                end_part(follow, tally, span.first + taken, n, v)
-            t = t_stop
-            if span.is_relative == 1:
-                u_size, v_size = tally[U_SIZE], tally[V_SIZE]
-                for j in range(n):
-                    if span.atol[0, j] < math.inf:
-                        y[U_MOST][j], y[V_MOST][j] = max(y[U_MOST][j], abs(u[j])), max(y[V_MOST][j], abs(v[j]))
-                        u_size, v_size = max(u_size, y[U_MOST][j]), max(v_size, y[V_MOST][j])
-                if v_size > v_blur:
-                    tally[U_SIZE], tally[V_SIZE] = u_size, v_size
-            if outcome > RESET:
-                ended = outcome
-                break
-        tally[TIME], tally[STEP] = t, h
-        if N > 0:
-            copy_rows(kept, y, N)
-        if ended == BEFORE_END:
-            KEEP(of_span, tally, taken, row, state)
+                save(follow, row)
+            row += 1
+        if LOOKS > 0:
+            end_part(follow, tally, span.first + taken, n, v)
+        t = t_stop
+        if span.is_relative == 1:
+            u_size, v_size = tally[U_SIZE], tally[V_SIZE]
+            for j in range(n):
+                if span.atol[0, j] < math.inf:
+                    y[U_MOST][j], y[V_MOST][j] = max(y[U_MOST][j], abs(u[j])), max(y[V_MOST][j], abs(v[j]))
+                    u_size, v_size = max(u_size, y[U_MOST][j]), max(v_size, y[V_MOST][j])
+            if v_size > v_blur:
+                tally[U_SIZE], tally[V_SIZE] = u_size, v_size
+        if outcome > RESET:
+            ended = outcome
+            break
+    tally[TIME], tally[STEP] = t, h
+    if N > 0:
+        copy_rows(kept, y, N)
     return taken, row, ended
 
 
@@ -278,7 +273,7 @@ def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: int, quan
 def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], looks: int, label: str) -> Any:
     formulas = variable_formulas(module)
     theirs = formulas.functions()
-    begin, sizes_at_rest, keep = beginning(form)
+    begin, sizes_at_rest = beginning(form)
     names = {
         "LOOKS": looks,
         "ROWS": formulas.rows,
@@ -290,7 +285,6 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], loo
         "DENSE": theirs["dense" if names["N"] else "dense_called"],
         "BEGIN": begin,
         "SIZES_AT_REST": sizes_at_rest,
-        "KEEP": keep,
         "ADVANCE": theirs["advance"],
         "RESTART": theirs.get("restart", nothing_past),
         "IS_QUIET": quiet(form),
