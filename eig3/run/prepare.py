@@ -16,13 +16,13 @@ from ..functions.guard import guarded
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
-from ..keywords import with_suggestions
 from ..methods import Method
+from ..result.memory import n_rows
 from ..result.solution import Solution
 from ..result.storage import Place
 from ..stepping.march import Cancel, March
 from ..stepping.observer import check_times
-from ..stepping.options import RunOptions, run_options
+from ..stepping.options import NEVER, RunOptions, run_options
 from ..stepping.stepper import Stepper
 from ..stepping.system import System, remembered
 from ..stepping.tolerances import Tolerances, usual_method
@@ -153,24 +153,25 @@ class Prepared:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
         tolerances = self.options.tolerances
         try:
-            times = None if self._t_eval is None else self._times_in(span)
+            times, every = None if self._t_eval is None else self._times_in(span), self._every
             if tolerances:
                 steps, rows = self._system.last_sizes.get(tolerances.rtol, (0, 0))
                 stepper: Any = self._variable_stepper(span, u, v, p, times)
             else:
                 stepper, steps = self._fixed_stepper(span, u, v, p, times)
-                rows = steps // min(self._every, steps) + 2
+                every = min(every, steps)
+                rows = n_rows(steps, every)
+            if times is not None:
+                every, rows = NEVER, len(times)
             pace = self._system.pace.get(stepper.kernel.pace_key)
-            if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
+            if pace is None or not steps or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
                 return None
             if tolerances:
                 seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
-                steps = int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE))
-            if times is not None:
-                return short.at_times(stepper, steps, span[1], times)
-            if tolerances:
-                return short.variable(stepper, steps, self._every, rows)
-            return short.fixed(stepper, steps, span[1], self.options.save_every)
+                steps = min(tolerances.max_steps, int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE)))
+                return short.at_once(stepper, steps, span[1], every, rows, times, VariableRun, (every, times))
+            given = steps, span[1], self.options.save_every, times
+            return short.at_once(stepper, steps, span[1], every, rows, times, FixedRun, given)
         except KeyboardInterrupt as error:
             error.solution = None  # type: ignore[attr-defined]
             raise
@@ -190,9 +191,9 @@ class Prepared:
         times, options = None if self._t_eval is None else self._times_in(span), self.options
         if options.tolerances:
             stepper = self._variable_stepper(span, u, v, p, times)
-            return VariableRun.at_start(stepper, self._every, times, place, progress, self._note_size)
+            return VariableRun(stepper, self._every, times, place, progress).begin()
         fixed, n_steps = self._fixed_stepper(span, u, v, p, times)
-        return FixedRun.at_start(fixed, n_steps, span[1], options.save_every, times, place, progress)
+        return FixedRun(fixed, n_steps, span[1], options.save_every, times, place, progress).begin()
 
     def _times_in(self, span: tuple[float, float]) -> np.ndarray:
         """Return the times of t_eval, which are checked once for each span that differs from the last one."""
@@ -218,11 +219,6 @@ class Prepared:
         n = 1 if self._system.form is SCALAR else u.size
         return VariableStepper(self._system, span, u, v, p, self.tolerances(n), times)
 
-    def _note_size(self, n_steps: int, rows: int) -> None:
-        """Note how many steps a run with tolerances had, and how many rows the next one may need."""
-        assert self.options.tolerances
-        self._system.last_sizes[self.options.tolerances.rtol] = n_steps, rows + rows // 4 + 16
-
     def tolerances(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""
         if n not in self._tolerances:
@@ -235,7 +231,6 @@ class Prepared:
         return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults)
 
 
-@with_suggestions(run_options)
 def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
     """Check, choose and compile all that runs of a right-hand side need, for many runs with different starts.
 

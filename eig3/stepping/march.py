@@ -18,8 +18,6 @@ from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import (
     ENDED_BY,
     EVALUATIONS,
-    EVENT_VALUES,
-    EVENTS,
     FULL,
     GOING,
     LOGGED,
@@ -102,24 +100,24 @@ class March:
     running: Method
     state: np.ndarray
     h: float
+    index, seconds, ended = 0, 0.0, GOING
+    raised_before: int | None = None
+    changed_at: float | None = None
     _carried: int  # the number of rows of the state that are not scratch
+    _slices: Slices | None = None
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
         """Stand at the start, and return the acceleration there; `params` must come from `guarded`."""
         self.system, self.form, self.start, self.t0, self.params = system, system.form, (u, v), t0, params
         self.n = n = 1 if self.form is SCALAR else u.size
-        self.index, self.seconds, self.ended = 0, 0.0, GOING
-        self.raised_before: int | None = None
-        self.changed_at: float | None = None
         self._lock = threading.Lock()
-        self._slices: Slices | None = None
         if system.history:
             system.history[0].call(t0, u, v, params)
         a, self.first_sizes = evaluation(system.callback, self.form, t0, u, v, params)
         if not math.isfinite(self.first_sizes[2]):
             raise not_finite(system.callback, self.form, t0, u, v, params, a)
         self.first_acceleration = a
-        self.tally = np.zeros(EVENTS + EVENT_VALUES * len(system.event_table))
+        self.tally = np.zeros(system.tally_size)
         self.tally[TIME] = t0
         self._use(system.kernels.get(n) or self._compiled(system.method))
         if system.ignores_velocity and system.callback.reads_velocity:

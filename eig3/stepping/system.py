@@ -13,7 +13,7 @@ from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..kernels.compile.jit import compiled
 from ..kernels.compile.numba_internals import address_of
-from ..kernels.protocol import FOLLOWS, SEARCHES, Form
+from ..kernels.protocol import EVENT_VALUES, EVENTS, FOLLOWS, SEARCHES, Form
 from ..methods import Method
 from .followed import Followed
 from .options import RunOptions
@@ -80,6 +80,8 @@ class System:
         The quantities, compiled.
     looks : int
         What kernels look for: 0, or one of `FOLLOWS` and `SEARCHES` of `eig3.kernels.protocol`.
+    tally_size : int
+        Number of entries of the tally of a run.
     pace : dict
         Measured seconds per step, by `Kernel.pace_key`. Those of a system that looks are its own: quantities take time.
     ignores_velocity : bool
@@ -125,6 +127,7 @@ class System:
         self.looks = SEARCHES if searches else FOLLOWS if self.followed.is_needed else 0
         self.pace = {} if self.looks else self.callback.pace
         self.ignores_velocity = self.method.ignores_velocity
+        self.tally_size = EVENTS + EVENT_VALUES * len(table)
         self.kernels: dict[Any, Kernel] = {}
         self.last_sizes: dict[float | None, tuple[int, int]] = {}
 
