@@ -186,7 +186,7 @@ def _address_of(made: Callable, name: str) -> Any:
 
         return numba.int64(), codegen
 
-    address.content = f"the address of {name}"
+    address.content = f"the address of {name}"  # type: ignore[attr-defined]
     return intrinsic(address)
 
 
@@ -203,7 +203,7 @@ def function_at(signature: Any, call: Any = None) -> Any:
     def function(typingctx, address):
         return kind(numba.int64), lambda context, builder, signature, args: args[0]
 
-    function.content = str(kind)
+    function.content = str(kind)  # type: ignore[attr-defined]
     return intrinsic(function)
 
 
