@@ -29,7 +29,7 @@ import numba
 
 from .captured import helpers_first
 from .content import content, fingerprint
-from .numba_internals import VERSIONS, DiskCache, NoFolderError, has_numbas_cache, set_cache
+from .numba_internals import PATCHES, VERSIONS, DiskCache, NoFolderError, has_numbas_cache, set_cache
 
 try:
     import grp
@@ -94,7 +94,7 @@ class _Files:
     def __init__(self, folder: Path, stamp: str, trusted: frozenset[Writer]) -> None:
         self.folder, self._stamp, self._trusted = folder, stamp, trusted
         # Code that checks indices must not be taken for code that does not.
-        self._versions = *VERSIONS, numba.config.BOUNDSCHECK
+        self._versions = *VERSIONS, numba.config.BOUNDSCHECK, *sorted(PATCHES)
 
     def _path(self, key: Any) -> Path:
         return self.folder / f"eig3.{self._stamp}.{_digest(key)}.nbc"

@@ -21,29 +21,35 @@ import numpy as np
 from .captured import captured_text, helpers_first, is_plain, places
 from .numba_internals import Jitted, options_of
 
+# Of other types, such as those that Numba makes of a user's class, the module and the name do not tell the content.
+_NAMED = type, FunctionType, BuiltinFunctionType, type(np.dot)
 _ROOTS = "numpy", "numba", "math", "cmath", "builtins", "operator"  # modules of fixed content: their versions tell it
 
 
 def content(function: Any) -> str:
     """Return a digest of what a jitted function consists of; empty if it uses something whose content is unknown."""
-    digest = hashlib.sha256()
+    digest, numbers = hashlib.sha256(), dict[Any, int]()
     for each, _ in helpers_first(function):
-        part = _own_content(each)
+        numbers[each] = len(numbers)
+        part = _own_content(each, numbers)
         if not part:
             return ""
-        digest.update(part.encode())
+        digest.update(f"{part}\n\n".encode())
     return digest.hexdigest()[:32]
 
 
-def _own_content(function: Any) -> str:
-    """Return the content of a function without that of the others; empty if it is unknown."""
+def _own_content(function: Any, numbers: Mapping[Any, int]) -> str:
+    """Return the content of a function, with the numbers of those that it calls; empty if it is unknown."""
     plain = function.py_func
     if plain.__module__ not in sys.modules or not is_plain(plain.__defaults__ or ()):
         return ""
     parts = [f"{plain.__module__}.{plain.__qualname__}{captured_text(plain.__defaults__ or ())}"]
     parts += [*_code(plain.__code__), _canonical(options_of(function))]
     for name, read in places(plain):
-        text = _value(read(), name)
+        value = read()
+        if isinstance(value, Jitted) and value not in numbers:  # functions that call each other
+            return ""
+        text = f"function {numbers[value]}" if isinstance(value, Jitted) else _value(value, name)
         if not text:
             return ""
         parts.append(f"{name}={text}")
@@ -74,9 +80,7 @@ def _canonical(value: Any) -> str:
 
 def _value(value: Any, name: str) -> str:
     """Return a text that tells a value from outside, by the name of its place, from others; empty if there is none."""
-    if isinstance(value, Jitted):
-        return "a function"  # its content follows
-    if is_plain(value):
+    if value is None or is_plain(value):
         return captured_text(value)
     if isinstance(value, numba.types.Type):
         return str(value)
@@ -87,7 +91,7 @@ def _value(value: Any, name: str) -> str:
     if isinstance(value, np.ufunc):
         return f"ufunc {value.__name__}"
     module = getattr(value, "__module__", None) or ""
-    if isinstance(value, BuiltinFunctionType | FunctionType | type) and module.partition(".")[0] in _ROOTS:
+    if type(value) in _NAMED and module.partition(".")[0] in _ROOTS:
         return f"{module}.{value.__name__}"
     return _of_library(value)
 
