@@ -150,7 +150,8 @@ def _joined(
     template: Callable, arguments: tuple, names: dict[str, Any], parts: dict[str, Lanes], is_checked: bool
 ) -> Lanes:
     """Compile a function of a block that calls its parts, each of which has a loop over the lanes."""
-    joined = compile_block(bound(template, names | _addresses(parts)), arguments, options_for(is_checked))
+    function = bound(template, names | _addresses(parts))  # with addresses of this process
+    joined = compile_block(function, arguments, options_for(is_checked), is_kept=False)
     obstacles = [part.obstacle for part in parts.values() if part.obstacle]
     return replace(joined, obstacle=obstacles[0] if obstacles else "", compiled=(joined.compiled, parts))
 
@@ -173,7 +174,7 @@ def _parts(wanted: Sequence[str], functions: Straight, layout: Layout, is_checke
                 out.line(f"{', '.join(arrays)} = {views}")
                 out.insert(getattr(functions, name))
             out.line(*["return going"] * (name == "approach"))
-        function = define(str(out), "lanes", names)[name]
+        function = define(str(out), "lanes", {"__name__": __name__, **names})[name]
         found[name] = compile_block(function, signature.args, options_for(is_checked))
     return found
 

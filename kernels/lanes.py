@@ -25,12 +25,15 @@ import numba
 from numba.extending import intrinsic
 from numba.types import float64, int64, none
 
+from .compile.cache import keep_on_disk
 from .compile.jit import KERNEL_OPTIONS, bound, compiled, element, function_at
 from .compile.numba_internals import (
     address_of,
     array_over,
     assume_no_overlap,
+    cache_of,
     call_without_checks,
+    has_wide_vectors,
     optimised_code,
     parts_of,
     wide_vectors,
@@ -377,14 +380,19 @@ def options_for(is_checked: bool) -> dict[str, Any]:
     return {**KERNEL_OPTIONS, "boundscheck": True} if is_checked else KERNEL_OPTIONS
 
 
-def compile_block(function: Callable, arguments: tuple, options: dict[str, Any]) -> Lanes:
-    """Compile a function of a block, whose globals are complete."""
+def compile_block(function: Callable, arguments: tuple, options: dict[str, Any], is_kept: bool = True) -> Lanes:
+    """Compile a function of a block, whose globals are complete, or load it from the disk."""
+    # If arrays might overlap, the code would have to check each pair of rows before its loop over lanes. A loop with
+    # many such checks is not vectorised.
+    jitted = assume_no_overlap(numba.njit(**options)(function))
+    if is_kept:
+        keep_on_disk(jitted, variant=f"lanes {has_wide_vectors()}", describe=_obstacle)
     with warnings.catch_warnings(), wide_vectors():
         warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
-        # If arrays might overlap, the code would have to check each pair of rows before its loop over lanes. A loop
-        # with many such checks is not vectorised.
-        result = compiled(assume_no_overlap(numba.njit(**options)(function)), arguments)
-    return Lanes(call_without_checks(result), address_of(result), _obstacle(optimised_code(result)), result)
+        result = compiled(jitted, arguments)
+    obstacle = getattr(cache_of(jitted), "description", None)
+    obstacle = _obstacle(result) if obstacle is None else obstacle
+    return Lanes(call_without_checks(result), address_of(result), obstacle, result)
 
 
 def inlined(function: Callable, options: dict[str, Any]) -> Any:
@@ -398,8 +406,9 @@ def inlined(function: Callable, options: dict[str, Any]) -> Any:
     return numba.njit(inline="always", **options)(bound(function, beside) if beside else function)
 
 
-def _obstacle(code: str) -> str:
-    """Say why LLVM did not vectorise a loop over lanes, from its optimised code; empty if it did."""
+def _obstacle(result: Any) -> str:
+    """Say why LLVM did not vectorise a loop over lanes, from a compile result; empty if it did."""
+    code = optimised_code(result)
     # Neighbouring lanes are stored together. A loop over the degrees of freedom would store to distant places.
     is_vectorised = re.search(r"store <\d+ x double>", code)
     called = set((_OF_LIBM_IN_LANES if is_vectorised else _OF_LIBM).findall(code))
@@ -425,7 +434,6 @@ def _shared(count: int, first: int = 0, readonly: bool = True) -> Any:
 def array_view(kind: Any, count: int, stride: int, first: int, of_lane: int) -> Any:
     """Return a compiled ``view(array, lane)`` of `count` values from index ``first + of_lane * lane`` on."""
 
-    @intrinsic
     def view(typingctx, array, lane):  # type: ignore[no-untyped-def]
         def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
             def constant(value: int) -> Any:
@@ -438,7 +446,8 @@ def array_view(kind: Any, count: int, stride: int, first: int, of_lane: int) -> 
 
         return kind(array, int64), codegen
 
-    return view
+    view.content = f"view {kind} {count} {stride} {first} {of_lane}"  # type: ignore[attr-defined]
+    return intrinsic(view)
 
 
 @element

@@ -160,6 +160,8 @@ def runs():
     params, events = {"k": 4.0, "c": 0.1}, {"crossing": eig3.Event(crossing)}
     yield eig3.integrate(named, (0, 1), 1.0, 0.0, params=params, events=events, rtol=1e-6)
     yield eig3.integrate(named, (0, 1), 1.0, 0.0, params=params, h=0.01, method="rk4", inline=True)
+    yield eig3.ensemble(named, (0, 1), [1.0] * 20, 0.0, params=params, h=0.01)
+    yield eig3.ensemble(named, (0, 1), [1.0] * 20, 0.0, params=params, rtol=1e-6)
 
 
 with compilations() as functions:

@@ -562,9 +562,6 @@ class Memory:
     def save(self, key, data):
         self.kept[key] = data
 
-    def flush(self):
-        self.kept.clear()
-
 
 class MemoryCache(internals.DiskCache):
     memory, world = Memory(), "a world"
@@ -582,7 +579,7 @@ class MemoryCache(internals.DiskCache):
 
 def cached(function):
     with probe("Numba's FunctionCache has no `cache_path`"):
-        jitted, cache = numba.njit(function), MemoryCache(function)
+        jitted, cache = numba.njit(function), MemoryCache(function, str)
     internals.set_cache(jitted, cache)
     return jitted
 
@@ -597,7 +594,7 @@ def test_what_a_cache_knows_of_its_function(memory):
     cache = internals.cache_of(cached(double))
     with probe("`cache_path` of Numba's FunctionCache has another meaning"):
         assert cache.folder.is_dir()
-        assert cache.folder == MemoryCache(called_at).folder
+        assert cache.folder == MemoryCache(called_at, str).folder
 
 
 def test_code_is_kept_and_loaded(memory, monkeypatch):
@@ -624,11 +621,13 @@ def test_code_is_kept_and_loaded(memory, monkeypatch):
         assert compiled()
         assert len(memory.kept) == 2
         monkeypatch.setattr(MemoryCache, "world", "a world")
-    with probe("`recompile` of a jitted function does not flush `_cache_file`"):
+    with probe("`recompile` of a jitted function does not compile it, or its cache has no `flush`"):
         function = cached(double)
         function(3.0)
         function.recompile()
-        assert len(memory.kept) == 1
+        assert function(3.0) == 6.0
+    with probe("A cache does not keep the description of a compile result"):
+        assert internals.cache_of(function).description.startswith("CompileResult")
 
 
 def test_errors_of_a_cache(memory, monkeypatch):
@@ -648,7 +647,7 @@ def test_a_function_without_a_folder():
     exec("def nowhere(x):\n    return x", namespace)
     other_words = "Numba does not say `no locator available` if a function has no folder for its cache"
     with probe(other_words), pytest.raises(internals.NoFolderError):
-        MemoryCache(namespace["nowhere"])
+        MemoryCache(namespace["nowhere"], str)
 
 
 def test_whose_cache_a_function_has(memory):

@@ -21,7 +21,7 @@ import shutil
 import stat
 import uuid
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -63,11 +63,17 @@ class CheckedCache(DiskCache):
     function : jitted function
     name : str, optional
         What tells the function from all others. Without it, the content of the function does.
+    variant : str, optional
+        What tells the code from other code of the same function.
+    describe : function, optional
+        As for `DiskCache`.
     """
 
-    def __init__(self, function: Any, name: str = "") -> None:
-        super().__init__(folder_of_all)
-        self._function, self._name = function, name
+    def __init__(
+        self, function: Any, name: str = "", variant: str = "", describe: Callable[[Any], str] = lambda result: ""
+    ) -> None:
+        super().__init__(folder_of_all, describe)
+        self._function, self._name, self._variant = function, name, variant
 
     def open_files(self, folder: Path) -> Any:
         return _Files(folder, fingerprint(), _trusted(__file__))
@@ -78,7 +84,8 @@ class CheckedCache(DiskCache):
         for each, _ in helpers_first(self._function):
             if hasattr(each.py_func, "made"):  # code that is loaded needs the symbol of its address
                 each.py_func.made()
-        return content(self._function)
+        found = content(self._function)
+        return found and f"{found} {self._variant}"
 
     def failed(self, what: str, error: Exception) -> None:
         _warn(what, self.files.folder, error)
@@ -147,9 +154,6 @@ class _Files:
             if room < 0 or not path.name.startswith(f"eig3.{self._stamp}."):
                 path.unlink(missing_ok=True)
 
-    def flush(self) -> None:
-        """Do nothing. `recompile` of a function calls this, but what was compiled with other values stays right."""
-
     @contextlib.contextmanager
     def _only_trusted(self) -> Iterator[int | None]:
         """Open the folder if nobody else can write there, and give its descriptor; None on Windows."""
@@ -215,10 +219,10 @@ def _digest(value: Any) -> str:
     return hashlib.sha256(repr(value).encode()).hexdigest()[:16]
 
 
-def keep_on_disk(function: Any, name: str = "") -> Any:
-    """Give a jitted function, which is not compiled yet, a cache on the disk; return the function."""
+def keep_on_disk(function: Any, name: str = "", **options: Any) -> Any:
+    """Give a jitted function, which is not compiled yet, a `CheckedCache`; return the function."""
     try:
-        set_cache(function, CheckedCache(function, name))
+        set_cache(function, CheckedCache(function, name, **options))
     except NoFolderError as error:
         _warn("keep", "any folder", error)
     return function

@@ -536,6 +536,13 @@ class DiskCache(FunctionCache):
     ----------
     beside : function
         The files are in the folder that Numba has for this one.
+    describe : function
+        Its text about a compile result is kept with the code, of which LLVM's text is lost.
+
+    Attributes
+    ----------
+    description : str
+        Of what was compiled or loaded last.
 
     Raises
     ------
@@ -543,19 +550,19 @@ class DiskCache(FunctionCache):
         If no folder can be written.
     """
 
-    def __init__(self, beside: Callable) -> None:
+    def __init__(self, beside: Callable, describe: Callable[[Any], str]) -> None:
         try:
             super().__init__(beside)
         except RuntimeError as error:
             if "no locator available" not in str(error):
                 raise
             raise NoFolderError(str(error)) from error
-        self._cache_file = self.files = self.open_files(Path(self.cache_path))
-        self._key = ""
+        self.files, self._cache_file = self.open_files(Path(self.cache_path)), self
+        self._key, self._describe, self.description = "", describe, ""
 
     @abstractmethod
     def open_files(self, folder: Path) -> Any:
-        """Return an object with the methods load(key), which may return None, save(key, data) and flush()."""
+        """Return an object with the methods load(key), which may return None, and save(key, data)."""
 
     @abstractmethod
     def find_key(self) -> str:
@@ -579,7 +586,18 @@ class DiskCache(FunctionCache):
             self.failed("load", error)
             return None
 
+    def load(self, key: Any) -> Any:
+        data, self.description = self.files.load(key) or (None, "")
+        return data
+
+    def save(self, key: Any, data: Any) -> None:
+        self.files.save(key, (data, self.description))
+
+    def flush(self) -> None:
+        """Do nothing: what was compiled with other values from outside stays right. `recompile` calls this."""
+
     def save_overload(self, sig: Any, data: Any) -> None:
+        self.description = self._describe(data)
         if not self._key or data.library.has_dynamic_globals:  # code with addresses of this process
             return
         try:
