@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import numba
 import pytest
 
 import eig3
+from eig3.cli import main
 from eig3.kernels.compile import cache, content
 from eig3.kernels.compile.numba_internals import NoFolderError, cache_of
 from eig3.kernels.compile.numba_internals import compilations as counted
@@ -23,6 +25,7 @@ from .conftest import ALL_METHODS
 USER = """
 import numba
 import eig3
+from eig3.cli import main
 
 @numba.njit(cache=True)
 def rhs(t, u, v, p):
@@ -36,6 +39,7 @@ import gc
 import sys
 
 import eig3
+from eig3.cli import main
 from eig3.kernels.compile.numba_internals import Jitted, compilations, compile_results
 
 ours = [x for x in gc.get_objects() if issubclass(type(x), Jitted) and x.py_func.__module__.startswith("eig3.")]
@@ -84,9 +88,23 @@ def test_second_process_compiles_nothing_until_the_cache_is_cleared(tmp_path):
     assert not list(tmp_path.rglob("*.nbc"))
 
 
-def cache_command(option, folder):
+@pytest.mark.system
+def test_the_cache_is_filled_ahead(tmp_path):
+    first, *_, last = cache_command("--fill", tmp_path, "cd")
+    assert re.match(r" 1 of 1: cd, \d\d+ functions in \d+\.\d s of CPU time$", first)
+    assert Path(last).is_dir()
+    assert compilations("cd", cache=tmp_path)[0] == 0  # the kernels are there
+    assert cache_command("--fill", tmp_path, "cd")[0].startswith(" 1 of 1: cd, 0 functions")
+
+
+def test_a_use_that_is_not_known_is_refused():
+    with pytest.raises(SystemExit, match=r"there is no use rk17; the uses are eig3, cd, "):
+        main(["cache", "--fill", "rk17"])
+
+
+def cache_command(option, folder, *arguments):
     """The lines that `eig3 cache` prints for another folder."""
-    command = [sys.executable, "-m", "eig3", "cache", option]
+    command = [sys.executable, "-m", "eig3", "cache", option, *arguments]
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
 
