@@ -10,6 +10,7 @@ import pytest
 import eig3
 from eig3.ensembles import lanewise
 from eig3.kernels.loops import fixed, variable
+from eig3.run import short
 from eig3.stepping import slices
 
 from .conftest import first_position, harmonic, position
@@ -231,6 +232,8 @@ def test_an_exception_of_a_handler_after_a_kernel_is_raised(monkeypatch, kind):
         return call
 
     wrap_kernels(monkeypatch, interrupted)
+    monkeypatch.setattr(short, "MOST_SECONDS", 0.0)  # else a run that is fast here is one call
+    monkeypatch.setattr(slices, "_SECONDS", 1e-4)
     with pytest.raises(StopError) as raised:
         eig3.integrate(harmonic, (0, 1000), 1.0, 0.0, **KINDS[kind])
     solution = raised.value.solution

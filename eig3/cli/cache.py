@@ -26,13 +26,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     from ..kernels.compile.cache import clear, folder
 
+    if options.fill is not None:
+        _fill(options.fill)
     try:
         path = folder()
-        if options.fill is not None:
-            _fill(options.fill)
-        print(f"{path}: {clear(path)} files deleted" if options.clear else path)
+        done = f": {clear(path)} files deleted" if options.clear else ""
     except (RuntimeError, OSError) as error:
         raise SystemExit(f"eig3 cache: {error}") from error
+    print(f"{path}{done}")
 
 
 def _fill(wanted: list[str]) -> None:
