@@ -84,7 +84,7 @@ FOLLOWED = {
 @pytest.mark.parametrize("options", [{"h": 0.01}, {"rtol": 1e-6}], ids=["h", "rtol"])
 def test_integrate_makes_few_python_calls(options, followed, always_short):
     options = {**options, **FOLLOWED[followed], "params": P}
-    most = 79 if followed == "plain" else 140
+    most = 85 if followed == "plain" else 140  # 79 in a new process
     assert python_calls(lambda: eig3.integrate(oscillator, SPAN, 1.0, 0.0, **options)) <= most
 
 
