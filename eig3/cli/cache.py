@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 
@@ -38,13 +37,14 @@ def run(options: argparse.Namespace) -> None:
 
 def _fill(wanted: list[str]) -> None:
     """Compile what some uses need, or all of them, each in a process of its own."""
+    from ..ensembles.in_process import cores
     from .first_uses import USES, compile_use
 
     unknown = [name for name in wanted if name not in USES]
     if unknown:
         raise SystemExit(f"eig3 cache: there is no use {unknown[0]}; the uses are {', '.join(USES)}.")
     total, seconds = 0, 0.0
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+    with ProcessPoolExecutor(cores(), get_context("spawn")) as pool:
         names = {pool.submit(compile_use, name): name for name in wanted or USES}
         for k, done in enumerate(as_completed(names), 1):
             count, spent = done.result()

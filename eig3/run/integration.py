@@ -83,7 +83,7 @@ def integrate(
     h_max, first_step, max_steps : float, float, int
         With rtol: the longest and the first step, and the number of steps after which the run ends.
     inline : bool
-        Compile the loop with rhs inside: faster for long runs, for about a second of compilation in each process.
+        Compile the loop with rhs inside: faster for long runs, for about a second of compilation.
     progress, raise_on_failure : bool
         Show a progress bar, by tqdm. Raise `IntegrationError` if the run does not complete.
     cancel : threading.Event

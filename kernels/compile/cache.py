@@ -280,7 +280,7 @@ def _warn(what: str, folder: Any, error: Exception) -> None:
         return
     _warned.add(what)
     reason = str(error) or type(error).__name__
-    remedy = "delete the .nbc files there (`eig3 cache --clear` does this in the folders of eig3)"
+    remedy = "delete the .nbc files there (`eig3 cache --clear` does this in the folder of eig3)"
     if isinstance(error, _UntrustedError):
         remedy = "make the folder and these files your own (chown, chmod go-w)"
     warnings.warn(

@@ -47,9 +47,10 @@ def _own_content(function: Any, numbers: Mapping[Any, int]) -> str:
     parts += [*_code(plain.__code__), _canonical(options_of(function))]
     for name, read in places(plain):
         value = read()
-        if isinstance(value, Jitted) and value not in numbers:  # functions that call each other
-            return ""
-        text = f"function {numbers[value]}" if isinstance(value, Jitted) else _value(value, name)
+        if isinstance(value, Jitted):  # of functions that call each other, one has no number yet
+            text = f"function {numbers[value]}" if value in numbers else ""
+        else:
+            text = _value(value, name)
         if not text:
             return ""
         parts.append(f"{name}={text}")
@@ -99,7 +100,7 @@ def _value(value: Any, name: str) -> str:
 def _of_library(value: Any) -> str:
     """Return the content of an intrinsic of this package, or of a Python function with an overload in its module."""
     defined = getattr(value, "_defn", value)
-    if hasattr(defined, "content"):
+    if defined is not value and hasattr(defined, "content"):
         return str(defined.content)
     module, name = getattr(defined, "__module__", None) or "", getattr(defined, "__name__", "")
     is_ours = module.startswith(__name__.partition(".")[0] + ".") and getattr(sys.modules[module], name, None) is value

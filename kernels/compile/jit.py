@@ -2,8 +2,8 @@
 
 A kernel is compiled in one of two modes. In pointer mode, the kernel gets the address of the right-hand side. One
 compiled kernel, which is stored on disk, then works for every right-hand side. In inline mode, the same Python function
-is compiled for one right-hand side, which LLVM inlines. This gives the fastest loop, but every process compiles it
-again.
+is compiled for one right-hand side, which LLVM inlines. This gives the fastest loop, which is found
+on the disk as long as that function stays the same.
 """
 
 import functools
