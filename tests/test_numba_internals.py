@@ -590,6 +590,32 @@ def memory(monkeypatch):
     return MemoryCache.memory
 
 
+def test_kept_code_calls_its_own_copies(memory):
+    """Otherwise it would call the copy that its process loaded first, which may round differently."""
+
+    def middle(x):
+        return np.sort(x)[1]
+
+    kept, by_numba = cached(middle), numba.njit(middle)
+    copied = {name: "linkonce_odr" in linkages(f) for name, f in (("kept", kept), ("by Numba", by_numba))}
+    with probe("A code library does not compile the linkage that `_finalize_final_module` gives its functions"):
+        assert copied == {"kept": False, "by Numba": True}
+        assert kept(np.array([3.0, 1.0, 2.0])) == 2.0
+
+    @numba.njit
+    def caller(x):
+        return kept(x)
+
+    with probe("A code library does not link what is in `_shared_module`"):
+        assert caller(np.array([3.0, 1.0, 2.0])) == 2.0
+
+
+def linkages(function):
+    """How the functions in the code of a function of a vector are linked."""
+    lines = internals.optimised_code(result_of(function, VECTOR)).splitlines()
+    return {line.split()[1] for line in lines if line.startswith("define ")}
+
+
 def test_what_a_cache_knows_of_its_function(memory):
     cache = internals.cache_of(cached(double))
     with probe("`cache_path` of Numba's FunctionCache has another meaning"):

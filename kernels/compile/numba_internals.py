@@ -622,9 +622,36 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_number_functions)
 
 
+class _SelfContained(JITCodeLibrary):
+    """The code of a function, in which it calls its own copies of the functions that were linked into it.
+
+    Numba lets all copies of a function in a process be one: the one that was loaded first. Copies are optimised in
+    different places, and may round differently. Then the process that compiles a function, and those that load it from
+    the disk, would not return the same bits.
+    """
+
+    def _finalize_final_module(self) -> None:
+        self._shared_module = self._final_module.clone()  # for functions that link this one
+        for function in self._shared_module.functions:
+            if function.linkage == llvm.Linkage.external and not function.is_declaration:
+                function.linkage = "linkonce_odr"
+        for function in self._final_module.functions:
+            if function.linkage == llvm.Linkage.linkonce_odr:
+                function.linkage = "internal"
+        super()._finalize_final_module()
+
+
+class _SelfContainedCompiler(Compiler):
+    def __init__(self, typing: Any, target: Any, library: Any, *others: Any) -> None:
+        library = _SelfContained(target.codegen(), "kept")
+        library.enable_object_caching()
+        super().__init__(typing, target, library, *others)
+
+
 def set_cache(function: Jitted, cache: DiskCache) -> None:
-    """Give a jitted function a cache."""
+    """Give a jitted function, which is not compiled yet, a cache, and code that rounds alike if it comes from there."""
     function._cache = cache
+    function._compiler.pipeline_class = _SelfContainedCompiler
 
 
 def cache_of(function: Jitted) -> Any:
